@@ -1,0 +1,69 @@
+"""One small hierarchy of errors; each message says what was found, what is allowed, what to do."""
+
+__all__ = [
+    "BenchError",
+    "InputError",
+    "InterlockError",
+    "LimitError",
+    "ModelMismatchError",
+    "RecordError",
+    "SignalFault",
+    "TorquebenchError",
+]
+
+
+class TorquebenchError(Exception):
+    """Base of every error that torquebench raises on purpose.
+
+    Parameters
+    ----------
+    found : str
+        What was found, with its value and unit.
+    allowed : str, optional
+        What would have been allowed, with its limit and unit.
+    remedy : str, optional
+        What the user can do about it.
+
+    Examples
+    --------
+    >>> str(TorquebenchError("range 0 N·m", "a range above 0 N·m", "give --range 2000"))
+    'range 0 N·m; allowed: a range above 0 N·m; give --range 2000'
+    """
+
+    def __init__(self, found: str, allowed: str = "", remedy: str = "") -> None:
+        self.found = found
+        self.allowed = allowed
+        self.remedy = remedy
+        parts = [found, f"allowed: {allowed}" if allowed else "", remedy]
+        super().__init__("; ".join(part for part in parts if part))
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return (type(self), (self.found, self.allowed, self.remedy))
+
+
+class InputError(TorquebenchError, ValueError):
+    """What the user handed in (file, table, option, array) can't be used. Exit code 2."""
+
+
+class SignalFault(TorquebenchError):  # noqa: N818 - a fault is the field's word for it
+    """A signal is missing, frozen or outside its valid modulation: never a number, never 0 N·m."""
+
+
+class LimitError(TorquebenchError):
+    """A torque, speed, temperature or angle limit is or would be exceeded."""
+
+
+class InterlockError(TorquebenchError):
+    """The bench's state forbids the operation (clamp open, mode under load, wrong mounting)."""
+
+
+class ModelMismatchError(TorquebenchError):
+    """A compensation model belongs to another transducer, counter or range."""
+
+
+class RecordError(TorquebenchError):
+    """A stored record is missing, incomplete or was changed after the fact."""
+
+
+class BenchError(TorquebenchError):
+    """A device of the bench failed, answers wrongly or doesn't answer."""
