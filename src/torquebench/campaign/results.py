@@ -1,0 +1,198 @@
+"""What a campaign finds out: values only, for tables, figures and reports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from numpy.typing import NDArray
+
+from torquebench.calibration import CalibrationData, ErrorSummary, VerificationResult
+from torquebench.compensation import CompensationModel
+
+__all__ = [
+    "CompensationResult",
+    "DemoResult",
+    "DenseSweep",
+    "FrictionSweep",
+    "ModuleResult",
+]
+
+
+@dataclass(frozen=True)
+class DenseSweep:
+    """Noise-free quasi-static readings of the simulated chain along a path of true torque.
+
+    Attributes
+    ----------
+    true_torque_nm : float64[n]
+        True torque at the reducer's flange in path order, N·m.
+    reading_nm : float64[n]
+        What the chain reads there without noise, N·m.
+    branch : int8[n]
+        +1 where the magnitude of the torque grows, -1 where it falls.
+    """
+
+    true_torque_nm: NDArray
+    reading_nm: NDArray
+    branch: NDArray
+
+
+@dataclass(frozen=True)
+class CompensationResult:
+    """How one way of compensating (or none) does on readings that it was not fitted to.
+
+    Attributes
+    ----------
+    name : str
+        Kind of the model as the registry names it; ``"raw"`` without compensation.
+    title : str
+        The kind in words, for tables and legends.
+    recommended : bool
+        Whether the campaign activates this model.
+    model : CompensationModel or None
+        The fitted model; None for ``"raw"``.
+    fit_seconds : float
+        Time that the fit took, s; 0 for ``"raw"``.
+    torque_nm : float64[n]
+        Torque at each reading of the verification, N·m.
+    verification : VerificationResult
+        Ten groups against the standard, with the repeatability over the groups.
+    against_standard : ErrorSummary
+        Errors of all single verification readings against the standard.
+    against_truth : ErrorSummary or None
+        The same against the twin's true torque; None on a real bench.
+    dense_torque_nm : float64[m] or None
+        Torque along the dense noise-free sweep, N·m; None on a real bench.
+    dense_against_truth : ErrorSummary or None
+        Errors of the dense sweep against the twin's true torque; None on a real bench.
+    """
+
+    name: str
+    title: str
+    recommended: bool
+    model: CompensationModel | None
+    fit_seconds: float
+    torque_nm: NDArray
+    verification: VerificationResult
+    against_standard: ErrorSummary
+    against_truth: ErrorSummary | None
+    dense_torque_nm: NDArray | None
+    dense_against_truth: ErrorSummary | None
+
+
+@dataclass(frozen=True)
+class ModuleResult:
+    """Calibration, compensation and verification of one module.
+
+    Attributes
+    ----------
+    side : str
+        ``"input"`` or ``"output"``.
+    range_nm : float
+        Full scale of the module, N·m.
+    transducer_serial, counter_identity : str
+        What the models are valid for.
+    profile_name, profile_hash : str
+        The calibration profile and its SHA-256.
+    calibration : CalibrationData
+        The points that the models were fitted to.
+    verification : CalibrationData
+        Fresh points off the calibration's grid; `series` is the group, 1 to 10.
+    raw : CompensationResult
+        Without compensation.
+    models : tuple of CompensationResult
+        After each model, the recommended one first.
+    dense : DenseSweep or None
+        Only on the simulated bench.
+    run_ids : tuple of str
+        Run folders that hold the raw data.
+    """
+
+    side: str
+    range_nm: float
+    transducer_serial: str
+    counter_identity: str
+    profile_name: str
+    profile_hash: str
+    calibration: CalibrationData
+    verification: CalibrationData
+    raw: CompensationResult
+    models: tuple[CompensationResult, ...]
+    dense: DenseSweep | None
+    run_ids: tuple[str, ...]
+
+    @property
+    def recommended(self) -> CompensationResult:
+        """The model that the campaign activates."""
+        return next(result for result in self.models if result.recommended)
+
+
+@dataclass(frozen=True)
+class FrictionSweep:
+    """No-load friction torque of a mounted reducer against its input speed.
+
+    Attributes
+    ----------
+    speed_rpm : float64[n]
+        Mean input speed of each point, signed, clockwise positive, 1/min.
+    torque_nm : float64[n]
+        Compensated input torque, N·m.
+    standard_error_nm : float64[n]
+        Standard error of the steady value, N·m.
+    true_torque_nm : float64[n] or None
+        The twin's true input torque, N·m; None on a real bench.
+    repeat : int64[n]
+        1, 2, 3.
+    branch : int8[n]
+        +1 while the speed's magnitude rises, -1 while it falls.
+    compensated : bool
+        Whether an active model was applied.
+    run_id : str
+        Run folder that holds the raw data.
+    """
+
+    speed_rpm: NDArray
+    torque_nm: NDArray
+    standard_error_nm: NDArray
+    true_torque_nm: NDArray | None
+    repeat: NDArray
+    branch: NDArray
+    compensated: bool
+    run_id: str
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """The whole story: both modules calibrated, compensated, verified, and a reducer's friction.
+
+    Attributes
+    ----------
+    bench_name : str
+        Name in the bench description.
+    simulated : bool
+        True where the bench is the twin; every figure from it says so.
+    preset, seed : str, int
+        Which twin.
+    started : datetime
+        Start in UTC.
+    bench_seconds, elapsed_seconds : float
+        Duration in the bench's time and in the user's, s.
+    modules : tuple of ModuleResult
+        Input, then output.
+    friction : FrictionSweep or None
+        No-load friction of the simulated standard reducer.
+    software_version : str
+        Version of torquebench.
+    """
+
+    bench_name: str
+    simulated: bool
+    preset: str
+    seed: int
+    started: datetime
+    bench_seconds: float
+    elapsed_seconds: float
+    modules: tuple[ModuleResult, ...]
+    friction: FrictionSweep | None
+    software_version: str
