@@ -1,0 +1,341 @@
+"""Figures of calibration, compensation, verification and friction, as SVG text.
+
+Every function takes arrays in SI units and returns the text of an ``<svg>`` element. The text
+is reproducible: the same arrays give the same bytes.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Curve",
+    "additional_torque_figure",
+    "error_figure",
+    "friction_figure",
+    "group_figure",
+    "staircase_figure",
+]
+
+# Okabe and Ito's palette: told apart by colour-blind readers and in grey print.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_RAW_COLOUR = "#8A8A8A"
+_STYLE: Any = {  # Matplotlib types its keys one by one
+    "font.size": 9.0,
+    "font.family": "DejaVu Sans",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#E3E6EA",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "svg.hashsalt": "torquebench",
+    "svg.fonttype": "path",
+}
+_UP, _DOWN = "^", "v"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One named line or cloud of points of a figure.
+
+    Attributes
+    ----------
+    label : str
+        Name in the legend.
+    x, y : numpy.ndarray of shape (n,)
+        Abscissa and ordinate, in the units of the figure.
+    raw : bool
+        Whether this is the uncompensated reading (drawn grey, behind the rest).
+    """
+
+    label: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    raw: bool = False
+
+
+def _new(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(7.6, height), layout="constrained")
+    FigureCanvasSVG(figure)
+    axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
+    return figure, list(axes)
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]
+
+
+def _percent_axis(axes: Axes, range_nm: float) -> None:
+    """Add a right-hand axis in % of full scale to an ordinate in N·m."""
+
+    def to_percent(torque_nm: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(torque_nm, float) * (100.0 / range_nm)
+
+    def to_torque(percent: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(percent, float) * (range_nm / 100.0)
+
+    right = axes.secondary_yaxis("right", functions=(to_percent, to_torque))
+    right.set_ylabel("% FS")
+    right.spines["right"].set_visible(True)
+    right.spines["right"].set_color("#B9BEC5")
+
+
+def _legend_above(axes: Axes, columns: int = 4) -> None:
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.3)
+
+
+def additional_torque_figure(
+    reading_nm: ArrayLike,
+    additional_nm: ArrayLike,
+    branch: ArrayLike,
+    curves: Sequence[Curve],
+    range_nm: float,
+) -> str:
+    """Draw the measured additional torque and what each model makes of it.
+
+    Parameters
+    ----------
+    reading_nm, additional_nm : array_like of shape (n,)
+        Readings and standard minus reading, in N·m.
+    branch : array_like of shape (n,)
+        +1 rising, -1 falling, 0 unknown.
+    curves : sequence of Curve
+        Model curves over the reading, in N·m.
+    range_nm : float
+        Full scale, in N·m.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    reading, additional, sides = (np.asarray(a, float) for a in (reading_nm, additional_nm, branch))
+    with mpl.rc_context(_STYLE):
+        figure, (axes,) = _new()
+        for value, marker, label in (
+            (1, _UP, "measured, rising"),
+            (-1, _DOWN, "measured, falling"),
+            (0, "o", "measured"),
+        ):
+            chosen = np.sign(sides) == value
+            if chosen.any():
+                axes.plot(
+                    reading[chosen],
+                    additional[chosen],
+                    marker,
+                    color="#5F666E",
+                    markersize=3.2,
+                    fillstyle="none" if value < 0 else "full",
+                    markeredgewidth=0.7,
+                    label=label,
+                )
+        for colour, curve in zip(_COLOURS, curves, strict=False):
+            axes.plot(curve.x, curve.y, "-", color=colour, linewidth=1.3, label=curve.label)
+        axes.set_xlabel("reading in N·m")
+        axes.set_ylabel("additional torque in N·m")
+        _percent_axis(axes, range_nm)
+        _legend_above(axes, 3)
+        return _svg(figure)
+
+
+def error_figure(
+    curves: Sequence[Curve],
+    range_nm: float,
+    *,
+    limit_fs: float | None = None,
+    markers: bool = True,
+    abscissa: str = "torque in N·m",
+) -> str:
+    """Draw error against torque, raw above and compensated below on its own scale.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        Error curves in N·m over torque in N·m; those with ``raw`` go to the upper panel.
+    range_nm : float
+        Full scale, in N·m.
+    limit_fs : float, optional
+        Limit to mark, as a share of full scale (0.001 for 0.1 % FS).
+    markers : bool
+        Points instead of lines.
+    abscissa : str
+        Label of the abscissa.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    raw = [curve for curve in curves if curve.raw]
+    compensated = [curve for curve in curves if not curve.raw]
+    style: dict[str, Any] = (
+        {"linestyle": "none", "marker": "o"} if markers else {"linestyle": "-", "marker": ""}
+    )
+    groups = [group for group in (raw, compensated) if group]
+    with mpl.rc_context(_STYLE):
+        figure, panels = _new(2.0 * len(groups) + 0.9, len(groups))
+        for axes, group in zip(panels, groups, strict=True):
+            for colour, curve in zip(_COLOURS, group, strict=False):
+                axes.plot(
+                    curve.x,
+                    curve.y,
+                    **style,
+                    color=_RAW_COLOUR if curve.raw else colour,
+                    markersize=2.0,
+                    linewidth=1.2,
+                    alpha=0.75 if markers else 1.0,
+                    label=curve.label,
+                )
+            if limit_fs is not None and not group[0].raw:
+                for sign in (-1.0, 1.0):
+                    axes.axhline(
+                        sign * limit_fs * range_nm, color="#9A3412", linestyle="--", linewidth=0.9
+                    )
+            axes.set_ylabel("error in N·m")
+            _percent_axis(axes, range_nm)
+            _legend_above(axes)
+        panels[-1].set_xlabel(abscissa)
+        return _svg(figure)
+
+
+def group_figure(
+    group_errors_nm: Mapping[str, NDArray[np.float64]],
+    range_nm: float,
+    *,
+    limit_fs: float | None = None,
+) -> str:
+    """Draw the worst absolute error of each verification group.
+
+    Parameters
+    ----------
+    group_errors_nm : mapping of str to numpy.ndarray of shape (groups,)
+        Worst absolute error of each group in N·m, by model.
+    range_nm : float
+        Full scale, in N·m.
+    limit_fs : float, optional
+        Limit to mark, as a share of full scale.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    with mpl.rc_context(_STYLE):
+        figure, (axes,) = _new(2.7)
+        for colour, (label, worst) in zip(_COLOURS, group_errors_nm.items(), strict=False):
+            number = np.arange(1, len(worst) + 1)
+            axes.plot(number, worst, "o-", color=colour, markersize=4, linewidth=1.0, label=label)
+            axes.set_xticks(number)
+        if limit_fs is not None:
+            axes.axhline(limit_fs * range_nm, color="#9A3412", linestyle="--", linewidth=0.9)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("verification group")
+        axes.set_ylabel("worst error in N·m")
+        _percent_axis(axes, range_nm)
+        _legend_above(axes)
+        return _svg(figure)
+
+
+def staircase_figure(
+    time_s: ArrayLike, standard_nm: ArrayLike, additional_nm: ArrayLike, range_nm: float
+) -> str:
+    """Draw the steps of a calibration over time, with the additional torque below.
+
+    Parameters
+    ----------
+    time_s : array_like of shape (n,)
+        Bench time of each steady value, in s.
+    standard_nm, additional_nm : array_like of shape (n,)
+        Standard torque and standard minus reading, in N·m.
+    range_nm : float
+        Full scale, in N·m.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    time = np.asarray(time_s, float)
+    with mpl.rc_context(_STYLE):
+        figure, (upper, lower) = _new(3.8, 2)
+        upper.plot(time, standard_nm, ".-", color=_COLOURS[0], markersize=3, linewidth=0.8)
+        upper.set_ylabel("standard in N·m")
+        upper.tick_params(labelbottom=False)
+        lower.plot(time, additional_nm, ".", color=_COLOURS[1], markersize=3)
+        lower.set_ylabel("additional\ntorque in N·m")
+        lower.set_xlabel("bench time in s")
+        _percent_axis(lower, range_nm)
+        return _svg(figure)
+
+
+def friction_figure(
+    speed_rpm: ArrayLike,
+    torque_nm: ArrayLike,
+    repeat: ArrayLike,
+    *,
+    fit: Curve | None = None,
+    truth: Curve | None = None,
+) -> str:
+    """Draw no-load running torque against speed, one marker a repeat.
+
+    Parameters
+    ----------
+    speed_rpm : array_like of shape (n,)
+        Input speed in rpm, positive clockwise.
+    torque_nm : array_like of shape (n,)
+        Torque at the input in N·m.
+    repeat : array_like of shape (n,)
+        Number of the repeat, from 1.
+    fit, truth : Curve, optional
+        Fitted friction law, and the true one where the bench is simulated.
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    speed, torque, number = (np.asarray(a, float) for a in (speed_rpm, torque_nm, repeat))
+    with mpl.rc_context(_STYLE):
+        figure, (axes,) = _new(3.1)
+        for colour, marker, value in zip(_COLOURS, "osD^vP", np.unique(number), strict=False):
+            chosen = number == value
+            axes.plot(
+                speed[chosen],
+                torque[chosen],
+                marker,
+                color=colour,
+                markersize=3.5,
+                fillstyle="none",
+                label=f"repeat {value:g}",
+            )
+        if fit is not None:
+            _line_by_direction(axes, fit, "-", "#3C4148")
+        if truth is not None:
+            _line_by_direction(axes, truth, ":", _COLOURS[1])
+        axes.set_xlabel("input speed in rpm")
+        axes.set_ylabel("no-load torque in N·m")
+        _legend_above(axes, 5)
+        return _svg(figure)
+
+
+def _line_by_direction(axes: Axes, curve: Curve, line: str, colour: str) -> None:
+    """Draw a curve in two pieces, so that no line crosses the step at rest."""
+    label: str | None = curve.label
+    for sign in (1.0, -1.0):
+        chosen = np.sign(curve.x) == sign
+        if chosen.any():
+            axes.plot(curve.x[chosen], curve.y[chosen], line, color=colour, lw=1.2, label=label)
+            label = None

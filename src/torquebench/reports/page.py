@@ -1,0 +1,163 @@
+"""One self-contained HTML page: headings, facts, tables and figures, no script, no network."""
+
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
+
+from torquebench import __version__
+
+__all__ = ["Facts", "Figure", "Page", "Section", "Table", "render_page", "write_page"]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values shown as a two-column list.
+
+    Attributes
+    ----------
+    items : sequence of (str, str)
+        Name and value with its unit.
+    """
+
+    items: Sequence[tuple[str, str]]
+    kind: str = field(default="facts", init=False)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose first column names the row.
+
+    Attributes
+    ----------
+    header : sequence of str
+        Column titles with units.
+    rows : sequence of sequence of str
+        Cells, already formatted.
+    caption : str
+        What the table shows.
+    emphasised : int or None
+        Index of the row to mark, such as the recommended model.
+    """
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    emphasised: int | None = None
+    kind: str = field(default="table", init=False)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """An SVG figure with its caption.
+
+    Attributes
+    ----------
+    svg : str
+        Text of an ``<svg>`` element, as the functions of `figures` return it.
+    caption : str
+        What the figure shows, on what.
+    """
+
+    svg: str
+    caption: str
+    kind: str = field(default="figure", init=False)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, a sentence or two, and what belongs below it.
+
+    Attributes
+    ----------
+    heading, text : str
+        Heading and introduction.
+    blocks : sequence of Facts, Table or Figure
+        Content in reading order.
+    """
+
+    heading: str
+    text: str = ""
+    blocks: Sequence[Facts | Table | Figure] = ()
+
+
+@dataclass(frozen=True)
+class Page:
+    """A whole report.
+
+    Attributes
+    ----------
+    title, subtitle : str
+        Title and the line below it.
+    sections : sequence of Section
+        Content in reading order.
+    simulated : bool
+        Whether the figures come from the simulated bench; said at the top and on every page.
+    """
+
+    title: str
+    subtitle: str
+    sections: Sequence[Section]
+    simulated: bool = False
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=PackageLoader("torquebench.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["svg"] = Markup
+    return environment.get_template("page.html.j2")
+
+
+def render_page(page: Page) -> str:
+    """Return a report as the text of one HTML file.
+
+    Parameters
+    ----------
+    page : Page
+        The report.
+
+    Returns
+    -------
+    str
+        HTML that needs no other file.
+    """
+    return _template().render(page=page, version=__version__)
+
+
+def write_page(page: Page, path: Path) -> Path:
+    """Write a report; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    page : Page
+        The report.
+    path : pathlib.Path
+        File to write; its folder is made where it is missing.
+
+    Returns
+    -------
+    pathlib.Path
+        The file written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(render_page(page))
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return path
