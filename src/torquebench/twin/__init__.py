@@ -1,1 +1,48 @@
-"""To be described."""
+"""The physical model of the whole bench with known true torque.
+
+Only the simulated driver, the simulators and tests may import it: what compensates the bench must
+not know its constants.
+"""
+
+from torquebench.twin.bench import BenchTwin
+from torquebench.twin.blocks import (
+    CHANNELS,
+    FAULT_KINDS,
+    MODES,
+    MOUNTINGS,
+    SIDES,
+    AngleSamples,
+    Certificate,
+    Channel,
+    FaultKind,
+    Mode,
+    Mounting,
+    Nameplate,
+    Side,
+    StaticSweep,
+    Truth,
+    TwinBlock,
+)
+from torquebench.twin.parameters import Preset, TwinParameters
+
+__all__ = [
+    "CHANNELS",
+    "FAULT_KINDS",
+    "MODES",
+    "MOUNTINGS",
+    "SIDES",
+    "AngleSamples",
+    "BenchTwin",
+    "Certificate",
+    "Channel",
+    "FaultKind",
+    "Mode",
+    "Mounting",
+    "Nameplate",
+    "Preset",
+    "Side",
+    "StaticSweep",
+    "Truth",
+    "TwinBlock",
+    "TwinParameters",
+]
