@@ -1,0 +1,88 @@
+"""What can be wrong with a pulse train, as codes for arrays and as one error with its kind."""
+
+from enum import IntEnum
+
+from torquebench.errors import SignalFault
+
+__all__ = ["PulseTrainFault", "SignalFaultKind"]
+
+
+class SignalFaultKind(IntEnum):
+    """Why a window has no number. The values are the codes in `FrequencySamples.fault`.
+
+    Examples
+    --------
+    >>> SignalFaultKind(1).name
+    'NO_PULSES'
+    >>> SignalFaultKind.STUCK.description
+    'the counter delivers the same value again and again'
+    """
+
+    NONE = 0
+    NO_PULSES = 1
+    TOO_FEW_PULSES = 2
+    MISSING_PULSES = 3
+    DOUBLED_PULSES = 4
+    STUCK = 5
+    OUT_OF_MODULATION = 6
+    LOST_DATA = 7
+
+    @property
+    def description(self) -> str:
+        """What the code means, in words."""
+        return _DESCRIPTIONS[self]
+
+    @property
+    def remedy(self) -> str:
+        """What the operator can do about it."""
+        return _REMEDIES[self]
+
+
+_DESCRIPTIONS = {
+    SignalFaultKind.NONE: "no fault",
+    SignalFaultKind.NO_PULSES: "no pulses in the window",
+    SignalFaultKind.TOO_FEW_PULSES: "too few pulses in the window for a frequency",
+    SignalFaultKind.MISSING_PULSES: "pulses are missing from the train",
+    SignalFaultKind.DOUBLED_PULSES: "pulses are doubled (chatter or reflections)",
+    SignalFaultKind.STUCK: "the counter delivers the same value again and again",
+    SignalFaultKind.OUT_OF_MODULATION: "the frequency is outside the transducer's modulation range",
+    SignalFaultKind.LOST_DATA: "a part of the stream was lost before it was counted",
+}
+
+_REMEDIES = {
+    SignalFaultKind.NONE: "",
+    SignalFaultKind.NO_PULSES: "check the transducer's supply and cable",
+    SignalFaultKind.TOO_FEW_PULSES: "use a longer window or check the frequency output",
+    SignalFaultKind.MISSING_PULSES: "check the cable, its screen and the input threshold",
+    SignalFaultKind.DOUBLED_PULSES: "check termination and hysteresis, or use the glitch filter",
+    SignalFaultKind.STUCK: "restart the counter and check its timebase",
+    SignalFaultKind.OUT_OF_MODULATION: "unload the transducer and check its wiring and option",
+    SignalFaultKind.LOST_DATA: "check the counter's connection and the computer's load",
+}
+
+
+class PulseTrainFault(SignalFault):
+    """A signal fault that knows its kind.
+
+    Parameters
+    ----------
+    kind : SignalFaultKind
+        What is wrong.
+    found : str
+        What was found, with channel, time, value and unit.
+    allowed : str, optional
+        What would have been allowed.
+
+    Examples
+    --------
+    >>> fault = PulseTrainFault(SignalFaultKind.NO_PULSES, "input_torque: 0 edges at 1.005 s")
+    >>> fault.kind.name, str(fault)
+    ('NO_PULSES', "input_torque: 0 edges at 1.005 s; check the transducer's supply and cable")
+    """
+
+    def __init__(self, kind: SignalFaultKind, found: str, allowed: str = "") -> None:
+        super().__init__(found, allowed, kind.remedy)
+        self.kind = kind
+
+    def __reduce__(self) -> tuple[type, tuple[SignalFaultKind, str, str]]:  # type: ignore[override]
+        return (type(self), (self.kind, self.found, self.allowed))
