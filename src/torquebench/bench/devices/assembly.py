@@ -1,0 +1,85 @@
+"""The devices of one bench, put together."""
+
+from __future__ import annotations
+
+from ophyd_async.core import Device
+
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.devices.drive import DriveDevice
+from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice
+from torquebench.bench.devices.labels import PointLabel
+from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
+from torquebench.bench.devices.steady import SteadyTorque
+from torquebench.bench.drivers.base import Side
+
+__all__ = ["BenchDevices", "Module"]
+
+
+class Module(Device):
+    """One side of the bench: drive, mode conversion, transducer, encoder, steady torque."""
+
+    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+        self.side = side
+        self.drive = DriveDevice(context, side)
+        self.mode = ModeDevice(context, side)
+        self.transducer = Transducer(context, side)
+        self.encoder = Encoder(context, side)
+        self.steady = SteadyTorque(context, side)
+        super().__init__(name=name or side)
+
+
+class BenchDevices(Device):
+    """Everything that a plan may touch.
+
+    Parameters
+    ----------
+    context : BenchContext
+
+    Attributes
+    ----------
+    input, output : Module
+        The two modules; `module(side)` picks one.
+    reference : Reference
+        The mounted calibrator or verification standard.
+    clamp : ClampDevice
+    mounting : MountingDevice
+    temperatures : TemperatureProbes
+    point : PointLabel
+        Stamp for the events of a procedure.
+
+    Examples
+    --------
+    A plan that takes one point::
+
+        def one_point(devices):
+            yield from bps.mv(devices.mounting, "calibrator")
+            yield from bps.mv(devices.clamp, True)
+            yield from bps.mv(devices.output.mode, "driven", devices.input.mode, "locked")
+            yield from bps.mv(devices.output.drive.power, True)
+            yield from bps.prepare(devices.output.steady, SteadySettings(reference=True), wait=True)
+            yield from bps.checkpoint()
+            yield from bps.mv(devices.point, Point(series=0, step=1, branch=1, target_nm=40.0))
+            yield from bps.mv(devices.output.drive.torque, 40.0)
+            yield from bps.trigger_and_read([devices.output.steady, devices.point])
+    """
+
+    def __init__(self, context: BenchContext) -> None:
+        self.context = context
+        self.input = Module(context, "input")
+        self.output = Module(context, "output")
+        self.reference = Reference(context)
+        self.clamp = ClampDevice(context)
+        self.mounting = MountingDevice(context)
+        self.temperatures = TemperatureProbes(context)
+        self.point = PointLabel()
+        self.interruptions = 0
+        super().__init__(name="")
+        self._name_children()
+
+    def _name_children(self) -> None:
+        for attribute, child in self.children():
+            child.set_name(attribute)
+
+    def module(self, side: Side) -> Module:
+        """Module of a side."""
+        return self.input if side == "input" else self.output

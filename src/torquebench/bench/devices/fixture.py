@@ -1,0 +1,77 @@
+"""What holds and configures the assembly: mode conversion, clamp, mounting."""
+
+from __future__ import annotations
+
+from ophyd_async.core import (
+    AsyncStatus,
+    StandardReadable,
+    StandardReadableFormat,
+    soft_signal_r_and_setter,
+)
+
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.drivers.base import Mode, Mounting, Side
+
+__all__ = ["ClampDevice", "ModeDevice", "MountingDevice"]
+
+
+class ModeDevice(StandardReadable):
+    """Test mode of one side: `set("free" | "driven" | "locked")`, only without load."""
+
+    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+        self._context = context
+        self._side = side
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+            self.mode, _ = soft_signal_r_and_setter(
+                str, getter=lambda: context.drivers.modes.mode(side)
+            )
+        super().__init__(name=name)
+
+    @AsyncStatus.wrap
+    async def set(self, value: Mode) -> None:
+        """Change the mode. Raises InterlockError under load or in motion."""
+        context = self._context
+        context.interlocks.check_mode_change(self._side, value)
+        await context.call(context.drivers.modes.set_mode, self._side, value)
+
+
+class ClampDevice(StandardReadable):
+    """The hydraulic clamp: `set(True)` closes it, `set(False)` opens it, only without load."""
+
+    def __init__(self, context: BenchContext, name: str = "") -> None:
+        self._context = context
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+            self.clamped, _ = soft_signal_r_and_setter(bool, getter=context.drivers.clamp.clamped)
+        super().__init__(name=name)
+
+    @AsyncStatus.wrap
+    async def set(self, value: bool) -> None:
+        """Close or open the clamp. Raises InterlockError under load or with nothing mounted."""
+        context = self._context
+        context.interlocks.check_clamp(value)
+        await context.call(context.drivers.clamp.set_clamped, value)
+
+
+class MountingDevice(StandardReadable):
+    """What is between the flanges; `set` asks the operator for it, only with the clamp open.
+
+    `set("calibrator" | "verification_standard" | "reducer" | "nothing")`.
+    """
+
+    def __init__(self, context: BenchContext, name: str = "") -> None:
+        self._context = context
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+            self.mounted, _ = soft_signal_r_and_setter(
+                str, getter=context.drivers.operator.mounted
+            )
+        super().__init__(name=name)
+
+    @AsyncStatus.wrap
+    async def set(self, value: Mounting) -> None:
+        """Have this mounted. Raises InterlockError with a closed clamp or when declined."""
+        context = self._context
+        if value == context.drivers.operator.mounted():
+            return
+        context.interlocks.check_mounting(value)
+        await context.call(context.drivers.operator.mount, value)
+        context.acquisition.select_for(value)

@@ -1,0 +1,98 @@
+"""The stamp that says which point of which series an event belongs to."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+
+from bluesky.protocols import HasHints, Hints, Reading
+from event_model import DataKey
+from ophyd_async.core import AsyncReadable, AsyncStatus, Device
+
+__all__ = ["Point", "PointLabel"]
+
+_KEYS = {
+    "series": ("integer", ""),
+    "step": ("integer", ""),
+    "branch": ("integer", ""),
+    "target_nm": ("number", "N·m"),
+    "position_deg": ("number", "deg"),
+    "group": ("integer", ""),
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where in a procedure a point lies.
+
+    Parameters
+    ----------
+    series, step : int
+        Number of the series, and of the step within it.
+    branch : int
+        +1 where |torque| grows, −1 where it falls, 0 where that has no meaning.
+    target_nm : float
+        The torque that the step asks for, N·m.
+    position_deg : float
+        Rotation of the standard in its seat, degrees.
+    group : int
+        Number of the repetition (verification group, friction repeat).
+    """
+
+    series: int = 0
+    step: int = 0
+    branch: int = 0
+    target_nm: float = 0.0
+    position_deg: float = 0.0
+    group: int = 0
+
+
+class PointLabel(Device, AsyncReadable, HasHints):
+    """Carries the present `Point` into every event that reads it.
+
+    `bps.abs_set(devices.point, Point(series=1, step=3, branch=1, target_nm=120.0))`, then read
+    it together with the steady value. Data keys are `<name>-series` and so on (`key`).
+    """
+
+    def __init__(self, name: str = "point") -> None:
+        self._point = Point()
+        self._time_s = time.time()
+        super().__init__(name=name)
+
+    def key(self, field: str) -> str:
+        """Event data key of a field of `Point`.
+
+        Examples
+        --------
+        >>> PointLabel().key("series")
+        'point-series'
+        """
+        return f"{self.name}-{field}"
+
+    @AsyncStatus.wrap
+    async def set(self, value: Point) -> None:
+        """Stamp the following events with this point."""
+        self._point = value
+        self._time_s = time.time()
+
+    async def read(self) -> dict[str, Reading]:
+        """Return the stamp."""
+        values = asdict(self._point)
+        return {
+            self.key(field): Reading(value=values[field], timestamp=self._time_s)
+            for field in _KEYS
+        }
+
+    async def describe(self) -> dict[str, DataKey]:
+        """Describe the stamp's fields."""
+        return {
+            self.key(field): DataKey(
+                source=f"plan://{field}", dtype=dtype, shape=[], units=units
+            )
+            for field, (dtype, units) in _KEYS.items()
+        }
+
+    @property
+    def hints(self) -> Hints:
+        """Fields worth plotting."""
+        return {"fields": [self.key("target_nm")]}

@@ -1,0 +1,316 @@
+"""What the bench asks of an instrument: one narrow interface a role, nothing of any wire protocol.
+
+A driver serves one or several roles and is chosen by `bench.toml`. Every method may be called
+from any thread and may block for as long as its wire needs; `DriverSet.blocking` says whether
+callers on an event loop have to move such calls to a thread. A method that can't do what it is
+asked raises `torquebench.errors.BenchError` with the instrument, its answer and what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.signals import EdgeBlock
+
+__all__ = [
+    "CHANNELS",
+    "MODES",
+    "MOUNTINGS",
+    "SIDES",
+    "AngleSamples",
+    "Clamp",
+    "CounterBlock",
+    "CounterCard",
+    "Drive",
+    "DriveState",
+    "DriverSet",
+    "Identity",
+    "Mode",
+    "ModeConverter",
+    "Mounting",
+    "OperatorPrompts",
+    "ReferenceReadout",
+    "ReferenceSamples",
+    "Side",
+    "Temperature",
+    "TrueTorqueSource",
+    "reference_channel",
+    "torque_channel",
+]
+
+Side = Literal["input", "output"]
+Mode = Literal["free", "driven", "locked"]
+Mounting = Literal["calibrator", "verification_standard", "reducer", "nothing"]
+
+SIDES: tuple[Side, Side] = ("input", "output")
+MODES: tuple[Mode, ...] = ("free", "driven", "locked")
+MOUNTINGS: tuple[Mounting, ...] = ("calibrator", "verification_standard", "reducer", "nothing")
+CHANNELS = ("input_torque", "output_torque", "input_reference", "output_reference")
+
+
+def torque_channel(side: Side) -> str:
+    """Name of the edge channel of a module's torque transducer.
+
+    Examples
+    --------
+    >>> torque_channel("output")
+    'output_torque'
+    """
+    return f"{side}_torque"
+
+
+def reference_channel(side: Side) -> str:
+    """Name of the edge channel of the mounted standard's transducer on one side.
+
+    Examples
+    --------
+    >>> reference_channel("input")
+    'input_reference'
+    """
+    return f"{side}_reference"
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What an instrument says of itself, for the record and for `doctor`."""
+
+    role: str
+    manufacturer: str
+    model: str
+    serial: str
+    firmware: str = ""
+    details: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class AngleSamples:
+    """Encoder counts of one block.
+
+    Parameters
+    ----------
+    time_s : ndarray of float64, shape (n,)
+        Bench time of each sample, s.
+    counts : ndarray of int64, shape (n,)
+        Encoder counts, unwrapped, clockwise positive.
+    counts_per_revolution : int
+    """
+
+    time_s: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    counts_per_revolution: int
+
+    @property
+    def angle_rad(self) -> NDArray[np.float64]:
+        """Angle of each sample, rad, unwrapped."""
+        return self.counts * (2.0 * np.pi / self.counts_per_revolution)
+
+
+@dataclass(frozen=True)
+class CounterBlock:
+    """Everything that one clock timed over one block of bench time.
+
+    A channel that is selected but silent is present with no edges: silence is a fault that the
+    signal path names, never a missing key.
+    """
+
+    start_s: float
+    stop_s: float
+    edges: Mapping[str, EdgeBlock]
+    angles: Mapping[Side, AngleSamples]
+
+
+@runtime_checkable
+class CounterCard(Protocol):
+    """Times the edges of the torque transducers and the encoders by one clock."""
+
+    @property
+    def timebase_hz(self) -> float:
+        """Nominal frequency of the clock that counts the ticks, Hz."""
+
+    @property
+    def clock_identity(self) -> str:
+        """Which clock that is: calibration and measurement must name the same one."""
+
+    def identity(self) -> Identity:
+        """Ask the instrument who it is."""
+
+    def select(self, channels: frozenset[str]) -> None:
+        """Time only these channels from the next block on; the others cost nothing."""
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        """Return the next `duration_s` of edges and angles without a gap to the block before.
+
+        Real counters block until the time has passed; simulated ones compute it.
+        """
+
+    def close(self) -> None:
+        """Release the instrument. A second call does nothing."""
+
+
+@dataclass(frozen=True)
+class DriveState:
+    """What a drive reports.
+
+    `torque_nm` and `speed_rad_s` are the active set points, `None` where the drive doesn't
+    follow that quantity.
+    """
+
+    enabled: bool
+    torque_nm: float | None
+    speed_rad_s: float | None
+    fault: str = ""
+
+
+@runtime_checkable
+class Drive(Protocol):
+    """The motor of one module with its servo drive. The drive ramps; the watchdog is its own."""
+
+    def identity(self) -> Identity:
+        """Ask the drive who it is."""
+
+    def enable(self) -> None:
+        """Power the motor at zero torque and zero speed."""
+
+    def disable(self) -> None:
+        """Take the power off the motor."""
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        """Go to a torque at a limited rate and keep it. Clockwise is positive."""
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        """Go to a speed at a limited rate and keep it. Clockwise is positive."""
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Bring torque and speed to zero within `duration_s`, whatever was commanded before.
+
+        The drive does this by itself, so that it happens even if this computer hangs.
+        """
+
+    def feed_watchdog(self) -> None:
+        """Tell the drive that the supervisor lives. Unfed, it ramps to zero and disables."""
+
+    def state(self) -> DriveState:
+        """Ask for the active set points and the fault state."""
+
+    def close(self) -> None:
+        """Release the drive. A second call does nothing."""
+
+
+@dataclass(frozen=True)
+class ReferenceSamples:
+    """Torque as a standard with its own read-out states it, N·m at bench times in s."""
+
+    time_s: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+
+
+@runtime_checkable
+class ReferenceReadout(Protocol):
+    """A standard that states torque itself (an amplifier on a bus) instead of sending edges.
+
+    Where a bench has none, the reference transducers are wired to the counter card.
+    """
+
+    def identity(self) -> Identity:
+        """Ask the read-out who it is."""
+
+    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+        """Return the samples since the last call up to bench time `until_s`."""
+
+    def close(self) -> None:
+        """Release the read-out. A second call does nothing."""
+
+
+@runtime_checkable
+class ModeConverter(Protocol):
+    """The test-mode conversion of both modules: free, driven or locked."""
+
+    def set_mode(self, side: Side, mode: Mode) -> None:
+        """Change the mode of one side and return when it is reached."""
+
+    def mode(self, side: Side) -> Mode:
+        """Ask for the present mode of one side."""
+
+
+@runtime_checkable
+class Clamp(Protocol):
+    """The hydraulic clamp between the standard flanges."""
+
+    def set_clamped(self, clamped: bool) -> None:
+        """Close or open the clamp and return when it is reached."""
+
+    def clamped(self) -> bool:
+        """Ask whether the clamp is closed and under pressure."""
+
+
+@runtime_checkable
+class Temperature(Protocol):
+    """The temperature probes."""
+
+    def temperatures(self) -> Mapping[str, float]:
+        """Ask for all probes: name to °C."""
+
+
+@runtime_checkable
+class OperatorPrompts(Protocol):
+    """What only a person can do, or a simulated one."""
+
+    def mount(self, mounting: Mounting) -> None:
+        """Have this put between the flanges; return when it is confirmed.
+
+        Raises
+        ------
+        InterlockError
+            The operator declines.
+        """
+
+    def mounted(self) -> Mounting:
+        """What is between the flanges, by the last confirmation."""
+
+
+@runtime_checkable
+class TrueTorqueSource(Protocol):
+    """The torque that really acts on the flange. Only a simulated bench can know it."""
+
+    def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
+        """Mean true torque at the flange over a time window, N·m."""
+
+
+@dataclass(frozen=True)
+class DriverSet:
+    """The instruments of one bench, by role."""
+
+    name: str
+    counter: CounterCard
+    drives: Mapping[Side, Drive]
+    modes: ModeConverter
+    clamp: Clamp
+    temperature: Temperature
+    operator: OperatorPrompts
+    reference: ReferenceReadout | None = None
+    truth: TrueTorqueSource | None = None
+    self_paced: bool = True
+    """Whether `read_block` computes instead of waiting for time to pass."""
+    blocking: bool = True
+    """Whether commands may block for longer than an event loop should."""
+
+    def identities(self) -> list[Identity]:
+        """Ask every instrument who it is."""
+        asked: list[Identity] = [self.counter.identity()]
+        asked += [drive.identity() for drive in self.drives.values()]
+        if self.reference is not None:
+            asked.append(self.reference.identity())
+        return asked
+
+    def close(self) -> None:
+        """Release every instrument, also when one of them fails to."""
+        for drive in self.drives.values():
+            drive.close()
+        if self.reference is not None:
+            self.reference.close()
+        self.counter.close()
