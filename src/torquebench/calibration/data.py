@@ -1,0 +1,440 @@
+"""The table of one calibration: readings beside standard values, with branch, series and more."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.compensation import FEATURES, features
+from torquebench.errors import InputError
+
+__all__ = ["RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
+
+RANGE_MARGIN = 0.02
+"""Readings and standard values may exceed the range by this share of it, not by more."""
+
+UNLOADED_SHARE = 0.001
+"""Standard values below this share of the range count as unloaded: they have no direction."""
+
+_REQUIRED = ("reading_nm", "standard_nm", "series", "branch")
+_OPTIONAL = (
+    "nominal_nm",
+    "position_deg",
+    "speed_rpm",
+    "temperature_c",
+    "time_s",
+    "standard_error_nm",
+    "true_torque_nm",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationData:
+    """Readings of one measuring chain beside the torque of the standard, in measuring order.
+
+    Parameters
+    ----------
+    reading_nm : array of float, shape (n,)
+        Torque as the chain under calibration reads it, zero subtracted, in N·m.
+    standard_nm : array of float, shape (n,)
+        Torque of the standard, in N·m, clockwise positive.
+    series : array of int, shape (n,)
+        Number of the loading series that each point belongs to.
+    branch : array of int8, shape (n,)
+        +1 where |torque| grows (up), -1 where it falls (down), 0 where unknown.
+    range_nm : float
+        Full scale of the chain, in N·m: what % FS refers to.
+    side : str
+        ``"input"``, ``"output"`` or empty.
+    transducer_serial, counter_identity : str
+        Which transducer was read and which clock timed it; empty where unknown.
+    nominal_nm : array of float, shape (n,), optional
+        Target torque of the step, in N·m.
+    position_deg : array of float, shape (n,), optional
+        Mounting position of the transducer about its axis, in degrees.
+    speed_rpm, temperature_c, time_s : array of float, shape (n,), optional
+        Speed, temperature and time of each point.
+    standard_error_nm : array of float, shape (n,), optional
+        Standard error of each reading's mean, in N·m.
+    true_torque_nm : array of float, shape (n,), optional
+        The true torque, which only a simulated bench knows, in N·m.
+
+    Raises
+    ------
+    InputError
+        Where the arrays' lengths differ, a value isn't finite, a branch isn't -1, 0 or +1, or a
+        reading or standard value lies outside the range by more than `RANGE_MARGIN`.
+
+    Examples
+    --------
+    >>> data = CalibrationData([0.1, 5.2, 10.1], [0.0, 5.0, 10.0], [1, 1, 1], [1, 1, 1], 10.0)
+    >>> len(data), data.direction.tolist(), data.simulated
+    (3, [0, 1, 1], False)
+    >>> data.subset(data.standard_nm > 0).reading_nm.tolist()
+    [5.2, 10.1]
+    """
+
+    reading_nm: NDArray[np.float64]
+    standard_nm: NDArray[np.float64]
+    series: NDArray[np.int64]
+    branch: NDArray[np.int8]
+    range_nm: float
+    side: str = ""
+    transducer_serial: str = ""
+    counter_identity: str = ""
+    nominal_nm: NDArray[np.float64] | None = None
+    position_deg: NDArray[np.float64] | None = None
+    speed_rpm: NDArray[np.float64] | None = None
+    temperature_c: NDArray[np.float64] | None = None
+    time_s: NDArray[np.float64] | None = None
+    standard_error_nm: NDArray[np.float64] | None = None
+    true_torque_nm: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.range_nm) and self.range_nm > 0):
+            raise InputError(
+                f"range {self.range_nm} N·m", "a finite range above 0 N·m", "state the full scale"
+            )
+        object.__setattr__(self, "range_nm", float(self.range_nm))
+        n = int(np.size(self.reading_nm))
+        if n == 0:
+            raise InputError("a calibration without points", "at least one point")
+        for name in (*_REQUIRED, *_OPTIONAL):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _column(name, value, n))
+        _check_branch(self.branch)
+        for name in ("reading_nm", "standard_nm"):
+            _check_range(name, getattr(self, name), self.range_nm)
+
+    def __len__(self) -> int:
+        return int(self.reading_nm.size)
+
+    @property
+    def direction(self) -> NDArray[np.int8]:
+        """+1 clockwise, -1 counter-clockwise, 0 unloaded, from the standard; shape (n,)."""
+        loaded = np.abs(self.standard_nm) > UNLOADED_SHARE * self.range_nm
+        return np.where(loaded, np.sign(self.standard_nm), 0).astype(np.int8)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the points come from a simulated bench, which knows the true torque."""
+        return self.true_torque_nm is not None
+
+    @property
+    def additional_torque_nm(self) -> NDArray[np.float64]:
+        """Additional torque, standard − reading, in N·m, shape (n,)."""
+        return self.standard_nm - self.reading_nm
+
+    def features(self, columns: int | None = None) -> NDArray[np.float64]:
+        """Return the feature matrix X of these points for compensation models.
+
+        Parameters
+        ----------
+        columns : int, optional
+            How many columns of `torquebench.compensation.FEATURES` X gets: as many as the model
+            was fitted to. By default three: reading, branch and series.
+
+        Returns
+        -------
+        array of float, shape (n, columns)
+
+        Raises
+        ------
+        InputError
+            Where a column is asked for that these data don't have.
+
+        Examples
+        --------
+        >>> CalibrationData([5.1], [5.0], [1], [1], 10.0).features().tolist()
+        [[5.1, 1.0, 1.0]]
+        """
+        width = 3 if columns is None else columns
+        known = {name: getattr(self, name) for name in FEATURES[:width]}
+        for name, column in known.items():
+            if column is None:
+                raise InputError(
+                    f"no column {name}",
+                    f"the columns {', '.join(FEATURES[:width])}",
+                    "measure it too, or use a model that was fitted without it",
+                )
+        return features(**known)
+
+    def subset(self, index: ArrayLike) -> Self:
+        """Return the points that a mask or an index array picks, in that order.
+
+        Parameters
+        ----------
+        index : array of bool, shape (n,), or array of int
+            Which points to keep.
+
+        Returns
+        -------
+        CalibrationData
+
+        Raises
+        ------
+        InputError
+            Where nothing is left.
+        """
+        where = np.asarray(index)
+        changes = {
+            name: value[where]
+            for name in (*_REQUIRED, *_OPTIONAL)
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **changes)
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of all columns and of what they refer to, as 64 hexadecimal digits.
+
+        The hash is over the float64 values, not over a file, so the same points give the same
+        hash whatever table they were read from.
+        """
+        meta = {
+            "range_nm": self.range_nm,
+            "side": self.side,
+            "transducer_serial": self.transducer_serial,
+            "counter_identity": self.counter_identity,
+        }
+        digest = hashlib.sha256(json.dumps(meta, sort_keys=True).encode())
+        for name in (*_REQUIRED, *_OPTIONAL):
+            value = getattr(self, name)
+            if value is not None:
+                digest.update(name.encode())
+                digest.update(np.ascontiguousarray(value, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+    def averaged(self, tolerance_nm: float | None = None) -> Self:
+        """Return the mean of the points that repeat one step on one branch and in one direction.
+
+        Points repeat a step where their nominal torque (or, without one, their standard value)
+        lies within the tolerance. Reading, standard value and all other columns are averaged; the
+        standard error is that of the mean, from the scatter of standard − reading.
+
+        Parameters
+        ----------
+        tolerance_nm : float, optional
+            Largest gap between neighbours of one step, in N·m; default 0.5 % of the range.
+
+        Returns
+        -------
+        CalibrationData
+            One point a step, in the order of each step's first appearance, all in series 1.
+
+        Examples
+        --------
+        >>> data = CalibrationData(
+        ...     [5.0, 10.0, 5.2, 10.2], [5.0, 10.0, 5.0, 10.0], [1, 1, 2, 2], [1, 1, 1, 1], 10.0
+        ... )
+        >>> data.averaged().reading_nm.tolist()
+        [5.1, 10.1]
+        """
+        tolerance = 0.005 * self.range_nm if tolerance_nm is None else tolerance_nm
+        steps = self.step_labels(tolerance)
+        _, first, label, count = np.unique(
+            steps, return_index=True, return_inverse=True, return_counts=True
+        )
+        order = np.argsort(first)
+
+        def mean(values: NDArray[Any]) -> NDArray[np.float64]:
+            return (np.bincount(label, weights=values) / count)[order]
+
+        changes: dict[str, Any] = {
+            name: mean(value) for name in _OPTIONAL if (value := getattr(self, name)) is not None
+        }
+        changes["standard_error_nm"] = self._error_of_means(label, count)[order]
+        if not np.all(count >= 2):
+            changes["standard_error_nm"] = None
+        return replace(
+            self,
+            reading_nm=mean(self.reading_nm),
+            standard_nm=mean(self.standard_nm),
+            series=np.ones(order.size, dtype=np.int64),
+            branch=self.branch[first][order],
+            **changes,
+        )
+
+    def step_labels(self, tolerance_nm: float) -> NDArray[np.int64]:
+        """Return the number of the step that each point repeats, shape (n,).
+
+        Points belong to one step where branch and direction agree and where no gap between
+        neighbouring torques exceeds the tolerance, in N·m.
+        """
+        torque = self.standard_nm if self.nominal_nm is None else self.nominal_nm
+        labels = np.zeros(len(self), dtype=np.int64)
+        taken = 0
+        keys = np.stack([self.branch, self._loading_direction()], axis=1)
+        for key in np.unique(keys, axis=0):
+            members = np.flatnonzero(np.all(keys == key, axis=1))
+            ranked = members[np.argsort(torque[members], kind="stable")]
+            new_step = np.diff(torque[ranked], prepend=-np.inf) > tolerance_nm
+            labels[ranked] = taken + np.cumsum(new_step) - 1
+            taken = int(labels[ranked].max()) + 1
+        return labels
+
+    def _loading_direction(self) -> NDArray[np.int8]:
+        """Direction of the load, where unloaded points take that of the load just taken off."""
+        direction = self.direction.copy()
+        for number in np.unique(self.series):
+            where = np.flatnonzero(self.series == number)
+            loaded = np.flatnonzero(direction[where])
+            if loaded.size:
+                before = np.searchsorted(loaded, np.arange(where.size), side="right") - 1
+                direction[where] = direction[where][loaded[np.maximum(before, 0)]]
+        return direction
+
+    def _error_of_means(
+        self, label: NDArray[np.intp], count: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        error = self.additional_torque_nm
+        mean = np.bincount(label, weights=error) / count
+        squares = np.bincount(label, weights=(error - mean[label]) ** 2)
+        freedom = np.maximum(count - 1, 1)
+        return np.asarray(np.sqrt(squares / freedom / count), dtype=np.float64)
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
+        """Return several tables of one chain as one, series renumbered so that none coincide.
+
+        Parameters
+        ----------
+        parts : sequence of CalibrationData
+            Tables of the same range, side, transducer and counter.
+
+        Raises
+        ------
+        InputError
+            Where there is no part, or parts of different chains or ranges.
+        """
+        if not parts:
+            raise InputError("no calibration table to join", "at least one")
+        head = parts[0]
+        for name in ("range_nm", "side", "transducer_serial", "counter_identity"):
+            values = {getattr(part, name) for part in parts}
+            if len(values) > 1:
+                raise InputError(
+                    f"tables of different {name}: {sorted(map(str, values))}",
+                    "tables of one measuring chain",
+                )
+        changes: dict[str, Any] = {}
+        for name in ("reading_nm", "standard_nm", "branch", *_OPTIONAL):
+            columns = [getattr(part, name) for part in parts]
+            known = all(column is not None for column in columns)
+            changes[name] = np.concatenate(columns) if known else None
+        changes["series"] = np.concatenate(list(_renumbered(part.series for part in parts)))
+        return replace(head, **changes)
+
+
+def infer_branch(standard_nm: ArrayLike, series: ArrayLike) -> NDArray[np.int8]:
+    """Return the branch of each point of a table that is in measuring order.
+
+    Within a series a point is up where |standard| is larger than at the point before (or where
+    the torque has changed its direction) and down where it is smaller. Changes below 0.1 % of
+    the largest |standard| are no change: such a point keeps the branch of the one before. The
+    first point of a series takes the branch of the next one, and a series of one point is up.
+
+    Parameters
+    ----------
+    standard_nm : array of float, shape (n,)
+        Torque of the standard, in N·m, in measuring order within each series.
+    series : array of int, shape (n,)
+        Number of the series of each point.
+
+    Returns
+    -------
+    array of int8, shape (n,)
+        +1 up, -1 down.
+
+    Raises
+    ------
+    InputError
+        Where the lengths differ or a value isn't finite.
+
+    Examples
+    --------
+    >>> infer_branch([0.0, 5.0, 10.0, 5.0, 0.0], [1, 1, 1, 1, 1]).tolist()
+    [1, 1, 1, -1, -1]
+    """
+    standard = _column("standard_nm", standard_nm, int(np.size(standard_nm)))
+    numbers = _column("series", series, standard.size)
+    tolerance = UNLOADED_SHARE * float(np.max(np.abs(standard), initial=0.0))
+    branch = np.ones(standard.size, dtype=np.int8)
+    for number in np.unique(numbers):
+        where = np.flatnonzero(numbers == number)
+        branch[where] = _branch_of_series(standard[where], tolerance)
+    return branch
+
+
+def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[np.int8]:
+    growth = np.diff(np.abs(torque))
+    step = np.where(growth > tolerance, 1, np.where(growth < -tolerance, -1, 0))
+    loaded = np.abs(torque) > tolerance
+    crossed = (np.sign(torque[1:]) != np.sign(torque[:-1])) & loaded[1:] & loaded[:-1]
+    step[crossed] = 1
+    known = np.flatnonzero(step)
+    if known.size == 0:
+        return np.ones(torque.size, dtype=np.int8)
+    # Each unknown change takes the last known one; those before the first known take that one.
+    last_known = np.maximum.accumulate(np.where(step != 0, np.arange(step.size), -1))
+    filled = step[np.where(last_known >= 0, last_known, known[0])]
+    return np.concatenate([filled[:1], filled]).astype(np.int8)
+
+
+def _renumbered(parts: Iterable[NDArray[np.int64]]) -> Iterable[NDArray[np.int64]]:
+    taken = 0
+    for series in parts:
+        shifted = series - series.min() + 1 + taken
+        taken = int(shifted.max())
+        yield shifted
+
+
+def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
+    try:
+        column = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"column {name} holds something else than numbers", "numbers") from error
+    if column.shape != (n,):
+        raise InputError(f"column {name} has shape {column.shape}", f"{n} values like reading_nm")
+    bad = np.flatnonzero(~np.isfinite(column))
+    if bad.size:
+        raise InputError(
+            f"column {name} holds {column[bad[0]]} at point {bad[0] + 1}",
+            "finite numbers",
+            "remove the point or measure it again",
+        )
+    if name in ("series", "branch"):
+        column = _whole_numbers(name, column)
+    column.flags.writeable = False
+    return column
+
+
+def _whole_numbers(name: str, column: NDArray[np.float64]) -> NDArray[Any]:
+    whole = np.rint(column)
+    bad = np.flatnonzero(whole != column)
+    if bad.size:
+        raise InputError(f"{name} {column[bad[0]]} at point {bad[0] + 1}", "whole numbers")
+    return whole.astype(np.int8 if name == "branch" and np.all(np.abs(whole) <= 1) else np.int64)
+
+
+def _check_branch(branch: NDArray[np.int8]) -> None:
+    bad = np.flatnonzero(np.abs(branch) > 1)
+    if bad.size:
+        raise InputError(
+            f"branch {branch[bad[0]]} at point {bad[0] + 1}", "+1 (up), -1 (down) or 0 (unknown)"
+        )
+
+
+def _check_range(name: str, column: NDArray[np.float64], range_nm: float) -> None:
+    limit = range_nm * (1 + RANGE_MARGIN)
+    worst = int(np.argmax(np.abs(column)))
+    if abs(column[worst]) > limit:
+        raise InputError(
+            f"{name} {column[worst]:.6g} N·m at point {worst + 1}",
+            f"±{limit:.6g} N·m (range {range_nm:.6g} N·m and {100 * RANGE_MARGIN:.0f} %)",
+            "check the range, or remove the point",
+        )

@@ -1,0 +1,435 @@
+"""Calibration profiles as data: what is loaded, in which order, for how long."""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from torquebench.calibration.steps import Step
+from torquebench.errors import InputError
+
+__all__ = ["Profile", "available_profiles", "load_profile"]
+
+Percent = Annotated[float, Field(gt=0, le=100)]
+Seconds = Annotated[float, Field(ge=0, le=86400)]
+Count = Annotated[int, Field(ge=1, le=1000)]
+Direction = Literal["clockwise", "counter-clockwise"]
+Series = Literal["up", "up-down"]
+Change = Literal["none", "rotation", "re-seat"]
+
+_SIGNS: dict[str, int] = {"clockwise": 1, "counter-clockwise": -1}
+_OPTIONS: dict[str, frozenset[str]] = {
+    "ladder": frozenset({"rising_only", "repeats", "step_percent", "duration_s"}),
+    "cycle": frozenset({"repeats", "step_percent", "duration_s"}),
+    "random": frozenset({"groups", "points", "duration_s"}),
+}
+OFF_GRID_SHARE = 0.25
+"""Points off the grid keep at least this share of a step's width from it."""
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Zero(_Settings):
+    """How the unloaded zero is taken.
+
+    ``once`` takes one zero for all series, after the preloads in all directions; ``each-series``
+    takes one before every series, as an evaluation with I₀ of each series needs it.
+    """
+
+    duration_s: Seconds = 1.0
+    when: Literal["once", "each-series"] = "each-series"
+
+
+class Preload(_Settings):
+    """How often full scale is applied and taken off before the first series of a position."""
+
+    cycles: Annotated[int, Field(ge=0, le=100)] = 0
+    cycles_after_change: Annotated[int, Field(ge=0, le=100)] | None = None
+    on_s: Seconds = 0.0
+    off_s: Seconds = 0.0
+
+
+class Loading(_Settings):
+    """Which steps are loaded, how long, and how often.
+
+    Exactly one of `step_percent` and `steps_percent` is given, in % of full scale; for random
+    points `step_percent` is the grid that they keep off.
+    """
+
+    pattern: Literal["ladder", "cycle", "random"]
+    step_percent: Percent | None = None
+    steps_percent: tuple[Percent, ...] = ()
+    duration_s: Seconds
+    settle_limit_s: Seconds
+    directions: tuple[Direction, ...] = Field(min_length=1)
+    repeats: Count = 1
+    groups: Count | None = None
+    points: Annotated[int, Field(ge=4, le=10000)] | None = None
+    zero_return: bool = False
+    step_tolerance_percent: Percent | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.step_percent is None) == (not self.steps_percent):
+            raise ValueError("give either step_percent or steps_percent, not both and not neither")
+        if list(self.steps_percent) != sorted(set(self.steps_percent)):
+            raise ValueError("steps_percent must rise from step to step")
+        if len(set(self.directions)) != len(self.directions):
+            raise ValueError("directions holds a direction twice")
+        random = self.pattern == "random"
+        if random != (self.groups is not None) or random != (self.points is not None):
+            raise ValueError("groups and points belong to the pattern 'random', and only to it")
+        return self
+
+    def percents(self) -> tuple[float, ...]:
+        """Return the rising steps in % of full scale."""
+        if self.steps_percent:
+            return self.steps_percent
+        assert self.step_percent is not None
+        count = int(np.floor(100.0 / self.step_percent + 1e-9))
+        rising = [self.step_percent * k for k in range(1, count + 1)]
+        if rising[-1] < 100.0 - 1e-9:
+            rising.append(100.0)
+        return tuple(min(percent, 100.0) for percent in rising)
+
+
+class Position(_Settings):
+    """One mounting position: what was changed to reach it and which series are loaded in it."""
+
+    position_deg: float = 0.0
+    change: Change = "none"
+    series: tuple[Series, ...] = Field(min_length=1)
+
+
+class Profile(_Settings):
+    """A calibration profile: a sequence of steps as data, not as code.
+
+    Own profiles are TOML files of the same form as those in ``calibration/profiles``. The flag
+    `verified` is false until somebody has checked the profile against the licensed text of the
+    standard that it follows; certificates print it beside the name and the hash.
+
+    Examples
+    --------
+    >>> profile = load_profile("rapid-in-situ")
+    >>> points = [step for step in profile.staircase(50.0) if step.recorded]
+    >>> len(points), points[0].target_nm, points[49].target_nm, points[99].target_nm
+    (200, 1.0, 50.0, 0.0)
+    >>> rising = profile.with_options(rising_only=True, step_percent=10.0)
+    >>> [step.target_nm for step in rising.staircase(50.0) if step.recorded][:3]
+    [5.0, 10.0, 15.0]
+    """
+
+    name: str = Field(min_length=1)
+    title: str
+    source: str
+    verified: bool = False
+    loading: Loading
+    preload: Preload = Preload()
+    zero: Zero = Zero()
+    positions: tuple[Position, ...] = Field(min_length=1)
+
+    @classmethod
+    def from_toml(cls, text: str, origin: str) -> Self:
+        """Return the profile that a TOML text describes.
+
+        Parameters
+        ----------
+        text : str
+            The TOML document.
+        origin : str
+            Name of the file, for messages.
+
+        Raises
+        ------
+        InputError
+            Where the text isn't TOML, or a key is missing, unknown or outside its limits.
+        """
+        try:
+            return cls.model_validate(tomllib.loads(text))
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{origin}: not a TOML file ({error})", "a profile in TOML") from error
+        except ValidationError as error:
+            raise _named(error, origin) from error
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the profile's settings, options included, as 64 hexadecimal digits."""
+        content = json.dumps(self.model_dump(mode="json"), sort_keys=True, ensure_ascii=False)
+        return hashlib.sha256(content.encode()).hexdigest()
+
+    def with_options(
+        self,
+        *,
+        rising_only: bool | None = None,
+        repeats: int | None = None,
+        step_percent: float | None = None,
+        duration_s: float | None = None,
+        groups: int | None = None,
+        points: int | None = None,
+    ) -> Self:
+        """Return the profile with some of its settings changed; None leaves a setting alone.
+
+        Parameters
+        ----------
+        rising_only : bool, optional
+            Load rising series only, as the rapid calibration's source does (ladders only).
+        repeats : int, optional
+            How often every series is loaded.
+        step_percent : float, optional
+            Width of the steps in % of full scale.
+        duration_s : float, optional
+            Duration of each step in s.
+        groups, points : int, optional
+            Number of groups and of points in each (random points only).
+
+        Raises
+        ------
+        InputError
+            Where the profile has no such option, or the value lies outside its limits.
+        """
+        given: dict[str, Any] = {
+            "rising_only": rising_only,
+            "repeats": repeats,
+            "step_percent": step_percent,
+            "duration_s": duration_s,
+            "groups": groups,
+            "points": points,
+        }
+        given = {name: value for name, value in given.items() if value is not None}
+        allowed = _OPTIONS[self.loading.pattern]
+        for name in given:
+            if name not in allowed:
+                raise InputError(
+                    f"option {name} for the profile {self.name}",
+                    f"the options {', '.join(sorted(allowed))}",
+                )
+        document = self.model_dump(mode="python")
+        if given.pop("rising_only", False):
+            for position in document["positions"]:
+                position["series"] = tuple("up" for _ in position["series"])
+        if "step_percent" in given:
+            document["loading"]["steps_percent"] = ()
+        document["loading"].update(given)
+        try:
+            return type(self).model_validate(document)
+        except ValidationError as error:
+            raise _named(error, f"profile {self.name}") from error
+
+    def staircase(self, range_nm: float, rng: np.random.Generator | None = None) -> list[Step]:
+        """Return all steps in the order in which they are loaded.
+
+        Parameters
+        ----------
+        range_nm : float
+            Full scale in N·m.
+        rng : numpy.random.Generator, optional
+            Draws the points of a profile of random points; the others need none.
+
+        Returns
+        -------
+        list of Step
+            Zeros, preloads, turns and points; `Step.recorded` tells the points.
+
+        Raises
+        ------
+        InputError
+            Where the range isn't above 0, or a profile of random points gets no generator.
+        """
+        if not (np.isfinite(range_nm) and range_nm > 0):
+            raise InputError(f"range {range_nm} N·m", "a finite range above 0 N·m")
+        if self.loading.pattern == "random" and rng is None:
+            raise InputError(
+                f"profile {self.name} without a random generator",
+                "a numpy.random.Generator",
+                "hand in numpy.random.default_rng(seed)",
+            )
+        return list(_Staircase(self, range_nm, rng).steps())
+
+
+class _Staircase:
+    """Lays out the steps of one profile at one range."""
+
+    def __init__(self, profile: Profile, range_nm: float, rng: np.random.Generator | None) -> None:
+        self.profile = profile
+        self.range_nm = range_nm
+        self.rng = rng
+        self.series = 0
+
+    def steps(self) -> Iterator[Step]:
+        profile = self.profile
+        # A cycle or a group of random points goes through all directions within one series.
+        whole = profile.loading.pattern != "ladder"
+        every = tuple(_SIGNS[direction] for direction in profile.loading.directions)
+        per_direction = [every] if whole else [(sign,) for sign in every]
+        once = profile.zero.when == "once"
+        for number, position in enumerate(profile.positions):
+            change: Change = position.change
+            if once:
+                for step in [*self._preloads(number, position, every), self._zero(position)]:
+                    yield step.model_copy(update={"change": change})
+                    change = "none"
+            for signs in per_direction:
+                laid_out = self._preloads(number, position, signs) if not once else []
+                laid_out += self._all_series(position, signs)
+                for step in laid_out:
+                    yield step.model_copy(update={"change": change})
+                    change = "none"
+
+    def _preloads(self, number: int, position: Position, signs: Sequence[int]) -> list[Step]:
+        preload = self.profile.preload
+        after_change = preload.cycles_after_change
+        cycles = preload.cycles if number == 0 or after_change is None else after_change
+        return [
+            self._step("preload", percent, position, 1 if percent else -1, duration)
+            for _ in range(cycles)
+            for sign in signs
+            for percent, duration in ((100.0 * sign, preload.on_s), (0.0, preload.off_s))
+        ]
+
+    def _all_series(self, position: Position, signs: Sequence[int]) -> list[Step]:
+        loading = self.profile.loading
+        steps: list[Step] = []
+        for shape in position.series * (loading.repeats * (loading.groups or 1)):
+            self.series += 1
+            if self.profile.zero.when == "each-series":
+                steps.append(self._zero(position))
+            steps += self._one_series(shape, position, signs)
+        return steps
+
+    def _one_series(self, shape: Series, position: Position, signs: Sequence[int]) -> list[Step]:
+        steps: list[Step] = []
+        if self.profile.loading.pattern == "random":
+            path = self._random_path(signs)
+        else:
+            path = self._ladder_path(shape, signs)
+        index = 0
+        duration = self.profile.loading.duration_s
+        for kind, percent, branch in path:
+            if kind == "turn":
+                steps.append(self._step("turn", percent, position, branch, 0.0))
+                continue
+            step = self._step("point", percent, position, branch, duration)
+            steps.append(step.model_copy(update={"index": index}))
+            index += 1
+        return steps
+
+    def _ladder_path(
+        self, shape: Series, signs: Sequence[int]
+    ) -> Iterator[tuple[Literal["point", "turn"], float, int]]:
+        rising = self.profile.loading.percents()
+        for sign in signs:
+            for percent in rising:
+                yield "point", sign * percent, 1
+            if shape == "up-down":
+                for percent in rising[-2::-1]:
+                    yield "point", sign * percent, -1
+            if shape == "up-down" or self.profile.loading.zero_return:
+                yield "point", 0.0, -1
+
+    def _random_path(
+        self, signs: Sequence[int]
+    ) -> Iterator[tuple[Literal["point", "turn"], float, int]]:
+        loading = self.profile.loading
+        assert loading.points is not None
+        assert self.rng is not None
+        parts = 2 * len(signs)
+        counts = [(loading.points + parts - 1 - k) // parts for k in range(parts)]
+        for number, sign in enumerate(signs):
+            for percent in self._off_grid(counts[2 * number]):
+                yield "point", sign * percent, 1
+            yield "turn", sign * 100.0, 1
+            for percent in self._off_grid(counts[2 * number + 1])[::-1]:
+                yield "point", sign * percent, -1
+
+    def _off_grid(self, count: int) -> list[float]:
+        """Draw one rising point in each of `count` equal cells, off the grid of the steps."""
+        assert self.rng is not None
+        grid = self.profile.loading.step_percent or 100.0 / count
+        drawn = (np.arange(count) + self.rng.uniform(0.0, 1.0, count)) * (100.0 / count) / grid
+        whole = np.floor(drawn)
+        width = np.minimum(grid, 100.0 - whole * grid)  # the last step may be a narrower one
+        share = np.minimum((drawn - whole) * grid / width, 1.0)
+        fraction = OFF_GRID_SHARE + (1.0 - 2.0 * OFF_GRID_SHARE) * share
+        return [float(percent) for percent in whole * grid + fraction * width]
+
+    def _zero(self, position: Position) -> Step:
+        return self._step("zero", 0.0, position, 0, self.profile.zero.duration_s)
+
+    def _step(
+        self,
+        kind: Literal["zero", "preload", "turn", "point"],
+        percent: float,
+        position: Position,
+        branch: int,
+        duration_s: float,
+    ) -> Step:
+        return Step(
+            kind=kind,
+            series=self.series,
+            index=-1,
+            target_nm=percent * self.range_nm / 100.0,
+            branch=branch,
+            duration_s=duration_s,
+            settle_limit_s=self.profile.loading.settle_limit_s,
+            position_deg=position.position_deg,
+            change="none",
+        )
+
+
+def available_profiles() -> tuple[str, ...]:
+    """Return the names of the profiles that come with torquebench.
+
+    Examples
+    --------
+    >>> available_profiles()
+    ('rapid-in-situ', 'reversing', 'staircase', 'verification')
+    """
+    folder = resources.files(__package__) / "profiles"
+    names = (entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return tuple(sorted(name.removesuffix(".toml") for name in names))
+
+
+def load_profile(name: str | Path) -> Profile:
+    """Return a profile by its name, or an own one by the path of its TOML file.
+
+    Parameters
+    ----------
+    name : str or pathlib.Path
+        One of `available_profiles`, or a path that ends in ``.toml``.
+
+    Raises
+    ------
+    InputError
+        Where there is no such profile or file, or the file isn't a valid profile.
+    """
+    text = str(name)
+    if not text.endswith(".toml"):
+        if text not in available_profiles():
+            raise InputError(
+                f"profile {text!r}",
+                ", ".join(available_profiles()),
+                "give one of these names, or the path of an own .toml file",
+            )
+        resource = resources.files(__package__) / "profiles" / f"{text}.toml"
+        return Profile.from_toml(resource.read_text(encoding="utf-8"), f"{text}.toml")
+    try:
+        content = Path(text).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"profile {text}: {error}", "a readable TOML file in UTF-8") from error
+    return Profile.from_toml(content, text)
+
+
+def _named(error: ValidationError, origin: str) -> InputError:
+    first: Mapping[str, Any] = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"]) or "the file"
+    value = first["input"]
+    shown = "" if isinstance(value, dict) else f" = {value!r}"
+    return InputError(f"{origin}: {key}{shown}", str(first["msg"]), f"correct {key} in {origin}")

@@ -1,0 +1,104 @@
+"""One step of a loading sequence, and what can be known of a sequence before anything moves."""
+
+import itertools
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from torquebench.errors import LimitError
+
+__all__ = ["Step", "check_limits", "total_duration_s"]
+
+
+class Step(BaseModel):
+    """One step of a loading sequence.
+
+    Parameters
+    ----------
+    kind : {"zero", "preload", "turn", "point"}
+        A zero is read unloaded and subtracted; preloads and turns are loaded and not recorded;
+        a point is recorded.
+    series : int
+        Number of the series, from 1; 0 for what comes before the first series.
+    index : int
+        Number of the point in its series, from 0; -1 where the step isn't recorded.
+    target_nm : float
+        Torque to load, in N·m, clockwise positive.
+    branch : int
+        +1 where |torque| grows to this step, -1 where it falls, 0 for a zero.
+    duration_s : float
+        How long the step is held, in s.
+    settle_limit_s : float
+        How much longer it may be held until the reading has settled, in s; then it is marked.
+    position_deg : float
+        Mounting position in degrees.
+    change : {"none", "rotation", "re-seat"}
+        What the operator changes before this step.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["zero", "preload", "turn", "point"]
+    series: int
+    index: int
+    target_nm: float
+    branch: int
+    duration_s: float
+    settle_limit_s: float = 0.0
+    position_deg: float = 0.0
+    change: Literal["none", "rotation", "re-seat"] = "none"
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the step gives a point of the calibration table."""
+        return self.kind == "point"
+
+
+def total_duration_s(steps: Sequence[Step], ramp_nm_per_s: float | None = None) -> float:
+    """Return how long a sequence takes, in s, without waiting longer for settling.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        The sequence, starting unloaded.
+    ramp_nm_per_s : float, optional
+        Torque ramp between steps in N·m/s; without it, steps follow each other at once.
+
+    Examples
+    --------
+    >>> step = Step(kind="point", series=1, index=0, target_nm=10.0, branch=1, duration_s=0.5)
+    >>> total_duration_s([step], ramp_nm_per_s=20.0)
+    1.0
+    """
+    held = sum(step.duration_s for step in steps)
+    if ramp_nm_per_s is None:
+        return held
+    torques = [0.0, *(step.target_nm for step in steps)]
+    travel = sum(abs(after - before) for before, after in itertools.pairwise(torques))
+    return held + travel / ramp_nm_per_s
+
+
+def check_limits(steps: Sequence[Step], limit_nm: float) -> None:
+    """Check, before anything moves, that no step exceeds the torque limit.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        The sequence.
+    limit_nm : float
+        Largest allowed |torque| in N·m.
+
+    Raises
+    ------
+    LimitError
+        Naming the first step beyond the limit.
+    """
+    for number, step in enumerate(steps, start=1):
+        if abs(step.target_nm) > limit_nm:
+            raise LimitError(
+                f"step {number} of {len(steps)} (series {step.series}, {step.kind}) loads "
+                f"{step.target_nm:.6g} N·m",
+                f"at most {limit_nm:.6g} N·m in either direction",
+                "choose a smaller range or raise the limit of the bench description",
+            )

@@ -1,0 +1,365 @@
+"""Errors of a chain, raw and after each model, against the standard and against the truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.calibration.data import CalibrationData
+from torquebench.errors import InputError
+
+__all__ = [
+    "RAW",
+    "READING_RULE",
+    "ErrorSummary",
+    "ModelVerification",
+    "Predictor",
+    "Repeatability",
+    "VerificationResult",
+    "summarise_errors",
+    "verify",
+]
+
+RAW = "raw"
+"""Name of the uncompensated reading among the models of a verification."""
+
+READING_SHARE = 0.05
+READING_RULE = "where |torque| is at least 5 % of full scale"
+"""Where an error in % of reading is stated: below it the share says nothing."""
+
+SAME_PLACE_SHARE = 0.1
+"""The k-th points of all groups count as one place where they lie within this share of range."""
+
+CELL_SHARE = 0.05
+
+
+class Predictor(Protocol):
+    """What a verification needs of a compensation model."""
+
+    def predict(self, X: NDArray[np.float64]) -> Any:
+        """Return the compensated torque in N·m, shape (n,), for features of shape (n, k)."""
+
+
+@dataclass(frozen=True)
+class ErrorSummary:
+    """Worst and RMS error in N·m, in % of full scale and in % of reading.
+
+    Parameters
+    ----------
+    points : int
+        How many points the summary is of.
+    worst_nm, rms_nm : float
+        Largest |error| and root mean square error in N·m.
+    worst_at_nm : float
+        Torque at which the largest error occurs, in N·m.
+    worst_percent_fs, rms_percent_fs : float
+        The same in % of full scale.
+    worst_percent_reading, rms_percent_reading : float or None
+        The same in % of the torque at each point, over the points that `reading_rule` names;
+        None where there is no such point.
+    reading_rule : str
+        Where errors in % of reading are stated.
+    """
+
+    points: int
+    worst_nm: float
+    rms_nm: float
+    worst_at_nm: float
+    worst_percent_fs: float
+    rms_percent_fs: float
+    worst_percent_reading: float | None
+    rms_percent_reading: float | None
+    reading_rule: str = READING_RULE
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """Spread of the errors over the groups at the same place of the range.
+
+    Parameters
+    ----------
+    pooled_nm, worst_nm : float
+        Standard deviation over the groups, pooled over all places and at the worst place, in N·m.
+    pooled_percent_fs, worst_percent_fs : float
+        The same in % of full scale.
+    places : int
+        Number of places that at least two groups have measured.
+    rule : str
+        What counts as the same place.
+    """
+
+    pooled_nm: float
+    worst_nm: float
+    pooled_percent_fs: float
+    worst_percent_fs: float
+    places: int
+    rule: str
+
+
+@dataclass(frozen=True)
+class ModelVerification:
+    """What a verification found for one model, or for the raw reading.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model, or `RAW`.
+    against_standard : ErrorSummary
+        Single readings against the standard, over all groups.
+    against_truth : ErrorSummary or None
+        Single readings against the true torque; only on a simulated bench.
+    groups : tuple of ErrorSummary
+        Each group for itself: against the truth where it is known, else against the standard.
+    averaged : ErrorSummary or None
+        The error averaged over the groups at each place, against the same reference as
+        `groups`; None for a single group. Single noisy readings can't show what a model is
+        worth: their worst error stays near 2.8 times the repeatability.
+    repeatability : Repeatability or None
+        Over the groups, against the same reference; None for a single group.
+    """
+
+    name: str
+    against_standard: ErrorSummary
+    against_truth: ErrorSummary | None
+    groups: tuple[ErrorSummary, ...]
+    averaged: ErrorSummary | None
+    repeatability: Repeatability | None
+
+
+@dataclass(frozen=True)
+class VerificationResult:
+    """A verification in groups: the raw reading first, then each model.
+
+    Parameters
+    ----------
+    range_nm : float
+        Full scale in N·m.
+    groups, points : int
+        Number of groups, and of points over all groups.
+    simulated : bool
+        Whether the points come from a simulated bench.
+    models : tuple of ModelVerification
+        Raw first, then in the order in which the models were handed in.
+    data_sha256 : str
+        Hash of the points.
+    """
+
+    range_nm: float
+    groups: int
+    points: int
+    simulated: bool
+    models: tuple[ModelVerification, ...]
+    data_sha256: str
+
+    def of(self, name: str) -> ModelVerification:
+        """Return what was found for one model, by its name.
+
+        Raises
+        ------
+        InputError
+            Where there is no such model.
+        """
+        for model in self.models:
+            if model.name == name:
+                return model
+        raise InputError(f"model {name!r}", ", ".join(model.name for model in self.models))
+
+
+def summarise_errors(
+    torque_nm: ArrayLike, reference_nm: ArrayLike, range_nm: float
+) -> ErrorSummary:
+    """Return worst and RMS error of torques against their reference.
+
+    Parameters
+    ----------
+    torque_nm : array of float, shape (n,)
+        Torque as read or compensated, in N·m.
+    reference_nm : array of float, shape (n,)
+        Standard or true torque, in N·m.
+    range_nm : float
+        Full scale in N·m.
+
+    Returns
+    -------
+    ErrorSummary
+
+    Raises
+    ------
+    InputError
+        Where there is no point, lengths differ, a value isn't finite or the range isn't above 0.
+
+    Examples
+    --------
+    >>> summary = summarise_errors([0.1, 50.0, 99.8], [0.0, 50.0, 100.0], 100.0)
+    >>> round(summary.worst_nm, 3), round(summary.worst_percent_fs, 3), summary.worst_at_nm
+    (0.2, 0.2, 100.0)
+    >>> round(summary.worst_percent_reading, 3), summary.reading_rule
+    (0.2, 'where |torque| is at least 5 % of full scale')
+    """
+    torque = np.atleast_1d(np.asarray(torque_nm, dtype=np.float64))
+    reference = np.atleast_1d(np.asarray(reference_nm, dtype=np.float64))
+    if torque.shape != reference.shape or torque.ndim != 1 or torque.size == 0:
+        raise InputError(
+            f"torques of shape {torque.shape} against references of shape {reference.shape}",
+            "two columns of equal length with at least one point",
+        )
+    if not (np.isfinite(range_nm) and range_nm > 0):
+        raise InputError(f"range {range_nm} N·m", "a finite range above 0 N·m")
+    error = torque - reference
+    if not np.all(np.isfinite(error)):
+        point = int(np.flatnonzero(~np.isfinite(error))[0])
+        raise InputError(
+            f"torque {torque[point]} against reference {reference[point]} at point {point + 1}",
+            "finite numbers",
+        )
+    worst = int(np.argmax(np.abs(error)))
+    worst_nm, rms_nm = float(abs(error[worst])), _rms(error)
+    large = np.abs(reference) >= READING_SHARE * range_nm
+    relative = 100.0 * np.abs(error[large] / reference[large])
+    return ErrorSummary(
+        points=torque.size,
+        worst_nm=worst_nm,
+        rms_nm=rms_nm,
+        worst_at_nm=float(reference[worst]),
+        worst_percent_fs=100.0 * worst_nm / range_nm,
+        rms_percent_fs=100.0 * rms_nm / range_nm,
+        worst_percent_reading=float(relative.max()) if relative.size else None,
+        rms_percent_reading=_rms(relative) if relative.size else None,
+    )
+
+
+def verify(data: CalibrationData, models: Mapping[str, Predictor]) -> VerificationResult:
+    """Verify models on points that they weren't fitted to; each series of the data is a group.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        Points of all groups; the number of the series is that of the group.
+    models : mapping of str to Predictor
+        Compensation models by their names.
+
+    Returns
+    -------
+    VerificationResult
+        The raw reading first, under the name `RAW`.
+
+    Raises
+    ------
+    InputError
+        Where a model is called `RAW`, or refuses a reading (outside its range, not finite).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from torquebench.calibration.data import CalibrationData
+    >>> class Halved:
+    ...     def predict(self, X):
+    ...         return 0.5 * X[:, 0]
+    >>> data = CalibrationData([2.0, 4.0], [1.0, 2.1], [1, 1], [1, 1], 10.0)
+    >>> result = verify(data, {"halved": Halved()})
+    >>> [(model.name, round(model.against_standard.worst_nm, 3)) for model in result.models]
+    [('raw', 1.9), ('halved', 0.1)]
+    """
+    if RAW in models:
+        raise InputError(f"a model called {RAW!r}", "any other name", f"{RAW!r} is the reading")
+    torques = {RAW: data.reading_nm}
+    for name, model in models.items():
+        columns = getattr(model, "n_features_in_", None)
+        torques[name] = np.asarray(model.predict(data.features(columns)), dtype=np.float64)
+    places = _Places.of(data)
+    return VerificationResult(
+        range_nm=data.range_nm,
+        groups=int(np.unique(data.series).size),
+        points=len(data),
+        simulated=data.simulated,
+        models=tuple(_verified(name, torque, data, places) for name, torque in torques.items()),
+        data_sha256=data.sha256(),
+    )
+
+
+def _verified(
+    name: str, torque: NDArray[np.float64], data: CalibrationData, places: "_Places"
+) -> ModelVerification:
+    truth = data.true_torque_nm
+    reference = data.standard_nm if truth is None else truth
+    groups = tuple(
+        summarise_errors(torque[member], reference[member], data.range_nm)
+        for number in np.unique(data.series)
+        for member in (data.series == number,)
+    )
+    single = len(groups) < 2
+    return ModelVerification(
+        name=name,
+        against_standard=summarise_errors(torque, data.standard_nm, data.range_nm),
+        against_truth=None if truth is None else summarise_errors(torque, truth, data.range_nm),
+        groups=groups,
+        averaged=None if single else places.averaged(torque - reference, reference),
+        repeatability=None if single else places.repeatability(torque - reference),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Which place of the range each point of a verification belongs to."""
+
+    label: NDArray[np.intp]
+    range_nm: float
+    rule: str
+
+    @classmethod
+    def of(cls, data: CalibrationData) -> "_Places":
+        """Find the places: the points' number in their group where the groups agree, else cells.
+
+        Groups of a verification draw their points cell by cell, so that the k-th points of all
+        groups lie at about the same torque, on the same branch and in the same direction. Tables
+        from elsewhere, whose groups differ in length or order, fall into cells of the range.
+        """
+        groups = [np.flatnonzero(data.series == number) for number in np.unique(data.series)]
+        size = groups[0].size
+        if all(group.size == size for group in groups):
+            table = np.stack(groups)
+            torque, branch = data.standard_nm[table], data.branch[table]
+            near = np.ptp(torque, axis=0) <= SAME_PLACE_SHARE * data.range_nm
+            if np.all(near) and np.all(branch == branch[0]):
+                label = np.empty(len(data), dtype=np.intp)
+                label[table] = np.arange(size)
+                rule = "points of the same number in their groups"
+                return cls(label, data.range_nm, rule)
+        cell = np.floor(np.abs(data.standard_nm) / (CELL_SHARE * data.range_nm)).astype(np.int64)
+        keys = np.stack([cell, data.branch, np.sign(data.standard_nm).astype(np.int64)], axis=1)
+        _, label = np.unique(keys, axis=0, return_inverse=True)
+        rule = f"points of one branch and direction in the same {100 * CELL_SHARE:.0f} % of range"
+        return cls(label.reshape(-1), data.range_nm, rule)
+
+    def _mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.bincount(self.label, weights=values) / np.bincount(self.label)
+
+    def averaged(self, error: NDArray[np.float64], reference: NDArray[np.float64]) -> ErrorSummary:
+        """Summarise the mean error of each place, at the place's mean torque."""
+        torque = self._mean(reference)
+        return summarise_errors(torque + self._mean(error), torque, self.range_nm)
+
+    def repeatability(self, error: NDArray[np.float64]) -> Repeatability | None:
+        """Return the spread of the error within the places, None where no place repeats."""
+        count = np.bincount(self.label)
+        squares = np.bincount(self.label, weights=(error - self._mean(error)[self.label]) ** 2)
+        repeated = count >= 2
+        if not np.any(repeated):
+            return None
+        freedom = count[repeated] - 1
+        pooled = float(np.sqrt(squares[repeated].sum() / freedom.sum()))
+        worst = float(np.sqrt(np.max(squares[repeated] / freedom)))
+        return Repeatability(
+            pooled_nm=pooled,
+            worst_nm=worst,
+            pooled_percent_fs=100.0 * pooled / self.range_nm,
+            worst_percent_fs=100.0 * worst / self.range_nm,
+            places=int(repeated.sum()),
+            rule=self.rule,
+        )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
