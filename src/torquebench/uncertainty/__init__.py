@@ -1,1 +1,61 @@
-"""To be described."""
+"""How well a value is known: GUM and Monte Carlo propagation, budgets, decision rules.
+
+Pure: quantities and functions in, frozen results out. Sources: JCGM 100:2008 (GUM),
+JCGM 101:2008 (Monte Carlo), JCGM 106:2012 (conformity), ILAC-G8:09/2019 (guard bands).
+"""
+
+from torquebench.uncertainty.budget import (
+    COVERAGE_PROBABILITY,
+    Budget,
+    BudgetLine,
+    coverage_factor,
+    welch_satterthwaite,
+)
+from torquebench.uncertainty.decision import (
+    Decision,
+    Tolerance,
+    Verdict,
+    conformance_probability,
+    decide,
+)
+from torquebench.uncertainty.distributions import Distribution, sample
+from torquebench.uncertainty.line import LineFit, fit_line
+from torquebench.uncertainty.monte_carlo import (
+    MonteCarloResult,
+    Validation,
+    check_by_monte_carlo,
+    coverage_interval,
+    monte_carlo,
+    numerical_tolerance,
+    validate,
+)
+from torquebench.uncertainty.propagation import propagate
+from torquebench.uncertainty.quantity import Quantity
+from torquebench.uncertainty.sensitivity import sensitivities
+
+__all__ = [
+    "COVERAGE_PROBABILITY",
+    "Budget",
+    "BudgetLine",
+    "Decision",
+    "Distribution",
+    "LineFit",
+    "MonteCarloResult",
+    "Quantity",
+    "Tolerance",
+    "Validation",
+    "Verdict",
+    "check_by_monte_carlo",
+    "conformance_probability",
+    "coverage_factor",
+    "coverage_interval",
+    "decide",
+    "fit_line",
+    "monte_carlo",
+    "numerical_tolerance",
+    "propagate",
+    "sample",
+    "sensitivities",
+    "validate",
+    "welch_satterthwaite",
+]
