@@ -1,1 +1,39 @@
-"""To be described."""
+"""Models of the measuring chain's error: from a torque reading to the best estimate of the torque.
+
+Every model is a scikit-learn regressor with an uncertainty; this room also selects among them by
+cross-validation and stores them as JSON.
+"""
+
+from torquebench.compensation.base import (
+    FEATURES,
+    MODELS,
+    CompensationModel,
+    feature_column,
+    features,
+    make_model,
+)
+from torquebench.compensation.checks import OutlierWarning, PointsReducedWarning, WildPoint
+from torquebench.compensation.model_file import (
+    Provenance,
+    StoredModel,
+    load_model,
+    save_model,
+)
+from torquebench.compensation.polynomial import PolynomialModel
+
+__all__ = [
+    "FEATURES",
+    "MODELS",
+    "CompensationModel",
+    "OutlierWarning",
+    "PointsReducedWarning",
+    "PolynomialModel",
+    "Provenance",
+    "StoredModel",
+    "WildPoint",
+    "feature_column",
+    "features",
+    "load_model",
+    "make_model",
+    "save_model",
+]

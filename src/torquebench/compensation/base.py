@@ -1,0 +1,520 @@
+"""What every compensation model has in common: columns, checks, range, registry of kinds."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from numbers import Real
+from typing import Any, ClassVar, Literal, Self, TypeVar, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.utils._param_validation import Interval, StrOptions
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from torquebench.compensation.checks import (
+    CalibrationPoints,
+    WildPoint,
+    check_points,
+    point_weights,
+    reduce_points,
+)
+from torquebench.compensation.state import decode_value, encode_value
+from torquebench.errors import InputError
+
+__all__ = [
+    "FEATURES",
+    "MODELS",
+    "CompensationModel",
+    "FloatArray",
+    "Progress",
+    "feature_column",
+    "features",
+    "make_model",
+    "register",
+]
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[float, str], None]
+"""Called with the fraction done (0 to 1) and a sentence, by fits that may take longer."""
+
+FEATURES = ("reading_nm", "branch", "series", "speed_rpm", "temperature_c")
+"""Columns of a feature matrix X, in this order; trailing columns may be missing."""
+
+
+def features(
+    reading_nm: ArrayLike,
+    branch: ArrayLike | None = None,
+    series: ArrayLike | None = None,
+    speed_rpm: ArrayLike | None = None,
+    temperature_c: ArrayLike | None = None,
+) -> FloatArray:
+    """Put known columns together to a feature matrix X.
+
+    Parameters
+    ----------
+    reading_nm : array of shape (n,)
+        Torque reading in N·m, clockwise positive; its sign is the direction.
+    branch : array of shape (n,) or scalar, optional
+        +1 where the size of the torque grew, -1 where it fell, 0 where that isn't known.
+    series : array of shape (n,) or scalar, optional
+        Number of the series (0, 1, ...).
+    speed_rpm, temperature_c : array of shape (n,) or scalar, optional
+        Shaft speed in r/min and transducer temperature in °C.
+
+    Returns
+    -------
+    X : float64 array of shape (n, k)
+        The columns of `FEATURES` up to the last one that is given; a column that isn't given
+        but stands before one that is holds 0.
+
+    Raises
+    ------
+    InputError
+        When lengths differ.
+
+    Examples
+    --------
+    >>> features([10.0, -20.0], branch=[1, -1]).tolist()
+    [[10.0, 1.0], [-20.0, -1.0]]
+    >>> features([10.0], temperature_c=23.5).tolist()
+    [[10.0, 0.0, 0.0, 0.0, 23.5]]
+    """
+    given = (reading_nm, branch, series, speed_rpm, temperature_c)
+    width = max(index for index, column in enumerate(given) if column is not None) + 1
+    reading = np.atleast_1d(np.asarray(reading_nm, dtype=np.float64))
+    X = np.zeros((reading.size, width))
+    for index, column in enumerate(given):
+        if column is None:
+            continue
+        values = np.asarray(column, dtype=np.float64)
+        if values.ndim > 1 or (values.ndim == 1 and values.size != reading.size):
+            raise InputError(
+                f"column {FEATURES[index]} has shape {values.shape}",
+                f"one value for each of the {reading.size} readings",
+                "give columns of equal length",
+            )
+        X[:, index] = values
+    return X
+
+
+def feature_column(X: FloatArray, name: str) -> FloatArray:
+    """Return one named column of X; zeros where X doesn't have it.
+
+    The column `branch` comes back as its sign, so that it holds -1, 0 and +1 only.
+
+    Parameters
+    ----------
+    X : float64 array of shape (n, k)
+        As from `features`.
+    name : str
+        One of `FEATURES`.
+
+    Returns
+    -------
+    column : float64 array of shape (n,)
+
+    Examples
+    --------
+    >>> feature_column(features([10.0, -20.0], branch=[1, -1]), "branch").tolist()
+    [1.0, -1.0]
+    >>> feature_column(features([10.0]), "branch").tolist()
+    [0.0]
+    """
+    index = FEATURES.index(name)
+    if index >= X.shape[1]:
+        return np.zeros(X.shape[0])
+    column = np.ascontiguousarray(X[:, index], dtype=np.float64)
+    return np.sign(column) if name == "branch" else column
+
+
+class CompensationModel(RegressorMixin, BaseEstimator, ABC):
+    """Base of all compensation models: scikit-learn regressors from reading to true torque.
+
+    ``fit(X, y)`` takes readings (and what else is known) and the standard's torque, ``predict(X)``
+    gives the compensated torque and, on demand, its standard uncertainty.
+
+    A subclass repeats the three parameters below in its constructor, may override the minimum
+    numbers of points and implements `_fit` and `_predict`. They get checked float64 arrays in
+    N·m, sorted by reading (so that a fit doesn't depend on the order of the rows), and scale
+    inside. `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one underscore
+    and don't start with one are the model's state: floats, integers, strings, booleans, arrays,
+    lists, tuples, dicts with string keys, other compensation models and dataclasses that are
+    registered with `state.storable`. What can be recomputed from them starts with an underscore
+    and is recomputed in `_after_restore`.
+
+    Parameters
+    ----------
+    range_nm : float, optional
+        Calibrated range in N·m, the full scale (FS). From the data when None.
+    range_margin : float, default 0.02
+        Share of the range by which a reading may lie outside it.
+    outliers : {"downweight", "refuse", "keep"}, default "downweight"
+        What happens to a wild point: it is named in an `OutlierWarning` and its standard deviation
+        taken as large as its deviation, or named in an `InputError`, or not looked for.
+
+    Attributes
+    ----------
+    full_scale_nm_ : float
+        `range_nm`, or the largest size of a reading in the data.
+    reading_low_nm_, reading_high_nm_ : float
+        Limits of the readings that `predict` accepts, margin included.
+    points_ : int
+        Number of calibration points that `fit` was given.
+    wild_points_ : list of WildPoint
+        Wild points that were found.
+    noise_nm_ : float
+        Standard deviation of a single calibration point about the model, in N·m.
+    effective_parameters_ : float
+        Number of parameters that the data determine.
+
+    Notes
+    -----
+    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve: parameters
+    and interpolation, with the noise estimated from the data. The scatter of the single reading
+    that is compensated isn't in it; its estimate is `noise_nm_`, and `single_reading_std` adds
+    both.
+    """
+
+    range_nm: float | None
+    range_margin: float
+    outliers: str
+
+    kind: ClassVar[str] = ""
+    """Name in `MODELS`; set by `register`."""
+    complexity: ClassVar[int] = 50
+    """Rank for the selection: of equally good models, the one with the lower rank wins."""
+    maximum_points: ClassVar[int | None] = 2000
+    """More points than this are averaged in narrow bins, with a `PointsReducedWarning`."""
+    used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
+    """Columns that the model looks at; others are ignored."""
+
+    wild_points_: list[WildPoint]
+    full_scale_nm_: float
+    reading_low_nm_: float
+    reading_high_nm_: float
+    noise_nm_: float
+    effective_parameters_: float
+    points_: int
+
+    # ---- to be written by a subclass ------------------------------------------------------
+
+    def _minimum_points(self) -> int:
+        """Return the number of points below which a fit is refused."""
+        return 3
+
+    def _minimum_distinct(self) -> int:
+        """Return the number of distinct readings below which a fit is refused."""
+        return 3
+
+    @abstractmethod
+    def _fit(
+        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
+    ) -> None:
+        """Fit to checked points; a point's noise variance is noise² / weight."""
+
+    @abstractmethod
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+        """Return compensated torque and, when asked for, the curve's standard uncertainty."""
+
+    def _after_restore(self) -> None:
+        """Recompute what isn't part of the state."""
+
+    # ---- the estimator's interface --------------------------------------------------------
+
+    def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress | None = None) -> Self:
+        """Fit the model to calibration points.
+
+        Parameters
+        ----------
+        X : array of shape (n, k)
+            Columns of `FEATURES`; see `features`.
+        y : array of shape (n,)
+            Torque of the standard in N·m.
+        progress : callable, optional
+            Called with the fraction done and a sentence by fits that take long.
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        InputError
+            NaN, too few points, a constant reading, contradictory duplicates, readings beyond
+            `range_nm`, a wild point (with ``outliers="refuse"``), a parameter out of its limits.
+        """
+        self._check_parameters()
+        X_checked, y_checked = self._validated(X, y)
+        self.points_ = int(y_checked.size)
+        points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()
+        check_points(
+            points, self._minimum_points(), self._minimum_distinct(), model=type(self).__name__
+        )
+        self._set_range(points.reading)
+        weights, self.wild_points_ = point_weights(points, self.outliers)
+        points, weights = reduce_points(points, weights, self.maximum_points, self.used_features)
+        self._fit(points.X, points.y, weights, progress)
+        return self
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+
+    def predict(
+        self, X: ArrayLike, return_std: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Compensate readings.
+
+        Parameters
+        ----------
+        X : array of shape (n, k)
+            As many columns as `fit` was given.
+        return_std : bool, default False
+            Whether to return the standard uncertainty of the model's curve as well.
+
+        Returns
+        -------
+        torque_nm : float64 array of shape (n,)
+            Compensated torque in N·m.
+        standard_uncertainty_nm : float64 array of shape (n,)
+            Only with `return_std`.
+
+        Raises
+        ------
+        InputError
+            NaN, another number of columns, a reading outside the calibrated range.
+        """
+        check_is_fitted(self)
+        X_checked = self._validated_rows(X)
+        self._refuse_outside_range(X_checked[:, 0])
+        torque, std = self._predict(X_checked, return_std)
+        return torque if std is None or not return_std else (torque, std)
+
+    def additional_torque(self, X: ArrayLike) -> FloatArray:
+        """Return the additional torque, compensated torque - reading, in N·m.
+
+        Parameters
+        ----------
+        X : array of shape (n, k)
+            As for `predict`.
+
+        Returns
+        -------
+        additional_torque_nm : float64 array of shape (n,)
+        """
+        torque = self.predict(X)
+        return np.asarray(torque - np.asarray(X, dtype=np.float64)[:, 0])
+
+    def single_reading_std(self, X: ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of single compensated readings: curve and scatter.
+
+        Parameters
+        ----------
+        X : array of shape (n, k)
+            As for `predict`.
+
+        Returns
+        -------
+        standard_uncertainty_nm : float64 array of shape (n,)
+            Root sum of squares of the curve's uncertainty and `noise_nm_`.
+        """
+        _, std = self.predict(X, return_std=True)
+        return np.asarray(np.hypot(std, self.noise_nm_))
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.required = True
+        # scikit-learn's test sets hide the signal in any column; here only the first is a reading.
+        tags.regressor_tags.poor_score = True
+        return tags
+
+    # ---- state for the model file ---------------------------------------------------------
+
+    def get_state(self) -> dict[str, Any]:
+        """Return everything that makes up the fitted model as JSON-ready values.
+
+        Returns
+        -------
+        state : dict
+            Keys `kind`, `parameters`, `fitted`; `from_state` rebuilds the model bit for bit.
+        """
+        check_is_fitted(self)
+        fitted = {
+            name: encode_value(value)
+            for name, value in sorted(vars(self).items())
+            if name.endswith("_") and not name.startswith("_") and name != "feature_names_in_"
+        }
+        parameters = {
+            name: encode_value(value) for name, value in self.get_params(deep=False).items()
+        }
+        return {"kind": self.kind, "parameters": parameters, "fitted": fitted}
+
+    @staticmethod
+    def from_state(state: dict[str, Any]) -> CompensationModel:
+        """Rebuild a fitted model from `get_state`.
+
+        Parameters
+        ----------
+        state : dict
+            As from `get_state`.
+
+        Returns
+        -------
+        model : CompensationModel
+            Of the kind that the state names.
+
+        Raises
+        ------
+        InputError
+            When the kind isn't known or the state isn't complete.
+        """
+        kind = state.get("kind")
+        if kind not in MODELS:
+            raise InputError(
+                f"model kind {kind!r}",
+                ", ".join(sorted(MODELS)),
+                "use the version of torquebench that the model was made with",
+            )
+        try:
+            parameters = {name: decode_value(value) for name, value in state["parameters"].items()}
+            model: CompensationModel = MODELS[kind](**parameters)
+            for name, value in state["fitted"].items():
+                setattr(model, name, decode_value(value))
+            model._after_restore()
+        except (KeyError, TypeError, AttributeError) as problem:
+            raise InputError(
+                f"state of a {kind} model that can't be rebuilt ({problem})",
+                "a complete state as written by this version",
+                "fit the model again",
+            ) from problem
+        return model
+
+    # ---- checks ---------------------------------------------------------------------------
+
+    def _check_parameters(self) -> None:
+        """Refuse parameters outside `_parameter_constraints` of the class and of this base."""
+        try:
+            self._validate_params()
+        except ValueError as problem:
+            raise InputError(str(problem), remedy="give a value within the limits") from problem
+
+    # A subclass adds its own: {**CompensationModel._parameter_constraints, "degree": [...]}.
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        "range_nm": [None, Interval(Real, 0, None, closed="neither")],
+        "range_margin": [Interval(Real, 0, 1, closed="left")],
+        "outliers": [StrOptions({"downweight", "refuse", "keep"})],
+    }
+
+    def _validated(self, X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        try:
+            X_checked, y_checked = validate_data(
+                self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=1
+            )
+        except ValueError as problem:
+            raise InputError(str(problem), remedy="correct the calibration data") from problem
+        return X_checked, np.asarray(y_checked, dtype=np.float64)
+
+    def _validated_rows(self, X: ArrayLike) -> FloatArray:
+        try:
+            return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
+        except ValueError as problem:
+            raise InputError(str(problem), remedy="correct the readings") from problem
+
+    def _set_range(self, reading: FloatArray) -> None:
+        largest = float(np.max(np.abs(reading)))
+        self.full_scale_nm_ = largest if self.range_nm is None else float(self.range_nm)
+        margin = self.range_margin * self.full_scale_nm_
+        if largest > self.full_scale_nm_ + margin:
+            raise InputError(
+                f"calibration reading of {largest:.6g} N·m",
+                f"up to {self.full_scale_nm_:.6g} N·m and {100 * self.range_margin:.3g} % beyond",
+                "give the range that was calibrated, or leave the point out",
+            )
+        low, high = float(np.min(reading)), float(np.max(reading))
+        if self.range_nm is not None:
+            # A direction that was never loaded stays refused, whatever range is declared.
+            low = -self.full_scale_nm_ if low < -margin else 0.0
+            high = self.full_scale_nm_ if high > margin else 0.0
+        self.reading_low_nm_ = low - margin
+        self.reading_high_nm_ = high + margin
+
+    def _refuse_outside_range(self, reading: FloatArray) -> None:
+        outside = (reading < self.reading_low_nm_) | (reading > self.reading_high_nm_)
+        if np.any(outside):
+            index = int(np.argmax(outside))
+            raise InputError(
+                f"reading {reading[index]:.6g} N·m (row {index}) outside the calibrated range",
+                f"{self.reading_low_nm_:.6g} to {self.reading_high_nm_:.6g} N·m, margin included",
+                "calibrate over the whole range that is measured",
+            )
+
+
+MODELS: dict[str, type[CompensationModel]] = {}
+"""Every kind of model by its name on the command line and in model files."""
+
+_Model = TypeVar("_Model", bound=type[CompensationModel])
+
+
+def register(kind: str) -> Callable[[_Model], _Model]:
+    """Enter a class into `MODELS` under its name.
+
+    Parameters
+    ----------
+    kind : str
+        Lower-case name with hyphens, such as "bayesian-network".
+
+    Returns
+    -------
+    decorator : callable
+        Class decorator that sets `kind`.
+    """
+
+    def enter(model: _Model) -> _Model:
+        model.kind = kind
+        MODELS[kind] = model
+        return model
+
+    return enter
+
+
+def make_model(name: str, **parameters: Any) -> CompensationModel:
+    """Make an unfitted model by its name.
+
+    Parameters
+    ----------
+    name : str
+        One of `MODELS`; "polynomial-3" is short for a polynomial of degree 3.
+    **parameters
+        The model's own parameters.
+
+    Returns
+    -------
+    model : CompensationModel
+
+    Raises
+    ------
+    InputError
+        When the name or a parameter isn't known.
+
+    Examples
+    --------
+    >>> make_model("polynomial", degree=3).degree
+    3
+    """
+    kind = name
+    stem, _, suffix = name.rpartition("-")
+    if stem == "polynomial" and suffix.isdigit():
+        kind, parameters = "polynomial", {"degree": int(suffix), **parameters}
+    if kind not in MODELS:
+        raise InputError(f"model {name!r}", ", ".join(sorted(MODELS)), "name one of these")
+    known = MODELS[kind]._get_param_names()
+    for parameter in parameters:
+        if parameter not in known:
+            raise InputError(
+                f"parameter {parameter!r} of model {name!r}", ", ".join(known), "name one of these"
+            )
+    return MODELS[kind](**parameters)

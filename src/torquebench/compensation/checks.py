@@ -1,0 +1,403 @@
+"""Checks of calibration points before any model sees them: named, refused or down-weighted."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.compensation.state import storable
+from torquebench.errors import InputError
+
+__all__ = [
+    "CalibrationPoints",
+    "OutlierWarning",
+    "PointsReducedWarning",
+    "WildPoint",
+    "check_points",
+    "find_wild_points",
+    "point_weights",
+    "reduce_points",
+]
+
+FloatArray = NDArray[np.float64]
+
+_WILD_SCALES = 6.0  # a point is wild this many local standard deviations beyond its neighbours
+_WILD_SHARE_OF_SPAN = 1e-4  # and at least this share of the standard's span: 0.01 %
+_CONTRADICTION_SCALES = 10.0
+_CONTRADICTION_SHARE_OF_SPAN = 1e-3
+_NEIGHBOURS_PER_SIDE = 3
+_FEWEST_FOR_SCATTER = 8
+
+
+class OutlierWarning(UserWarning):
+    """A wild calibration point was found and down-weighted."""
+
+
+class PointsReducedWarning(UserWarning):
+    """More calibration points than a model can use in bounded time were averaged in bins."""
+
+
+@storable
+@dataclass(frozen=True)
+class WildPoint:
+    """A calibration point that lies far from all its neighbours.
+
+    Attributes
+    ----------
+    row : int
+        Index of the point in the data handed in, from 0.
+    series : int
+        Its series (0 where that column isn't given).
+    reading_nm, standard_nm : float
+        What was read and what the standard gave, in N·m.
+    residual_nm : float
+        Deviation of the standard's value from what its neighbours make expect, in N·m.
+    scatter_nm : float
+        Standard deviation of the other points about their neighbours, in N·m.
+    """
+
+    row: int
+    series: int
+    reading_nm: float
+    standard_nm: float
+    residual_nm: float
+    scatter_nm: float
+
+    def __str__(self) -> str:
+        return (
+            f"series {self.series}, row {self.row}: reading {self.reading_nm:.6g} N·m, "
+            f"standard {self.standard_nm:.6g} N·m, {self.residual_nm:+.3g} N·m off its neighbours, "
+            f"whose scatter is {self.scatter_nm:.2g} N·m"
+        )
+
+
+@dataclass(frozen=True)
+class CalibrationPoints:
+    """Checked points with the rows that they came from.
+
+    Attributes
+    ----------
+    X : float64 array of shape (n, k)
+        Feature columns.
+    y : float64 array of shape (n,)
+        Torque of the standard in N·m.
+    rows : int array of shape (n,)
+        Index of each point in the data handed in.
+    """
+
+    X: FloatArray
+    y: FloatArray
+    rows: NDArray[np.intp]
+
+    @property
+    def reading(self) -> FloatArray:
+        """Readings in N·m."""
+        return self.X[:, 0]
+
+    def sorted(self) -> CalibrationPoints:
+        """Return the points in an order that doesn't depend on the order of the rows."""
+        columns = [self.y, *(self.X[:, index] for index in reversed(range(self.X.shape[1])))]
+        order = np.lexsort(columns)
+        return CalibrationPoints(
+            np.ascontiguousarray(self.X[order]), self.y[order], self.rows[order]
+        )
+
+
+def check_points(
+    points: CalibrationPoints, minimum: int, minimum_distinct: int, model: str
+) -> None:
+    """Refuse too few points, constant columns and contradictory duplicates.
+
+    Parameters
+    ----------
+    points : CalibrationPoints
+        Sorted points.
+    minimum, minimum_distinct : int
+        Number of points and of distinct readings that the model needs.
+    model : str
+        Name of the model for the message.
+
+    Raises
+    ------
+    InputError
+        Naming what was found.
+    """
+    count = points.y.size
+    distinct = np.unique(points.reading).size
+    if count < minimum:
+        raise InputError(
+            f"{count} sample{'s' if count != 1 else ''} (calibration points) for {model}",
+            f"at least {minimum}",
+            "record more points or take a simpler model",
+        )
+    for name, values in (("reading", points.reading), ("standard", points.y)):
+        if np.ptp(values) == 0.0:
+            raise InputError(
+                f"constant {name} column: {values[0]:.6g} N·m in all {count} points",
+                "points spread over the range",
+                f"check that the {name} column is the right one",
+            )
+    if distinct < minimum_distinct:
+        raise InputError(
+            f"{count} points at only {distinct} distinct readings for {model}",
+            f"at least {minimum_distinct} distinct readings",
+            "record points at more torques or take a simpler model",
+        )
+    _refuse_contradictions(points)
+
+
+def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray, list[WildPoint]]:
+    """Weight of every point, with wild points treated as chosen.
+
+    Parameters
+    ----------
+    points : CalibrationPoints
+        Sorted points.
+    outliers : {"downweight", "refuse", "keep"}
+        "downweight" warns and takes a wild point's standard deviation as large as its deviation.
+
+    Returns
+    -------
+    weights : float64 array of shape (n,)
+        1 for good points; noise variance of a point is noise² / weight.
+    wild : list of WildPoint
+
+    Raises
+    ------
+    InputError
+        With ``outliers="refuse"``, naming every wild point.
+    """
+    weights = np.ones(points.y.size)
+    if outliers == "keep":
+        return weights, []
+    positions, wild = find_wild_points(points)
+    if not wild:
+        return weights, []
+    names = "; ".join(str(point) for point in wild[:5])
+    if len(wild) > 5:
+        names += f"; and {len(wild) - 5} more"
+    if outliers == "refuse":
+        raise InputError(
+            f"wild calibration point: {names}",
+            f"points within {_WILD_SCALES:g} times the scatter of their neighbours",
+            'record the point again, leave it out, or choose outliers="downweight"',
+        )
+    warnings.warn(f"wild calibration point down-weighted: {names}", OutlierWarning, stacklevel=3)
+    for position, point in zip(positions, wild, strict=True):
+        weights[position] = min(1.0, (point.scatter_nm / point.residual_nm) ** 2)
+    # A model has to divide by weights; a point that is 10 000 scatters off has no say anyway.
+    return np.maximum(weights, 1e-8), wild
+
+
+def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoint]]:
+    """Find points that lie far outside the values of all their neighbours.
+
+    A robust quadratic per direction with branch terms takes the trend away. What is left of a
+    point is compared with its three neighbours in reading on either side, over all series and
+    branches: a step at torque reversal or an engagement bump, which neighbours share, isn't wild;
+    a point beyond every neighbour by six times the local scatter is.
+
+    Parameters
+    ----------
+    points : CalibrationPoints
+        Sorted points.
+
+    Returns
+    -------
+    positions : list of int
+        Positions in `points`.
+    wild : list of WildPoint
+        The same points, named.
+    """
+    found: dict[int, WildPoint] = {}
+    span = float(np.ptp(points.y))
+    kept = np.arange(points.y.size)
+    for _ in range(5):
+        if kept.size < _FEWEST_FOR_SCATTER:
+            break
+        residual = _trend_free(points.X[kept], points.y[kept])
+        centre, excess = _against_neighbours(residual)
+        scatter = _scatter(residual, centre)
+        limit = max(_WILD_SCALES * scatter, _WILD_SHARE_OF_SPAN * span)
+        wild = np.flatnonzero(excess > limit)
+        if wild.size == 0:
+            break
+        # Next to a wild point a good one can look bad: take the worst of each neighbourhood first.
+        wild = np.array(
+            [i for i in wild if excess[i] >= np.max(excess[_around(int(i), kept.size)])]
+        )
+        for i in wild:
+            found[int(kept[i])] = _name(points, int(kept[i]), residual[i] - centre[i], scatter)
+        kept = np.delete(kept, wild)
+    positions = sorted(found)
+    return positions, [found[position] for position in positions]
+
+
+def reduce_points(
+    points: CalibrationPoints,
+    weights: FloatArray,
+    maximum: int | None,
+    used_features: tuple[str, ...],
+) -> tuple[CalibrationPoints, FloatArray]:
+    """Average points in narrow bins of reading when there are more than a model can use.
+
+    Points of different branch or series, or at different speed or temperature (eighths of their
+    span), are never averaged with each other where the model looks at that column.
+
+    Parameters
+    ----------
+    points : CalibrationPoints
+        Sorted points.
+    weights : float64 array of shape (n,)
+        Their weights.
+    maximum : int or None
+        Largest number of points that the model takes; None for any number.
+    used_features : tuple of str
+        Columns that the model looks at.
+
+    Returns
+    -------
+    points : CalibrationPoints
+    weights : float64 array of shape (m,)
+        Sum of the weights of each bin.
+
+    Warns
+    -----
+    PointsReducedWarning
+        When points were averaged.
+    """
+    count = points.y.size
+    if maximum is None or count <= maximum:
+        return points, weights
+    stratum = _strata(points.X, used_features)
+    bins_per_stratum = max(8, maximum // (int(stratum.max()) + 1))
+    low, span = points.reading[0], points.reading[-1] - points.reading[0]
+    bin_in_stratum = np.minimum(
+        (bins_per_stratum * (points.reading - low) / span).astype(np.intp), bins_per_stratum - 1
+    )
+    _, group = np.unique(stratum * bins_per_stratum + bin_in_stratum, return_inverse=True)
+    total = np.bincount(group, weights)
+    X = np.column_stack([np.bincount(group, weights * column) / total for column in points.X.T])
+    y = np.bincount(group, weights * points.y) / total
+    rows = np.zeros(total.size, dtype=np.intp)
+    rows[group[::-1]] = points.rows[::-1]
+    warnings.warn(
+        f"{count} calibration points averaged to {total.size} (the model takes {maximum})",
+        PointsReducedWarning,
+        stacklevel=3,
+    )
+    order = CalibrationPoints(X, y, np.arange(total.size)).sorted().rows
+    return CalibrationPoints(X[order], y[order], rows[order]), np.asarray(total[order], np.float64)
+
+
+def _strata(X: FloatArray, used_features: tuple[str, ...]) -> NDArray[np.intp]:
+    """Give each point the number of the set within which points may be averaged."""
+    names = ("reading_nm", "branch", "series", "speed_rpm", "temperature_c")
+    stratum = np.zeros(X.shape[0], dtype=np.intp)
+    for index, name in enumerate(names[: X.shape[1]]):
+        if index == 0 or name not in used_features:
+            continue
+        column = X[:, index]
+        if name in ("branch", "series"):
+            level = np.unique(np.sign(column) if name == "branch" else column, return_inverse=True)[
+                1
+            ]
+        else:
+            span = float(np.ptp(column)) or 1.0
+            level = np.minimum(8 * (column - column.min()) / span, 7).astype(np.intp)
+        _, stratum = np.unique(stratum * (int(level.max()) + 1) + level, return_inverse=True)
+    return stratum
+
+
+def _refuse_contradictions(points: CalibrationPoints) -> None:
+    """Refuse equal readings whose standard values differ by far more than the scatter."""
+    keys = np.delete(points.X, 2, axis=1) if points.X.shape[1] > 2 else points.X
+    if np.all(np.diff(points.reading) > 0):
+        return
+    group = np.unique(keys, axis=0, return_inverse=True)[1]
+    span = float(np.ptp(points.y))
+    limit = 1e-2 * span
+    if points.y.size >= _FEWEST_FOR_SCATTER:
+        residual = _trend_free(points.X, points.y)
+        scatter = _scatter(residual, _against_neighbours(residual)[0])
+        limit = max(_CONTRADICTION_SCALES * scatter, _CONTRADICTION_SHARE_OF_SPAN * span)
+    order = np.lexsort([points.y, group])
+    starts = np.flatnonzero(np.r_[True, np.diff(group[order]) > 0])
+    for start, stop in zip(starts, np.r_[starts[1:], group.size], strict=True):
+        values = points.y[order[start:stop]]
+        near_median = np.abs(values - np.median(values)) <= limit
+        # Of three or more, a majority shows which one is wild; two contradict each other.
+        if values[-1] - values[0] > limit and 2 * np.count_nonzero(near_median) <= values.size + (
+            values.size == 2
+        ):
+            rows = points.rows[order[start:stop]]
+            reading = points.reading[order[start]]
+            raise InputError(
+                f"contradictory points: reading {reading:.6g} N·m has standard "
+                f"values {', '.join(f'{value:.6g}' for value in values[:6])} N·m "
+                f"(rows {', '.join(str(row) for row in rows[:6])})",
+                f"a spread of at most {limit:.2g} N·m (scatter of the other points)",
+                "find out which of them is right and leave the others out",
+            )
+
+
+def _trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
+    """Residual of a robust quadratic per direction, with branch terms, sorted by reading."""
+    reading = X[:, 0]
+    u = reading / np.max(np.abs(reading))
+    columns = [np.ones_like(u), u]
+    if u.size >= 16:
+        columns += [u * u, u * np.abs(u)]
+    if X.shape[1] > 1 and u.size >= 24:
+        branch = np.sign(X[:, 1])
+        columns += [branch * u, branch * u * np.abs(u)]
+    basis = np.column_stack(columns)
+    weights = np.ones_like(u)
+    residual = y - np.mean(y)
+    for _ in range(12):  # iteratively re-weighted towards least absolute deviations
+        solution = np.linalg.lstsq(basis * weights[:, None], y * weights, rcond=None)[0]
+        residual = y - basis @ solution
+        scale = float(np.median(np.abs(residual)))
+        if scale == 0.0:
+            break
+        weights = 1.0 / np.sqrt(1.0 + np.abs(residual) / scale)
+    return residual
+
+
+def _around(index: int, count: int) -> slice:
+    return slice(max(0, index - _NEIGHBOURS_PER_SIDE), min(count, index + _NEIGHBOURS_PER_SIDE + 1))
+
+
+def _against_neighbours(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Median of each point's neighbours, and how far the point lies beyond all of them."""
+    reach = _NEIGHBOURS_PER_SIDE
+    padded = np.pad(residual, reach, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
+    neighbours = np.delete(windows, reach, axis=1)
+    centre = np.nanmedian(neighbours, axis=1)
+    excess = np.maximum(
+        residual - np.nanmax(neighbours, axis=1), np.nanmin(neighbours, axis=1) - residual
+    )
+    return centre, np.maximum(excess, 0.0)
+
+
+def _scatter(residual: FloatArray, centre: FloatArray) -> float:
+    """Robust standard deviation of the points about their neighbours."""
+    return float(1.4826 * np.median(np.abs(residual - centre)))
+
+
+def _name(
+    points: CalibrationPoints, position: int, residual_nm: float, scatter_nm: float
+) -> WildPoint:
+    series = int(points.X[position, 2]) if points.X.shape[1] > 2 else 0
+    return WildPoint(
+        row=int(points.rows[position]),
+        series=series,
+        reading_nm=float(points.reading[position]),
+        standard_nm=float(points.y[position]),
+        residual_nm=float(residual_nm),
+        scatter_nm=float(scatter_nm),
+    )

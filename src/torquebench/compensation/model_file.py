@@ -1,0 +1,236 @@
+"""Model files: a fitted model with where it came from, as JSON that guards its own content."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from torquebench.compensation.base import CompensationModel
+from torquebench.errors import InputError, ModelMismatchError, RecordError
+
+__all__ = ["FORMAT", "FORMAT_VERSION", "Provenance", "StoredModel", "load_model", "save_model"]
+
+FORMAT = "torquebench-model"
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a model came from and what it fits.
+
+    Attributes
+    ----------
+    range_nm : float
+        Calibrated range in N·m.
+    side : str
+        "input", "output", or "" for a measuring chain outside a bench.
+    transducer_serial : str
+        Serial number of the transducer, "" when not known.
+    counter_identity : str
+        Which clock counted the pulses, "" when not known.
+    training_data_sha256 : str
+        Hash of the calibration data.
+    metrics : mapping of str to float
+        Figures of the fit and of its cross-validation, names with their unit.
+    software_version : str
+        Version of torquebench that fitted the model.
+    created : str
+        Time of the fit, ISO 8601 with offset.
+    unit : str
+        Unit of readings and torques.
+    """
+
+    range_nm: float
+    side: str = ""
+    transducer_serial: str = ""
+    counter_identity: str = ""
+    training_data_sha256: str = ""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    software_version: str = ""
+    created: str = ""
+    unit: str = "N·m"
+
+
+@dataclass(frozen=True)
+class StoredModel:
+    """A fitted model with its provenance.
+
+    Attributes
+    ----------
+    model : CompensationModel
+    provenance : Provenance
+    """
+
+    model: CompensationModel
+    provenance: Provenance
+
+    def check_fits(
+        self,
+        transducer_serial: str | None = None,
+        counter_identity: str | None = None,
+        range_nm: float | None = None,
+    ) -> None:
+        """Refuse the use with another transducer, counter or range than the model was made with.
+
+        Parameters
+        ----------
+        transducer_serial, counter_identity : str, optional
+            What the bench has; None leaves that out.
+        range_nm : float, optional
+            Range that is to be measured in N·m; at most the calibrated one.
+
+        Raises
+        ------
+        ModelMismatchError
+            Naming what differs.
+        """
+        made_with = self.provenance
+        for what, present, stored in (
+            ("transducer", transducer_serial, made_with.transducer_serial),
+            ("counter", counter_identity, made_with.counter_identity),
+        ):
+            if present is not None and present != stored:
+                raise ModelMismatchError(
+                    f"model made with {what} {stored or 'unknown'!r}, bench has {present!r}",
+                    f"the {what} that was calibrated",
+                    f"mount {what} {stored!r} or calibrate again" if stored else "calibrate again",
+                )
+        if range_nm is not None and range_nm > made_with.range_nm * (1 + 1e-9):
+            raise ModelMismatchError(
+                f"range {range_nm:g} N·m wanted, model calibrated to {made_with.range_nm:g} N·m",
+                f"up to {made_with.range_nm:g} N·m",
+                "calibrate over the whole range",
+            )
+
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the canonical content, as stored in the file."""
+        return _checksum(_content(self))
+
+
+def save_model(path: str | Path, stored: StoredModel) -> Path:
+    """Write a model file; the old file stays whole until the new one is complete.
+
+    Parameters
+    ----------
+    path : str or Path
+        Where to; an existing file is replaced.
+    stored : StoredModel
+        Fitted model with its provenance.
+
+    Returns
+    -------
+    path : Path
+
+    Raises
+    ------
+    RecordError
+        When the file can't be written.
+    """
+    target = Path(path)
+    content = _content(stored)
+    document = {**content, "checksum": _checksum(content)}
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    temporary: Path | None = None
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
+        ) as file:
+            temporary = Path(file.name)
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as problem:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        raise RecordError(
+            f"model file {target} can't be written ({problem.strerror})",
+            remedy="choose a folder that exists and can be written to",
+        ) from problem
+    return target
+
+
+def load_model(path: str | Path) -> StoredModel:
+    """Read a model file and rebuild the model bit for bit.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `save_model` wrote.
+
+    Returns
+    -------
+    stored : StoredModel
+
+    Raises
+    ------
+    InputError
+        When there's no such file, it isn't a model file, or its version or kind isn't known.
+    RecordError
+        When the content was changed after it was written.
+    """
+    source = Path(path)
+    document = _read(source)
+    content = {key: value for key, value in document.items() if key != "checksum"}
+    if document.get("checksum") != _checksum(content):
+        raise RecordError(
+            f"model file {source} was changed after it was written (checksum differs)",
+            "the file as torquebench wrote it",
+            "restore the original or fit the model again",
+        )
+    known = {item.name for item in fields(Provenance)}
+    try:
+        provenance = Provenance(**{k: v for k, v in content["provenance"].items() if k in known})
+        model = CompensationModel.from_state(content["model"])
+    except (KeyError, TypeError, AttributeError) as problem:
+        raise InputError(
+            f"model file {source} isn't complete ({problem})",
+            "a file as torquebench wrote it",
+            "fit the model again",
+        ) from problem
+    return StoredModel(model, provenance)
+
+
+def _read(source: Path) -> dict[str, Any]:
+    """Read the JSON and check what it claims to be."""
+    try:
+        document = json.loads(source.read_text(encoding="utf-8"))
+    except OSError as problem:
+        raise InputError(
+            f"model file {source} can't be read ({problem.strerror})", remedy="check the path"
+        ) from problem
+    except ValueError as problem:
+        raise InputError(
+            f"{source} isn't a model file ({problem})", "JSON as torquebench writes it"
+        ) from problem
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(f"{source} isn't a model file", f'JSON with "format": "{FORMAT}"')
+    if document.get("format_version") != FORMAT_VERSION:
+        raise InputError(
+            f"model file {source} of format version {document.get('format_version')!r}",
+            f"version {FORMAT_VERSION}",
+            "use the version of torquebench that wrote it, or fit the model again",
+        )
+    return document
+
+
+def _content(stored: StoredModel) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "provenance": {**asdict(stored.provenance), "metrics": dict(stored.provenance.metrics)},
+        "model": stored.model.get_state(),
+    }
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    """Hash the content in a form that doesn't depend on layout or order of keys."""
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(canonical.encode("ascii")).hexdigest()
