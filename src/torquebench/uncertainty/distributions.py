@@ -83,8 +83,8 @@ def sample(
             width += inexactness * generator.uniform(-1.0, 1.0, size)
         return value + width * generator.uniform(-1.0, 1.0, size)
     if distribution is Distribution.TRIANGULAR:
-        first, second = generator.uniform(-0.5, 0.5, (2, size))
-        return value + half_width * np.add(first, second)
+        sum_of_two = generator.uniform(-0.5, 0.5, size) + generator.uniform(-0.5, 0.5, size)
+        return value + half_width * sum_of_two
     return value + half_width * np.sin(2.0 * np.pi * generator.random(size))
 
 
