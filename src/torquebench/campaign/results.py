@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
+import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration import CalibrationData, ErrorSummary, VerificationResult
+from torquebench.calibration import CalibrationData, ErrorSummary, ModelVerification
 from torquebench.compensation import CompensationModel
 
 __all__ = [
@@ -33,9 +34,9 @@ class DenseSweep:
         +1 where the magnitude of the torque grows, -1 where it falls.
     """
 
-    true_torque_nm: NDArray
-    reading_nm: NDArray
-    branch: NDArray
+    true_torque_nm: NDArray[np.float64]
+    reading_nm: NDArray[np.float64]
+    branch: NDArray[np.int8]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class CompensationResult:
     Attributes
     ----------
     name : str
-        Kind of the model as the registry names it; ``"raw"`` without compensation.
+        Kind of the model as the registry of kinds names it; ``"raw"`` without compensation.
     title : str
         The kind in words, for tables and legends.
     recommended : bool
@@ -56,15 +57,11 @@ class CompensationResult:
         Time that the fit took, s; 0 for ``"raw"``.
     torque_nm : float64[n]
         Torque at each reading of the verification, N·m.
-    verification : VerificationResult
-        Ten groups against the standard, with the repeatability over the groups.
-    against_standard : ErrorSummary
-        Errors of all single verification readings against the standard.
-    against_truth : ErrorSummary or None
-        The same against the twin's true torque; None on a real bench.
+    verification : ModelVerification
+        Errors over the groups, against the standard and (simulated) against the truth.
     dense_torque_nm : float64[m] or None
         Torque along the dense noise-free sweep, N·m; None on a real bench.
-    dense_against_truth : ErrorSummary or None
+    dense : ErrorSummary or None
         Errors of the dense sweep against the twin's true torque; None on a real bench.
     """
 
@@ -73,12 +70,10 @@ class CompensationResult:
     recommended: bool
     model: CompensationModel | None
     fit_seconds: float
-    torque_nm: NDArray
-    verification: VerificationResult
-    against_standard: ErrorSummary
-    against_truth: ErrorSummary | None
-    dense_torque_nm: NDArray | None
-    dense_against_truth: ErrorSummary | None
+    torque_nm: NDArray[np.float64]
+    verification: ModelVerification
+    dense_torque_nm: NDArray[np.float64] | None = None
+    dense: ErrorSummary | None = None
 
 
 @dataclass(frozen=True)
@@ -152,12 +147,12 @@ class FrictionSweep:
         Run folder that holds the raw data.
     """
 
-    speed_rpm: NDArray
-    torque_nm: NDArray
-    standard_error_nm: NDArray
-    true_torque_nm: NDArray | None
-    repeat: NDArray
-    branch: NDArray
+    speed_rpm: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+    standard_error_nm: NDArray[np.float64]
+    true_torque_nm: NDArray[np.float64] | None
+    repeat: NDArray[np.int64]
+    branch: NDArray[np.int8]
     compensated: bool
     run_id: str
 
