@@ -138,10 +138,10 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     A subclass repeats the three parameters below in its constructor, may override the minimum
     numbers of points and implements `_fit` and `_predict`. They get checked float64 arrays in
     N·m, sorted by reading (so that a fit doesn't depend on the order of the rows), and scale
-    inside. `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one underscore
-    and don't start with one are the model's state: floats, integers, strings, booleans, arrays,
-    lists, tuples, dicts with string keys, other compensation models and dataclasses that are
-    registered with `state.storable`. What can be recomputed from them starts with an underscore
+    inside. `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one
+    underscore and don't start with one are the model's state: floats, integers, strings, booleans,
+    arrays, lists, tuples, dicts with string keys, other compensation models and dataclasses that
+    are registered with `state.storable`. What can be recomputed from them starts with an underscore
     and is recomputed in `_after_restore`.
 
     Parameters
