@@ -13,19 +13,23 @@ from torquebench.compensation.base import (
     make_model,
 )
 from torquebench.compensation.checks import OutlierWarning, PointsReducedWarning, WildPoint
+from torquebench.compensation.hybrid import HybridModel
 from torquebench.compensation.model_file import (
     Provenance,
     StoredModel,
     load_model,
     save_model,
 )
+from torquebench.compensation.physics import PhysicsModel
 from torquebench.compensation.polynomial import PolynomialModel
 
 __all__ = [
     "FEATURES",
     "MODELS",
     "CompensationModel",
+    "HybridModel",
     "OutlierWarning",
+    "PhysicsModel",
     "PointsReducedWarning",
     "PolynomialModel",
     "Provenance",
