@@ -1,0 +1,139 @@
+"""Files that are either written whole or not at all, and their hashes."""
+
+import hashlib
+import json
+import math
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from datetime import date, datetime
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from torquebench.errors import InputError, RecordError
+
+__all__ = ["json_text", "read_json", "sha256_of_file", "sync_folder", "write_atomically"]
+
+
+def write_atomically(path: Path, content: str | bytes) -> None:
+    """Write a file so that it holds either its old content or all of the new one.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Where to write; its folder must exist.
+    content : str or bytes
+        Text is written as UTF-8 with the line ends that it has.
+
+    Raises
+    ------
+    InputError
+        Where the folder doesn't exist or can't be written to.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    part = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
+    try:
+        try:
+            with part.open("xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise InputError(
+            f"can't write {path}: {error.strerror}",
+            "a file in an existing folder with write permission and space",
+        ) from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder survive a power cut, where the platform can."""
+    if os.name == "nt":  # Windows has no handle on a folder
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def sha256_of_file(path: Path) -> str:
+    """Return the SHA-256 of a file's content as 64 hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def json_text(value: Any, *, indent: int | None = None) -> str:
+    """Return a value as strict JSON: arrays as lists, dataclasses as objects, NaN as null.
+
+    Parameters
+    ----------
+    value : object
+        Built of mappings, sequences, numbers, text, NumPy values, dates, paths, enumerations,
+        dataclasses and pydantic models.
+    indent : int, optional
+        Indentation; by default everything on one line.
+
+    Raises
+    ------
+    RecordError
+        Where a value has no place in JSON.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> json_text({"torque_nm": np.array([1.5, np.nan]), "settled": np.True_})
+    '{"torque_nm": [1.5, null], "settled": true}'
+    """
+    return json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return _plain(value.value)
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.generic | np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, datetime | date):
+        return value.isoformat()
+    if isinstance(value, BaseModel):
+        return _plain(value.model_dump(mode="python"))
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    if isinstance(value, Path):
+        return str(value)
+    raise RecordError(
+        f"a value of type {type(value).__name__} in a record",
+        "numbers, text, dates, arrays, dataclasses, and lists and mappings of them",
+    )
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file of a record.
+
+    Raises
+    ------
+    RecordError
+        Where the file is missing or isn't JSON.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise RecordError(f"{path} is missing", "a complete run folder") from error
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise RecordError(f"{path} can't be read: {error}", "a JSON file in UTF-8") from error

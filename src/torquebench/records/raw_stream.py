@@ -1,0 +1,236 @@
+"""The raw samples of a run: an Arrow stream while it runs, a Parquet file when it is sealed."""
+
+import os
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import RecordError
+
+__all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
+
+FLUSH_INTERVAL_S = 0.5
+FLUSH_ROWS = 20_000
+
+
+class RawStream:
+    """Appends columns of samples to an Arrow IPC stream that survives a kill at any moment.
+
+    Samples reach the disk at the latest with the first call after `FLUSH_INTERVAL_S` or
+    `FLUSH_ROWS`, so a kill costs less than a second of them. Columns and types are those of the
+    first call. Calls may come from any thread.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File to write; it appears with the first samples.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._file: Any = None
+        self._writer: Any = None
+        self._schema: Any = None
+        self._pending: list[Any] = []
+        self._pending_rows = 0
+        self._last_flush = time.monotonic()
+        self._closed = False
+
+    def append(self, columns: Mapping[str, ArrayLike]) -> None:
+        """Append one block of samples.
+
+        Parameters
+        ----------
+        columns : mapping of str to array, shape (n,), or scalar
+            Samples by column; a scalar holds for the whole block.
+
+        Raises
+        ------
+        RecordError
+            Where lengths, columns or types differ from those before, the stream is closed, or
+            the disk fails.
+        """
+        with self._lock:
+            if self._closed:
+                raise RecordError(f"{self._path} is closed", "samples before the run is sealed")
+            batch = self._batch(columns)
+            if self._schema is None:
+                self._open(batch.schema)
+            elif batch.schema != self._schema:
+                raise RecordError(
+                    f"raw samples with the columns {_described(batch.schema)}",
+                    f"{_described(self._schema)}, as at the start of the run",
+                )
+            self._pending.append(batch)
+            self._pending_rows += batch.num_rows
+            due = time.monotonic() - self._last_flush >= FLUSH_INTERVAL_S
+            if due or self._pending_rows >= FLUSH_ROWS:
+                self._flush()
+
+    def flush(self) -> None:
+        """Write all samples that are still in memory to the disk."""
+        with self._lock:
+            self._flush()
+
+    def close(self) -> None:
+        """Write what is in memory and end the stream; more calls do nothing."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            if self._writer is None:
+                return
+            try:
+                self._flush()
+                self._writer.close()
+                os.fsync(self._file.fileno())
+            finally:
+                self._file.close()
+
+    def _batch(self, columns: Mapping[str, ArrayLike]) -> Any:
+        arrays = {name: np.asarray(values) for name, values in columns.items()}
+        lengths = {array.size for array in arrays.values() if array.ndim == 1}
+        if len(lengths) != 1 or any(array.ndim > 1 for array in arrays.values()):
+            raise RecordError(
+                f"raw columns of lengths {sorted(lengths)}",
+                "one-dimensional columns of one length, and scalars",
+            )
+        n = lengths.pop()
+        full: dict[str, NDArray[Any]] = {
+            name: np.full(n, array) if array.ndim == 0 else array for name, array in arrays.items()
+        }
+        return pa.RecordBatch.from_pydict(
+            {name: pa.array(np.ascontiguousarray(array)) for name, array in full.items()}
+        )
+
+    def _open(self, schema: Any) -> None:
+        # Unbuffered: what a flush hands over is with the operating system at once.
+        self._file = self._path.open("xb", buffering=0)
+        options = pa.ipc.IpcWriteOptions(compression="lz4")
+        self._writer = pa.ipc.new_stream(self._file, schema, options=options)
+        self._schema = schema
+
+    def _flush(self) -> None:
+        if not self._pending:
+            return
+        table = pa.Table.from_batches(self._pending).combine_chunks()
+        self._pending, self._pending_rows = [], 0
+        try:
+            self._writer.write_table(table)
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise RecordError(
+                f"{self._path}: raw samples can't be written ({error})", "", "check the disk"
+            ) from error
+        self._last_flush = time.monotonic()
+
+
+@dataclass(frozen=True, eq=False)
+class RawReading:
+    """Raw samples as read back.
+
+    Parameters
+    ----------
+    columns : mapping of str to array, shape (n,)
+        Samples by column, in the order in which they were written.
+    torn_bytes : int
+        Bytes of an incomplete last block, which are left out; 0 for a stream that was closed.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    torn_bytes: int = 0
+
+    @property
+    def rows(self) -> int:
+        """Number of samples in each column."""
+        return next((column.size for column in self.columns.values()), 0)
+
+
+def read_raw(folder: Path) -> RawReading:
+    """Return the raw samples of a run folder, running, killed or sealed.
+
+    An incomplete last block, as a kill leaves it, is left out and its size reported.
+
+    Raises
+    ------
+    RecordError
+        Where the file isn't an Arrow stream or Parquet file.
+    """
+    stream, sealed = folder / "raw.arrow", folder / "raw.parquet"
+    if sealed.exists():
+        try:
+            table = pq.read_table(sealed)
+        except (pa.ArrowException, OSError) as error:
+            raise RecordError(f"{sealed} can't be read: {error}", "a Parquet file") from error
+        return RawReading(_columns(table))
+    if not stream.exists():
+        return RawReading({})
+    batches, torn = _whole_batches(stream)
+    return RawReading(_columns(pa.Table.from_batches(batches)) if batches else {}, torn)
+
+
+def _whole_batches(path: Path) -> tuple[list[Any], int]:
+    size = path.stat().st_size
+    batches: list[Any] = []
+    with pa.OSFile(str(path), "rb") as source:
+        whole = 0
+        try:
+            with pa.ipc.open_stream(source) as reader:
+                whole = source.tell()
+                while True:
+                    batches.append(reader.read_next_batch())
+                    whole = source.tell()
+        except StopIteration:
+            whole = size
+        except (pa.ArrowException, OSError) as error:
+            if whole == 0 and size > 0 and not _torn_start(path):
+                raise RecordError(f"{path} can't be read: {error}", "an Arrow stream") from error
+    return batches, size - whole
+
+
+def _torn_start(path: Path) -> bool:
+    """Whether the file begins as an Arrow stream does, so that only its end may be missing."""
+    with path.open("rb") as file:
+        return b"\xff\xff\xff\xff".startswith(file.read(4))
+
+
+def _columns(table: Any) -> dict[str, NDArray[Any]]:
+    return {name: table.column(name).to_numpy() for name in table.column_names}
+
+
+def seal_raw(folder: Path) -> None:
+    """Turn the closed stream of a run into a Parquet file with the same rows, if there is one.
+
+    Raises
+    ------
+    RecordError
+        Where the Parquet file doesn't hold the same rows; the stream is kept then.
+    """
+    stream, sealed = folder / "raw.arrow", folder / "raw.parquet"
+    if not stream.exists():
+        return
+    batches, _ = _whole_batches(stream)
+    if not batches:
+        return
+    table = pa.Table.from_batches(batches)
+    part = folder / ".raw.parquet.part"
+    pq.write_table(table, part, compression="zstd")
+    if not pq.read_table(part).equals(table):
+        raise RecordError(f"{part} differs from {stream}", "the same samples", "check the disk")
+    with part.open("rb") as file:
+        os.fsync(file.fileno())
+    part.replace(sealed)
+    stream.unlink()
+
+
+def _described(schema: Any) -> str:
+    return ", ".join(f"{field.name} ({field.type})" for field in schema)

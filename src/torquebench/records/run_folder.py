@@ -1,0 +1,446 @@
+"""The folder of one run: its documents, raw samples and results, sealed by a manifest."""
+
+import contextlib
+import json
+import os
+import re
+import secrets
+import threading
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from numpy.typing import ArrayLike
+
+import torquebench
+from torquebench.errors import InputError, RecordError
+from torquebench.records.files import (
+    json_text,
+    read_json,
+    sha256_of_file,
+    sync_folder,
+    write_atomically,
+)
+from torquebench.records.raw_stream import RawReading, RawStream, read_raw, seal_raw
+
+__all__ = ["Recovery", "RunFolder", "RunStatus", "RunWriter", "new_run_id"]
+
+RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
+
+_METADATA = "run.json"
+_EVENTS = "events.jsonl"
+_RESULTS = "results.json"
+_MANIFEST = "manifest.json"
+_RECOVERY = "recovery.json"
+
+
+def new_run_id(kind: str, started: datetime | None = None) -> str:
+    """Return a new identifier of a run: UTC time, kind and four random digits.
+
+    Parameters
+    ----------
+    kind : str
+        What the run does, such as ``"calibrate-output"``: letters, digits and hyphens.
+    started : datetime.datetime, optional
+        When it starts, with time zone; now by default.
+
+    Raises
+    ------
+    InputError
+        Where the kind can't be part of a folder's name.
+
+    Examples
+    --------
+    >>> new_run_id("verify-input", datetime(2025, 1, 31, 12, 0, tzinfo=UTC))
+    '20250131T120000Z-verify-input-...'
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9-]*", kind):
+        raise InputError(f"kind of run {kind!r}", "letters, digits and hyphens")
+    moment = (started or datetime.now(UTC)).astimezone(UTC)
+    return f"{moment:%Y%m%dT%H%M%SZ}-{kind}-{secrets.token_hex(2)}"
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What was found in a folder that nobody sealed.
+
+    Parameters
+    ----------
+    documents : int
+        Complete documents that were kept.
+    raw_rows : int
+        Complete raw samples that were kept.
+    torn_document_bytes, torn_raw_bytes : int
+        Bytes of an incomplete last document or block of samples, which were left out.
+    """
+
+    documents: int
+    raw_rows: int
+    torn_document_bytes: int
+    torn_raw_bytes: int
+
+
+class RunWriter:
+    """Writes one run. It is a document callback: ``run_engine.subscribe(writer)``.
+
+    Every document is on the disk when the call returns, so an acknowledged point survives a
+    kill and a power cut. Samples may come from another thread than documents.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The run's folder, which must not exist yet.
+    metadata : mapping
+        What is known before the run starts.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, Any]) -> None:
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError as error:
+            raise RecordError(
+                f"{path} exists", "a new run", "runs are never overwritten"
+            ) from error
+        except OSError as error:
+            raise RecordError(f"can't create {path}: {error.strerror}") from error
+        self.path = path
+        self.folder = RunFolder(path)
+        self._lock = threading.Lock()
+        self._open = True
+        content = {
+            **metadata,
+            "run_id": path.name,
+            "created": datetime.now(UTC),
+            "software_version": torquebench.__version__,
+        }
+        write_atomically(path / _METADATA, json_text(content, indent=2) + "\n")
+        self._events = (path / _EVENTS).open("xb", buffering=0)
+        self._raw = RawStream(path / "raw.arrow")
+        sync_folder(path)
+        sync_folder(path.parent)
+
+    @property
+    def run_id(self) -> str:
+        """Identifier of the run: the folder's name."""
+        return self.path.name
+
+    def __call__(self, name: str, document: Mapping[str, Any]) -> None:
+        """Append one event-model document; see `document`."""
+        self.document(name, document)
+
+    def document(self, name: str, document: Mapping[str, Any]) -> None:
+        """Append one event-model document and wait until it is on the disk.
+
+        Parameters
+        ----------
+        name : str
+            ``"start"``, ``"descriptor"``, ``"event"``, ``"stop"`` or another document's name.
+        document : mapping
+            Its content.
+
+        Raises
+        ------
+        RecordError
+            Where the run is sealed or the disk fails.
+        """
+        line = json_text({"name": name, "doc": document}).encode() + b"\n"
+        with self._lock:
+            self._require_open()
+            try:
+                written = 0
+                while written < len(line):
+                    written += self._events.write(line[written:]) or 0
+                os.fsync(self._events.fileno())
+            except OSError as error:
+                raise RecordError(
+                    f"{self.path / _EVENTS}: a document can't be written ({error})",
+                    "",
+                    "check the disk; the run must stop",
+                ) from error
+
+    def samples(self, columns: Mapping[str, ArrayLike]) -> None:
+        """Append one block of raw samples, on the disk within a second.
+
+        Parameters
+        ----------
+        columns : mapping of str to array, shape (n,), or scalar
+            Samples by column; the first call fixes columns and types.
+
+        Raises
+        ------
+        RecordError
+            Where columns differ from those before, the run is sealed, or the disk fails.
+        """
+        self._raw.append(columns)
+
+    def write_results(self, results: Any) -> None:
+        """Write what the run found as ``results.json``.
+
+        Parameters
+        ----------
+        results : mapping, dataclass or pydantic model
+            The results; arrays become lists.
+        """
+        self.write_text(_RESULTS, json_text(results, indent=2) + "\n")
+
+    def write_text(self, name: str, text: str) -> Path:
+        """Write another file of the run, whole or not at all, and return its path.
+
+        Raises
+        ------
+        InputError
+            Where the name isn't a plain file name or belongs to the folder's own files.
+        """
+        if name != Path(name).name or name in (_METADATA, _EVENTS, _MANIFEST, "raw.arrow"):
+            raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
+        with self._lock:
+            self._require_open()
+            write_atomically(self.path / name, text)
+        return self.path / name
+
+    def seal(self, status: RunStatus = "completed", reason: str = "") -> "RunFolder":
+        """Close the run and write its manifest; after that nothing changes any more.
+
+        Parameters
+        ----------
+        status : {"completed", "aborted", "failed", "interrupted"}
+            How the run ended.
+        reason : str
+            Why, where it didn't complete.
+
+        Returns
+        -------
+        RunFolder
+        """
+        self.close()
+        _seal(self.path, status, reason)
+        return self.folder
+
+    def close(self) -> None:
+        """Close all files without sealing; more calls do nothing."""
+        with self._lock:
+            if not self._open:
+                return
+            self._open = False
+            self._events.close()
+        self._raw.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Seal what isn't sealed yet: as completed, or as failed with the error as reason."""
+        if self.folder.sealed:
+            return
+        if error is None:
+            self.seal()
+        else:
+            self.seal("failed", f"{type(error).__name__}: {error}")
+
+    def _require_open(self) -> None:
+        if not self._open:
+            raise RecordError(f"{self.path} is closed", "documents before the run is sealed")
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """One run as it lies on the disk, running, killed or sealed.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The folder.
+    """
+
+    path: Path
+
+    @classmethod
+    def create(
+        cls, runs: Path, metadata: Mapping[str, Any], *, kind: str, run_id: str | None = None
+    ) -> RunWriter:
+        """Create the folder of a new run and return its writer.
+
+        Parameters
+        ----------
+        runs : pathlib.Path
+            Folder of all runs.
+        metadata : mapping
+            What is known before: operator, serials, profile and its hash, bench, simulated or not.
+        kind : str
+            What the run does, such as ``"calibrate-output"``.
+        run_id : str, optional
+            Identifier; a new one by default.
+        """
+        identifier = run_id or new_run_id(kind)
+        return RunWriter(runs / identifier, {"kind": kind, **metadata})
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Return the run in a folder.
+
+        Raises
+        ------
+        RecordError
+            Where there is no run.
+        """
+        if not (path / _METADATA).is_file():
+            raise RecordError(f"no run in {path}", f"a folder with {_METADATA}")
+        return cls(path)
+
+    @property
+    def run_id(self) -> str:
+        """Identifier of the run: the folder's name."""
+        return self.path.name
+
+    @property
+    def sealed(self) -> bool:
+        """Whether the run has ended and has its manifest."""
+        return (self.path / _MANIFEST).is_file()
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What was known before the run started."""
+        content: dict[str, Any] = read_json(self.path / _METADATA)
+        return content
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Status, time of sealing, and hash and size of every file."""
+        content: dict[str, Any] = read_json(self.path / _MANIFEST)
+        return content
+
+    @property
+    def results(self) -> Any:
+        """What the run found, or None where it has no results."""
+        path = self.path / _RESULTS
+        return read_json(path) if path.exists() else None
+
+    def documents(self, name: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yield the run's documents with their names; an incomplete last line is left out.
+
+        Parameters
+        ----------
+        name : str, optional
+            Only documents of this name.
+
+        Raises
+        ------
+        RecordError
+            Where a line before the last one isn't a document.
+        """
+        for number, line in enumerate(self._whole_lines()[0], start=1):
+            try:
+                entry = json.loads(line)
+                found, document = entry["name"], entry["doc"]
+            except (ValueError, KeyError, TypeError) as error:
+                raise RecordError(
+                    f"{self.path / _EVENTS}, line {number} isn't a document",
+                    'lines of the form {"name": ..., "doc": ...}',
+                ) from error
+            if name is None or found == name:
+                yield found, document
+
+    def raw(self) -> RawReading:
+        """Return the raw samples; an incomplete last block is left out and reported."""
+        return read_raw(self.path)
+
+    def verify(self) -> None:
+        """Check every file against the manifest.
+
+        Raises
+        ------
+        RecordError
+            Naming the first file that was changed, removed or added after sealing.
+        """
+        if not self.sealed:
+            raise RecordError(f"{self.path} isn't sealed", "a sealed run", "recover it first")
+        listed = self.manifest.get("files")
+        if not isinstance(listed, dict):
+            raise RecordError(f"{self.path / _MANIFEST} lists no files", "a manifest")
+        present = _files_of(self.path)
+        for name, entry in listed.items():
+            if name not in present:
+                raise RecordError(f"{self.path / name} was removed after sealing", "all files")
+            if sha256_of_file(self.path / name) != entry.get("sha256"):
+                raise RecordError(
+                    f"{self.path / name} was changed after sealing",
+                    f"SHA-256 {entry.get('sha256')}",
+                    "restore the file from a backup",
+                )
+        for name in present:
+            if name not in listed:
+                raise RecordError(
+                    f"{self.path / name} was added after sealing", "the files of the manifest"
+                )
+
+    def recover(self) -> Recovery:
+        """Seal a folder that a kill or a power cut left open, as interrupted.
+
+        Complete documents and samples are kept; an incomplete last line or block is cut off and
+        its size reported in ``recovery.json``. Nothing is filled in.
+
+        Returns
+        -------
+        Recovery
+
+        Raises
+        ------
+        RecordError
+            Where the folder is sealed already.
+        """
+        if self.sealed:
+            raise RecordError(f"{self.path} is sealed", "a run that was left open")
+        lines, torn = self._whole_lines()
+        raw = self.raw()
+        report = Recovery(len(lines), raw.rows, torn, raw.torn_bytes)
+        if torn:
+            write_atomically(self.path / _EVENTS, b"".join(line + b"\n" for line in lines))
+        for leftover in self.path.glob(".*.part"):
+            leftover.unlink()
+        write_atomically(self.path / _RECOVERY, json_text(report, indent=2) + "\n")
+        _seal(self.path, "interrupted", "the run was left open and recovered")
+        return report
+
+    def _whole_lines(self) -> tuple[list[bytes], int]:
+        path = self.path / _EVENTS
+        content = path.read_bytes() if path.exists() else b""
+        *lines, rest = content.split(b"\n")
+        if not rest:
+            return lines, 0
+        # A whole document whose line end alone is missing is a whole document.
+        with contextlib.suppress(ValueError):
+            json.loads(rest)
+            return [*lines, rest], 0
+        return lines, len(rest)
+
+
+def _files_of(folder: Path) -> list[str]:
+    names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+    return sorted(name for name in names if name != _MANIFEST)
+
+
+def _seal(folder: Path, status: RunStatus, reason: str) -> None:
+    if (folder / _MANIFEST).exists():
+        raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
+    seal_raw(folder)
+    files = {
+        name: {"sha256": sha256_of_file(folder / name), "bytes": (folder / name).stat().st_size}
+        for name in _files_of(folder)
+    }
+    manifest = {
+        "run_id": folder.name,
+        "status": status,
+        "reason": reason,
+        "sealed": datetime.now(UTC),
+        "software_version": torquebench.__version__,
+        "files": files,
+    }
+    write_atomically(folder / _MANIFEST, json_text(manifest, indent=2) + "\n")
