@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData, ErrorSummary, ModelVerification
 from torquebench.compensation import CompensationModel
+from torquebench.procedures import FrictionSweep
 
 __all__ = [
     "CompensationResult",
@@ -124,40 +125,6 @@ class ModuleResult:
 
 
 @dataclass(frozen=True)
-class FrictionSweep:
-    """No-load friction torque of a mounted reducer against its input speed.
-
-    Attributes
-    ----------
-    speed_rpm : float64[n]
-        Mean input speed of each point, signed, clockwise positive, 1/min.
-    torque_nm : float64[n]
-        Compensated input torque, N·m.
-    standard_error_nm : float64[n]
-        Standard error of the steady value, N·m.
-    true_torque_nm : float64[n] or None
-        The twin's true input torque, N·m; None on a real bench.
-    repeat : int64[n]
-        1, 2, 3.
-    branch : int8[n]
-        +1 while the speed's magnitude rises, -1 while it falls.
-    compensated : bool
-        Whether an active model was applied.
-    run_id : str
-        Run folder that holds the raw data.
-    """
-
-    speed_rpm: NDArray[np.float64]
-    torque_nm: NDArray[np.float64]
-    standard_error_nm: NDArray[np.float64]
-    true_torque_nm: NDArray[np.float64] | None
-    repeat: NDArray[np.int64]
-    branch: NDArray[np.int8]
-    compensated: bool
-    run_id: str
-
-
-@dataclass(frozen=True)
 class DemoResult:
     """The whole story: both modules calibrated, compensated, verified, and a reducer's friction.
 
@@ -177,6 +144,8 @@ class DemoResult:
         Input, then output.
     friction : FrictionSweep or None
         No-load friction of the simulated standard reducer.
+    friction_run_id : str
+        Run folder of the friction sweep; empty without one.
     software_version : str
         Version of torquebench.
     """
@@ -190,4 +159,5 @@ class DemoResult:
     elapsed_seconds: float
     modules: tuple[ModuleResult, ...]
     friction: FrictionSweep | None
+    friction_run_id: str
     software_version: str

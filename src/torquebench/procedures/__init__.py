@@ -1,1 +1,27 @@
-"""To be described."""
+"""Procedures: what the bench does, as Bluesky plans that can be rehearsed before anything moves.
+
+Every plan takes the bench's devices and settings, checks limits first, stops at a checkpoint of
+its own before each point, and leaves the bench without torque however it ends.
+"""
+
+from torquebench.procedures.calibrating import StaircaseResult, calibrate, verify
+from torquebench.procedures.friction import (
+    FrictionPoint,
+    FrictionSettings,
+    FrictionSweep,
+    friction_sweep,
+)
+from torquebench.procedures.zeroing import ZeroResult, preload, zero
+
+__all__ = [
+    "FrictionPoint",
+    "FrictionSettings",
+    "FrictionSweep",
+    "StaircaseResult",
+    "ZeroResult",
+    "calibrate",
+    "friction_sweep",
+    "preload",
+    "verify",
+    "zero",
+]

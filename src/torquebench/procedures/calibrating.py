@@ -1,0 +1,191 @@
+"""Calibration and verification of one module against the mounted standard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import bluesky.preprocessors as bpp
+import numpy as np
+
+from torquebench import __version__
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import CalibrationData, Profile, Step, check_limits
+from torquebench.errors import BenchError
+from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
+from torquebench.procedures.staircase import Row, load_staircase
+
+__all__ = ["StaircaseResult", "calibrate", "staircase_metadata", "verify"]
+
+
+@dataclass(frozen=True)
+class StaircaseResult:
+    """What a calibration or a verification measured.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        The recorded points in measuring order.
+    unsettled : int
+        Points that were taken although their reading still drifted; they are marked in the run.
+    standard_serial : str
+        Serial number of the standard that was mounted.
+    """
+
+    data: CalibrationData
+    unsettled: int
+    standard_serial: str
+
+
+@dataclass
+class _Table:
+    """Gathers rows until the run is over."""
+
+    steps: list[Step] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+
+    def add(self, step: Step, row: Row) -> None:
+        self.steps.append(step)
+        self.rows.append(row)
+
+    def result(self, devices: BenchDevices, side: Side, standard_serial: str) -> StaircaseResult:
+        transducer = devices.context.description.module(side).transducer
+
+        def column(name: str) -> np.ndarray[Any, Any]:
+            return np.array([row[name] for row in self.rows], dtype=np.float64)
+
+        known = all("true_torque_nm" in row for row in self.rows)
+        data = CalibrationData(
+            reading_nm=column("reading_nm"),
+            standard_nm=column("standard_nm"),
+            series=np.array([step.series for step in self.steps]),
+            branch=np.array([step.branch for step in self.steps]),
+            range_nm=_range_nm(devices, side),
+            side=side,
+            transducer_serial=transducer.serial,
+            counter_identity=devices.context.drivers.counter.clock_identity,
+            nominal_nm=np.array([step.target_nm for step in self.steps]),
+            position_deg=np.array([step.position_deg for step in self.steps]),
+            speed_rpm=column("speed_rpm"),
+            temperature_c=column("temperature_c"),
+            time_s=column("time_s"),
+            standard_error_nm=column("reading_standard_error_nm"),
+            true_torque_nm=column("true_torque_nm") if known else None,
+        )
+        unsettled = sum(not row["settled"] for row in self.rows)
+        return StaircaseResult(data, unsettled, standard_serial)
+
+
+def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> dict[str, Any]:
+    """Return what a run's start document says of the chain, the profile and the software."""
+    context = devices.context
+    transducer = context.description.module(side).transducer
+    return {
+        "side": side,
+        "range_nm": _range_nm(devices, side),
+        "transducer_serial": transducer.serial,
+        "counter_identity": context.drivers.counter.clock_identity,
+        "profile": {
+            "name": profile.name,
+            "title": profile.title,
+            "source": profile.source,
+            "verified": profile.verified,
+            "sha256": profile.sha256,
+            "settings": profile.model_dump(mode="json"),
+        },
+        "simulated": context.drivers.truth is not None,
+        "software_version": __version__,
+    }
+
+
+def calibrate(
+    devices: BenchDevices, side: Side, profile: Profile, steps: Sequence[Step] | None = None
+) -> Plan[StaircaseResult]:
+    """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
+
+    The opposite module is locked. Ends without torque, drives off, however it ends.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    side : {"input", "output"}
+    profile : Profile
+    steps : sequence of Step, optional
+        The staircase where it was laid out before; by default the profile lays it out.
+
+    Returns
+    -------
+    StaircaseResult
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a step exceeds the drive's torque limit.
+    """
+    if steps is None:
+        steps = profile.staircase(_range_nm(devices, side))
+    setup = Setup("calibration", side, "calibrator", "locked")
+    return (yield from _staircase(devices, setup, profile, steps, "calibrate"))
+
+
+def verify(
+    devices: BenchDevices,
+    side: Side,
+    profile: Profile,
+    rng: np.random.Generator,
+    steps: Sequence[Step] | None = None,
+) -> Plan[StaircaseResult]:
+    """Verify one module against the verification standard at fresh points off the grid.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    side : {"input", "output"}
+    profile : Profile
+        By default ten groups of 50 random points (profile "verification").
+    rng : numpy.random.Generator
+        Draws the points.
+    steps : sequence of Step, optional
+        The staircase where it was drawn before.
+
+    Returns
+    -------
+    StaircaseResult
+        With the number of the group as `series`.
+    """
+    if steps is None:
+        steps = profile.staircase(_range_nm(devices, side), rng)
+    setup = Setup("verification", side, "verification_standard", "locked")
+    return (yield from _staircase(devices, setup, profile, steps, "verify"))
+
+
+def _staircase(
+    devices: BenchDevices,
+    setup: Setup,
+    profile: Profile,
+    steps: Sequence[Step],
+    plan_name: Literal["calibrate", "verify"],
+) -> Plan[StaircaseResult]:
+    check_limits(steps, devices.context.description.module(setup.side).limits.torque_nm)
+    table = _Table()
+    metadata = {
+        **staircase_metadata(devices, setup.side, profile),
+        "plan_name": plan_name,
+        "num_points": sum(step.recorded for step in steps),
+    }
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, setup)
+        metadata["standard_serial"] = devices.context.interlocks.standard_serial()
+        yield from bpp.run_wrapper(load_staircase(devices, setup, steps, table.add), md=metadata)
+
+    yield from unloaded_after(devices, in_bench)
+    if not table.rows:
+        raise BenchError("a staircase that recorded no point", "at least one point")
+    return table.result(devices, setup.side, str(metadata["standard_serial"]))
+
+
+def _range_nm(devices: BenchDevices, side: Side) -> float:
+    return float(devices.context.description.module(side).range_nm)

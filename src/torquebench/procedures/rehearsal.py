@@ -1,0 +1,306 @@
+"""Rehearse a plan before anything moves: every message is followed on a bench of pure bookkeeping.
+
+The very plan that will run is gone through. Each command is checked against the limits of the
+bench description and against what the bench will have mounted, clamped and coupled by then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+from bluesky.utils import Msg
+
+from torquebench.bench.devices import BenchDevices, Point, SteadySettings
+from torquebench.bench.drivers.base import SIDES, Mode, Side
+from torquebench.errors import InterlockError, LimitError
+from torquebench.procedures.setup import Plan, ProcedureGate, ProcedureKind
+
+__all__ = ["Move", "Rehearsal", "rehearse"]
+
+Result = TypeVar("Result")
+
+_WANTED: dict[ProcedureKind, str] = {
+    "calibration": "calibrator",
+    "verification": "verification_standard",
+    "reducer_test": "reducer",
+}
+RPM_PER_RAD_S = 30.0 / 3.141592653589793
+
+
+@dataclass(frozen=True)
+class Move:
+    """One command of a plan and when it comes.
+
+    Parameters
+    ----------
+    time_s : float
+        Bench time since the plan's start, without waiting longer for settling, s.
+    device : str
+        What is commanded.
+    value : object
+        To what.
+    """
+
+    time_s: float
+    device: str
+    value: object
+
+
+@dataclass(frozen=True)
+class Rehearsal(Generic[Result]):
+    """What a plan would do.
+
+    Parameters
+    ----------
+    moves : list of Move
+        Every command in order.
+    points : int
+        Events that would be recorded in the stream "points".
+    duration_s : float
+        Bench time that it takes, without waiting longer for settling, s.
+    result : object
+        What the plan returns when every reading is what was commanded.
+    """
+
+    moves: list[Move]
+    points: int
+    duration_s: float
+    result: Result
+
+
+def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
+    """Go through a plan without moving anything, and refuse it where the bench would refuse it.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+        Their present state is where the rehearsal starts; they aren't commanded.
+    plan : generator
+        The plan; it is used up.
+
+    Returns
+    -------
+    Rehearsal
+
+    Raises
+    ------
+    LimitError
+        A torque or speed beyond the limits of the bench description.
+    InterlockError
+        A command that the bench's state at that moment forbids.
+    """
+    stage = _Stage(devices)
+    answer: Any = None
+    while True:
+        try:
+            message = plan.send(answer)
+        except StopIteration as end:
+            return Rehearsal(stage.moves, stage.points, stage.now_s, end.value)
+        try:
+            answer = stage.answer(message)
+        except (LimitError, InterlockError) as refusal:
+            plan.close()
+            raise refusal
+
+
+@dataclass
+class _SideState:
+    mode: Mode
+    enabled: bool
+    torque_nm: float = 0.0
+    speed_rad_s: float = 0.0
+    settings: SteadySettings = field(default_factory=SteadySettings)
+
+    @property
+    def loaded(self) -> bool:
+        return self.torque_nm != 0.0 or self.speed_rad_s != 0.0
+
+
+class _Stage:
+    """The bookkeeping bench."""
+
+    def __init__(self, devices: BenchDevices) -> None:
+        context = devices.context
+        self.devices = devices
+        self.description = context.description
+        self.mounted: str = context.drivers.operator.mounted()
+        self.clamped = context.drivers.clamp.clamped()
+        self.sides: dict[Side, _SideState] = {
+            side: _SideState(
+                context.drivers.modes.mode(side), context.drivers.drives[side].state().enabled
+            )
+            for side in SIDES
+        }
+        self.stamp = Point()
+        self.now_s = 0.0
+        self.moves: list[Move] = []
+        self.points = 0
+        self._stream = ""
+        self._setters: dict[int, tuple[str, Callable[[Any], None]]] = {
+            id(devices.clamp): ("clamp", self._clamp),
+            id(devices.mounting): ("mounting", self._mount),
+            id(devices.point): ("point", self._mark),
+        }
+        self._readings: dict[int, Callable[[], object]] = {
+            id(devices.mounting.mounted): lambda: self.mounted,
+            id(devices.clamp.clamped): lambda: self.clamped,
+        }
+        for side in SIDES:
+            self._connect(side)
+
+    def _connect(self, side: Side) -> None:
+        module, state = self.devices.module(side), self.sides[side]
+        drive = module.drive
+
+        def bind(device: object, name: str, action: Callable[[Side, Any], None]) -> None:
+            self._setters[id(device)] = (f"{side} {name}", lambda value: action(side, value))
+
+        bind(module.mode, "mode", self._change_mode)
+        bind(drive.power, "power", self._switch)
+        bind(drive.torque, "torque", self._torque)
+        bind(drive.speed, "speed", self._speed)
+        self._readings[id(module.mode.mode)] = lambda: state.mode
+        self._readings[id(drive.power.enabled)] = lambda: state.enabled
+        self._readings[id(drive.torque.setpoint)] = lambda: state.torque_nm
+        self._readings[id(drive.speed.setpoint)] = lambda: state.speed_rad_s
+
+    # -- messages ---------------------------------------------------------------------------
+
+    def answer(self, message: Msg) -> Any:
+        """Do what the run engine would do with a message, in the books only."""
+        if message.command == "set":
+            return self._set(message.obj, message.args[0])
+        if message.command == "sleep":
+            self.now_s += float(message.args[0])
+        elif message.command == "prepare":
+            self._side_of(message.obj).settings = message.args[0]
+        elif message.command == "trigger":
+            settings = self._side_of(message.obj).settings
+            self.now_s += settings.settle_s + settings.window_s
+        elif message.command in ("read", "locate"):
+            return self._read(message)
+        elif message.command == "create":
+            self._stream = message.kwargs["name"]
+        elif message.command == "save":
+            self.points += self._stream == "points"
+        return None
+
+    def _side_of(self, device: object) -> _SideState:
+        return next(
+            state for side, state in self.sides.items()
+            if self.devices.module(side).steady is device
+        )  # fmt: skip
+
+    def _set(self, device: Any, value: Any) -> None:
+        if isinstance(device, ProcedureGate):
+            self._check_procedure(value)
+            return
+        name, action = self._setters.get(id(device), (device.name, lambda _value: None))
+        action(value)
+        if device is not self.devices.point:
+            self.moves.append(Move(self.now_s, name, value))
+
+    def _read(self, message: Msg) -> dict[str, Any]:
+        device: Any = message.obj
+        getter = self._readings.get(id(device))
+        if getter is not None:
+            value = getter()
+            if message.command == "locate":
+                return {"setpoint": value, "readback": value}
+            return {device.name: {"value": value, "timestamp": self.now_s}}
+        for side in SIDES:
+            steady = self.devices.module(side).steady
+            if device is steady:
+                fields = self._steady(side)
+                return {
+                    steady.key(name): {"value": value, "timestamp": self.now_s}
+                    for name, value in fields.items()
+                }
+        return {}
+
+    def _steady(self, side: Side) -> dict[str, Any]:
+        state = self.sides[side]
+        fields = {
+            "reading_nm": state.torque_nm,
+            "reading_standard_error_nm": 0.0,
+            "frequency_hz": self.description.module(side).transducer.scale().zero,
+            "settled": True,
+            "commanded_nm": state.torque_nm,
+            "speed_rpm": state.speed_rad_s * RPM_PER_RAD_S,
+            "temperature_c": 23.0,
+            "time_s": self.now_s,
+        }
+        if state.settings.reference:
+            fields["standard_nm"] = state.torque_nm
+        return fields
+
+    # -- rules ------------------------------------------------------------------------------
+
+    def _check_procedure(self, kind: ProcedureKind) -> None:
+        if self.mounted != _WANTED[kind]:
+            raise InterlockError(
+                f"{self.mounted} mounted for a {kind}", _WANTED[kind], "mount it first"
+            )
+
+    def _mount(self, value: str) -> None:
+        if self.clamped or any(state.enabled for state in self.sides.values()):
+            raise InterlockError(
+                "mounting with the clamp closed or a drive on", "clamp open, drives off"
+            )
+        self.mounted = value
+
+    def _clamp(self, value: bool) -> None:
+        if value and self.mounted == "nothing":
+            raise InterlockError("clamping with nothing mounted", "something between the flanges")
+        self._refuse_load("moving the clamp")
+        self.clamped = value
+
+    def _mark(self, value: Point) -> None:
+        self.stamp = value
+
+    def _change_mode(self, side: Side, value: Mode) -> None:
+        self._refuse_load("a mode change")
+        if self.sides[side].enabled and value != "driven":
+            raise InterlockError(f"mode {value} of the {side} with its drive on", "drive off")
+        self.sides[side].mode = value
+
+    def _switch(self, side: Side, value: bool) -> None:
+        if not value:
+            self._refuse_load("switching a drive off")
+        self.sides[side].enabled = value
+
+    def _torque(self, side: Side, value: float) -> None:
+        state, module = self.sides[side], self.description.module(side)
+        self._refuse_undriven(side, "torque")
+        if abs(value) > module.limits.torque_nm:
+            raise LimitError(
+                f"{value:g} N·m at the {side}", f"at most {module.limits.torque_nm:g} N·m"
+            )
+        self.now_s += abs(value - state.torque_nm) / module.drive.torque_rate_nm_per_s
+        state.torque_nm = value
+
+    def _speed(self, side: Side, value: float) -> None:
+        state, module = self.sides[side], self.description.module(side)
+        self._refuse_undriven(side, "speed")
+        rpm = abs(value) * RPM_PER_RAD_S
+        if rpm > module.limits.speed_rpm * (1 + 1e-9):
+            raise LimitError(
+                f"{rpm:g} rpm at the {side}", f"at most {module.limits.speed_rpm:g} rpm"
+            )
+        self.now_s += abs(value - state.speed_rad_s) / module.drive.speed_rate_rad_per_s2
+        state.speed_rad_s = value
+
+    def _refuse_undriven(self, side: Side, what: str) -> None:
+        state = self.sides[side]
+        if not (self.clamped and state.mode == "driven" and state.enabled):
+            raise InterlockError(
+                f"{what} at the {side} with the clamp {'closed' if self.clamped else 'open'}, "
+                f"mode {state.mode}, drive {'on' if state.enabled else 'off'}",
+                "clamp closed, mode driven, drive on",
+            )
+
+    def _refuse_load(self, purpose: str) -> None:
+        if any(state.loaded for state in self.sides.values()):
+            raise InterlockError(f"{purpose} under load or in motion", "no torque, standstill")

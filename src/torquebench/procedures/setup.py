@@ -1,0 +1,146 @@
+"""Bring the bench into the state that a procedure needs, and back out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+from bluesky.protocols import Movable
+from bluesky.utils import Msg
+from ophyd_async.core import AsyncStatus
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.drivers.base import Mode, Mounting, Side
+
+__all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "progress", "set_up", "unloaded_after"]
+
+Result = TypeVar("Result")
+Plan = Generator[Msg, Any, Result]
+"""A plan: messages for the run engine, and what it returns when all are done."""
+
+ProcedureKind = Literal["calibration", "verification", "reducer_test"]
+
+REST_S = 0.3
+"""Bench time that a module is left alone after its torque went to zero, s."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is mounted and in which modes before a procedure loads anything.
+
+    Parameters
+    ----------
+    kind : {"calibration", "verification", "reducer_test"}
+        What the interlocks are asked for.
+    side : {"input", "output"}
+        The driven module.
+    mounting : {"calibrator", "verification_standard", "reducer"}
+        What is between the flanges.
+    opposite : {"locked", "free"}
+        Mode of the other module.
+    """
+
+    kind: ProcedureKind
+    side: Side
+    mounting: Mounting
+    opposite: Mode
+
+
+class ProcedureGate(Movable[ProcedureKind]):
+    """Asks the interlocks, at the time when the plan gets there, whether a procedure may start."""
+
+    name = "procedure_gate"
+    parent = None
+
+    def __init__(self, devices: BenchDevices) -> None:
+        self._interlocks = devices.context.interlocks
+
+    @AsyncStatus.wrap
+    async def set(self, value: ProcedureKind) -> None:
+        """Raise InterlockError unless the mounted part fits the procedure."""
+        self._interlocks.check_procedure(value)
+
+
+def other_side(side: Side) -> Side:
+    """Return the opposite side.
+
+    Examples
+    --------
+    >>> other_side("input")
+    'output'
+    """
+    return "output" if side == "input" else "input"
+
+
+def progress(done: int, total: int, message: str) -> Plan[None]:
+    """Tell whoever watches the run how far it is."""
+    yield Msg("progress", None, done, total, message)
+
+
+def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
+    """Mount, clamp and couple what the procedure needs; both drives are off afterwards.
+
+    Raises
+    ------
+    InterlockError
+        The operator declines, or the bench's state forbids a step.
+    """
+    yield from power_off(devices)
+    mounted = yield from bps.rd(devices.mounting.mounted)
+    if mounted != setup.mounting:
+        yield from bps.mv(devices.clamp, False)
+        yield from bps.mv(devices.mounting, setup.mounting)
+    yield from bps.mv(devices.clamp, True)
+    yield from bps.abs_set(ProcedureGate(devices), setup.kind, wait=True)
+    yield from set_mode(devices, other_side(setup.side), setup.opposite)
+    yield from set_mode(devices, setup.side, "driven")
+
+
+def reseat(devices: BenchDevices, setup: Setup) -> Plan[None]:
+    """Have the operator take the standard out and seat it again, turned where the step says so."""
+    yield from power_off(devices)
+    yield from bps.mv(devices.clamp, False)
+    yield from bps.mv(devices.mounting, "nothing")
+    yield from set_up(devices, setup)
+
+
+def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
+    """Change a module's mode, unless it is in that mode already."""
+    module = devices.module(side)
+    present = yield from bps.rd(module.mode.mode)
+    if present != mode:
+        yield from bps.mv(module.mode, mode)
+
+
+def power_on(devices: BenchDevices, side: Side) -> Plan[None]:
+    """Enable a module's drive at zero torque, unless it is enabled."""
+    power = devices.module(side).drive.power
+    enabled = yield from bps.rd(power.enabled)
+    if not enabled:
+        yield from bps.mv(power, True)
+
+
+def power_off(devices: BenchDevices) -> Plan[None]:
+    """Bring every enabled drive to zero torque and zero speed and take its power off."""
+    for module in (devices.input, devices.output):
+        enabled = yield from bps.rd(module.drive.power.enabled)
+        if not enabled:
+            continue
+        for axis in (module.drive.torque, module.drive.speed):
+            present = yield from bps.rd(axis.setpoint)
+            if present != 0.0:
+                yield from bps.mv(axis, 0.0)
+        yield from bps.sleep(REST_S)
+        yield from bps.mv(module.drive.power, False)
+
+
+def unloaded_after(devices: BenchDevices, plan: Callable[[], Plan[Result]]) -> Plan[Result]:
+    """Run a plan and leave the bench without torque, however the plan ends.
+
+    The safe state below the run engine doesn't rely on this: a halt skips it.
+    """
+    result: Result = yield from bpp.finalize_wrapper(plan(), lambda: power_off(devices))
+    return result

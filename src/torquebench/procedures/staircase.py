@@ -1,0 +1,176 @@
+"""Load a sequence of steps and take a steady value at each recorded one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import bluesky.plan_stubs as bps
+
+from torquebench.bench.devices import BenchDevices, Point, SteadySettings
+from torquebench.calibration import Step
+from torquebench.procedures.setup import Plan, Setup, progress, reseat
+from torquebench.procedures.zeroing import zero
+
+__all__ = ["SETTLE_SHARE", "Row", "describe_step", "load_staircase", "steady_settings"]
+
+Row = Mapping[str, Any]
+"""Values of one event by field, without the devices' names."""
+
+SETTLE_SHARE = 0.4
+"""Share of a step's duration that its torque is left to settle; the rest is averaged."""
+
+
+def steady_settings(step: Step, *, standard: bool) -> SteadySettings:
+    """Return how the steady value of a step is taken.
+
+    Examples
+    --------
+    >>> step = Step(kind="point", series=1, index=0, target_nm=40.0, branch=1, duration_s=0.5)
+    >>> steady_settings(step, standard=True)
+    SteadySettings(settle_s=0.2, window_s=0.3, limit_s=0.0, period_s=None, reference=True)
+    """
+    settle_s = SETTLE_SHARE * step.duration_s
+    return SteadySettings(
+        settle_s=settle_s,
+        window_s=step.duration_s - settle_s,
+        limit_s=step.settle_limit_s,
+        reference=standard,
+    )
+
+
+def describe_step(step: Step) -> str:
+    """Return a step in words for progress lines.
+
+    Examples
+    --------
+    >>> describe_step(Step(kind="point", series=2, index=4, target_nm=-40.0, branch=-1,
+    ...                    duration_s=0.5))
+    'series 2, point 5: -40 N·m, down'
+    """
+    if step.kind == "zero":
+        return f"series {step.series}, zero" if step.series else "zero"
+    if not step.recorded:
+        return f"{step.kind}: {step.target_nm:g} N·m"
+    branch = "up" if step.branch > 0 else "down"
+    return f"series {step.series}, point {step.index + 1}: {step.target_nm:g} N·m, {branch}"
+
+
+@dataclass
+class _Loader:
+    """Takes the steps of one module one after the other."""
+
+    devices: BenchDevices
+    setup: Setup
+    steps: Sequence[Step]
+    seen: int = 0
+    settings: SteadySettings | None = None
+
+    def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
+        self.seen = self.devices.interruptions
+        for number, step in enumerate(self.steps):
+            yield from progress(number, len(self.steps), describe_step(step))
+            yield from bps.checkpoint()
+            yield from self._return_to_branch(number)
+            if step.change != "none":
+                yield from reseat(self.devices, self.setup)
+            if step.kind == "zero":
+                yield from self._zero(step)
+            elif step.recorded:
+                on_row(step, (yield from self._point(number)))
+            else:
+                yield from self._load(step)
+                yield from bps.sleep(step.duration_s)
+        yield from progress(len(self.steps), len(self.steps), "done")
+
+    def _zero(self, step: Step) -> Plan[None]:
+        yield from self._stamp(step)
+        yield from zero(self.devices, self.setup.side, duration_s=step.duration_s, standard=True)
+        self.settings = None  # the zero has its own
+
+    def _load(self, step: Step) -> Plan[None]:
+        yield from bps.mv(self._module.drive.torque, step.target_nm)
+
+    def _stamp(self, step: Step) -> Plan[None]:
+        point = Point(
+            series=step.series,
+            step=step.index,
+            branch=step.branch,
+            target_nm=step.target_nm,
+            position_deg=step.position_deg,
+            group=step.series,
+        )
+        yield from bps.mv(self.devices.point, point)
+
+    def _point(self, number: int) -> Plan[Row]:
+        """Take one point; again from the start of its branch where a pause took the load off."""
+        step, steady = self.steps[number], self._module.steady
+        wanted = steady_settings(step, standard=True)
+        if wanted != self.settings:
+            yield from bps.prepare(steady, wanted, wait=True)
+            self.settings = wanted
+        yield from self._stamp(step)
+        while True:
+            yield from self._load(step)
+            yield from bps.trigger(steady, wait=True)
+            if self.devices.interruptions == self.seen:
+                break
+            yield from self._return_to_branch(number)
+        yield from bps.create(name="points")
+        reading = yield from bps.read(steady)
+        yield from bps.read(self.devices.point)
+        yield from bps.save()
+        prefix = steady.key("")
+        return {key.removeprefix(prefix): entry["value"] for key, entry in reading.items()}
+
+    def _return_to_branch(self, number: int) -> Plan[None]:
+        """Restore the chain's memory after a pause at zero torque.
+
+        Going up from zero meets the same branch as before the pause; a falling branch starts at
+        the turning point that its series has passed.
+        """
+        while self.devices.interruptions != self.seen:
+            self.seen = self.devices.interruptions
+            step = self.steps[number]
+            if step.kind == "point" and step.branch < 0:
+                yield from bps.mv(self._module.drive.torque, self._turning_point(number))
+                yield from bps.sleep(step.duration_s)
+
+    def _turning_point(self, number: int) -> float:
+        """Torque at which the falling branch of a step began."""
+        target = 0.0
+        for step in reversed(self.steps[: number + 1]):
+            if step.kind == "zero" or step.target_nm * target < 0.0:
+                break
+            if abs(step.target_nm) >= abs(target):
+                target = step.target_nm
+        return target
+
+    @property
+    def _module(self) -> Any:
+        return self.devices.module(self.setup.side)
+
+
+def load_staircase(
+    devices: BenchDevices,
+    setup: Setup,
+    steps: Sequence[Step],
+    on_row: Callable[[Step, Row], None],
+) -> Plan[None]:
+    """Go through the steps of a staircase, every step at a checkpoint of its own.
+
+    Runs inside an open run; points go to its stream "points", zeros to "zero". After a pause,
+    which takes the load off, the present branch is approached again as its series approached it.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    setup : Setup
+        As it was set up; used again where a step wants the standard re-seated.
+    steps : sequence of Step
+        From `Profile.staircase`.
+    on_row : callable
+        Called with every recorded step and its steady value by field.
+    """
+    yield from _Loader(devices, setup, steps).run(on_row)

@@ -1,0 +1,83 @@
+"""Zero and preload: what comes before the points of every series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bluesky.plan_stubs as bps
+
+from torquebench.bench.devices import BenchDevices, SteadySettings
+from torquebench.bench.drivers.base import Side
+from torquebench.procedures.setup import REST_S, Plan, power_off, power_on, set_mode
+
+__all__ = ["ZeroResult", "preload", "zero"]
+
+
+@dataclass(frozen=True)
+class ZeroResult:
+    """Measured zero frequencies of one side.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Of the module's transducer, unloaded, Hz.
+    standard_frequency_hz : float or None
+        Of the mounted standard's transducer; None without one on the counters.
+    """
+
+    frequency_hz: float
+    standard_frequency_hz: float | None
+
+
+def zero(
+    devices: BenchDevices, side: Side, *, duration_s: float = 1.0, standard: bool = False
+) -> Plan[ZeroResult]:
+    """Measure the unloaded zero and take it for zero torque from then on.
+
+    The drive is powered off and the module set free meanwhile, since a drive that is told
+    0 N·m still gives its loading error. Afterwards the module is driven again, drive enabled.
+
+    Runs inside an open run and leaves an event in its stream "zero".
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    side : {"input", "output"}
+    duration_s : float
+        Length of the averaging window, s.
+    standard : bool
+        Also zero the mounted standard's transducer of this side.
+
+    Returns
+    -------
+    ZeroResult
+    """
+    module = devices.module(side)
+    yield from power_off(devices)
+    yield from set_mode(devices, side, "free")
+    settings = SteadySettings(
+        settle_s=REST_S, window_s=duration_s, limit_s=duration_s, reference=standard
+    )
+    yield from bps.prepare(module.steady, settings, wait=True)
+    reading = yield from bps.trigger_and_read([module.steady, devices.point], name="zero")
+    frequency = float(reading[module.steady.key("frequency_hz")]["value"])
+    yield from bps.mv(module.transducer.zero, frequency)
+    standard_frequency = None
+    standard_key = module.steady.key("standard_frequency_hz")
+    if standard and standard_key in reading:
+        standard_frequency = float(reading[standard_key]["value"])
+        yield from bps.mv(getattr(devices.reference, f"{side}_zero"), standard_frequency)
+    yield from set_mode(devices, side, "driven")
+    yield from power_on(devices, side)
+    return ZeroResult(frequency, standard_frequency)
+
+
+def preload(
+    devices: BenchDevices, side: Side, torque_nm: float, *, on_s: float, off_s: float
+) -> Plan[None]:
+    """Load a module once and take the load off, so that its memory is that of a loaded chain."""
+    torque = devices.module(side).drive.torque
+    for target, duration_s in ((torque_nm, on_s), (0.0, off_s)):
+        yield from bps.checkpoint()
+        yield from bps.mv(torque, target)
+        yield from bps.sleep(duration_s)
