@@ -6,7 +6,6 @@ step. What isn't a valid signal is a typed fault, never a number.
 """
 
 from torquebench.signals.counters import (
-    CounterMethod,
     FrequencyCounter,
     gated,
     reciprocal,
@@ -18,6 +17,7 @@ from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 from torquebench.signals.samples import FrequencySamples, TorqueSamples
 from torquebench.signals.scale import FrequencyScale, TimebaseEffect
 from torquebench.signals.steady import SteadyValue, steady_value
+from torquebench.signals.windows import CounterMethod, count_windows, samples_of, windows_of_angle
 
 __all__ = [
     "CounterMethod",
@@ -30,9 +30,12 @@ __all__ = [
     "SteadyValue",
     "TimebaseEffect",
     "TorqueSamples",
+    "count_windows",
     "gated",
     "reciprocal",
     "regression",
+    "samples_of",
     "steady_value",
     "triangular",
+    "windows_of_angle",
 ]
