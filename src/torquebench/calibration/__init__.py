@@ -3,7 +3,7 @@
 Arrays in, frozen values out; no device and no file except the packaged profiles.
 """
 
-from torquebench.calibration.data import CalibrationData, infer_branch
+from torquebench.calibration.data import RANGE_MARGIN, CalibrationData, infer_branch
 from torquebench.calibration.profile import Profile, available_profiles, load_profile
 from torquebench.calibration.steps import Step, check_limits, total_duration_s
 from torquebench.calibration.verification import (
@@ -17,6 +17,7 @@ from torquebench.calibration.verification import (
 )
 
 __all__ = [
+    "RANGE_MARGIN",
     "RAW",
     "CalibrationData",
     "ErrorSummary",

@@ -62,6 +62,8 @@ class CalibrationData:
         Standard error of each reading's mean, in N·m.
     true_torque_nm : array of float, shape (n,), optional
         The true torque, which only a simulated bench knows, in N·m.
+    simulated : bool
+        Whether the points come from a simulated bench; always true with a true torque.
 
     Raises
     ------
@@ -93,6 +95,7 @@ class CalibrationData:
     time_s: NDArray[np.float64] | None = None
     standard_error_nm: NDArray[np.float64] | None = None
     true_torque_nm: NDArray[np.float64] | None = None
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -107,6 +110,7 @@ class CalibrationData:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, _column(name, value, n))
+        object.__setattr__(self, "simulated", self.simulated or self.true_torque_nm is not None)
         _check_branch(self.branch)
         for name in ("reading_nm", "standard_nm"):
             _check_range(name, getattr(self, name), self.range_nm)
@@ -119,11 +123,6 @@ class CalibrationData:
         """+1 clockwise, -1 counter-clockwise, 0 unloaded, from the standard; shape (n,)."""
         loaded = np.abs(self.standard_nm) > UNLOADED_SHARE * self.range_nm
         return np.where(loaded, np.sign(self.standard_nm), 0).astype(np.int8)
-
-    @property
-    def simulated(self) -> bool:
-        """Whether the points come from a simulated bench, which knows the true torque."""
-        return self.true_torque_nm is not None
 
     @property
     def additional_torque_nm(self) -> NDArray[np.float64]:
@@ -209,6 +208,29 @@ class CalibrationData:
                 digest.update(np.ascontiguousarray(value, dtype="<f8").tobytes())
         return digest.hexdigest()
 
+    def notes(self) -> tuple[str, ...]:
+        """Return what these points can't support, in sentences: a one-sided or rising-only table.
+
+        Examples
+        --------
+        >>> CalibrationData([5.1, 10.2], [5.0, 10.0], [1, 1], [1, 1], 20.0).notes()
+        ('only clockwise points: nothing is known of counter-clockwise torque',
+         "only rising series: hysteresis can't be told from the torque's own error",
+         'points up to 50 % of the range only')
+        """
+        notes: list[str] = []
+        names = {1: "clockwise", -1: "counter-clockwise"}
+        present = set(self.direction.tolist()) - {0}
+        if len(present) == 1:
+            sign = present.pop()
+            notes.append(f"only {names[sign]} points: nothing is known of {names[-sign]} torque")
+        if not np.any(self.branch < 0):
+            notes.append("only rising series: hysteresis can't be told from the torque's own error")
+        share = float(np.max(np.abs(self.standard_nm))) / self.range_nm
+        if share < 0.9:
+            notes.append(f"points up to {100 * share:.0f} % of the range only")
+        return tuple(notes)
+
     def averaged(self, tolerance_nm: float | None = None) -> Self:
         """Return the mean of the points that repeat one step on one branch and in one direction.
 
@@ -268,7 +290,7 @@ class CalibrationData:
         torque = self.standard_nm if self.nominal_nm is None else self.nominal_nm
         labels = np.zeros(len(self), dtype=np.int64)
         taken = 0
-        keys = np.stack([self.branch, self._loading_direction()], axis=1)
+        keys = np.stack([self.branch, self.loading_direction()], axis=1)
         for key in np.unique(keys, axis=0):
             members = np.flatnonzero(np.all(keys == key, axis=1))
             ranked = members[np.argsort(torque[members], kind="stable")]
@@ -277,8 +299,11 @@ class CalibrationData:
             taken = int(labels[ranked].max()) + 1
         return labels
 
-    def _loading_direction(self) -> NDArray[np.int8]:
-        """Direction of the load, where unloaded points take that of the load just taken off."""
+    def loading_direction(self) -> NDArray[np.int8]:
+        """Return the direction of the load; unloaded points take that of the load taken off.
+
+        An unloaded point at the beginning of a series takes that of the load to come.
+        """
         direction = self.direction.copy()
         for number in np.unique(self.series):
             where = np.flatnonzero(self.series == number)
@@ -327,6 +352,7 @@ class CalibrationData:
             known = all(column is not None for column in columns)
             changes[name] = np.concatenate(columns) if known else None
         changes["series"] = np.concatenate(list(_renumbered(part.series for part in parts)))
+        changes["simulated"] = any(part.simulated for part in parts)
         return replace(head, **changes)
 
 

@@ -15,6 +15,14 @@ from torquebench.records.files import json_text, sha256_of_file, write_atomicall
 from torquebench.records.raw_stream import RawReading
 from torquebench.records.registry import Registry
 from torquebench.records.run_folder import Recovery, RunFolder, RunWriter, new_run_id
+from torquebench.records.tables import (
+    ReadingsTable,
+    calibration_csv,
+    read_calibration_csv,
+    read_readings_csv,
+    write_calibration_csv,
+    write_torque_csv,
+)
 
 __all__ = [
     "Activation",
@@ -22,14 +30,20 @@ __all__ = [
     "Instrument",
     "ModelEntry",
     "RawReading",
+    "ReadingsTable",
     "Recovery",
     "Registry",
     "RunFolder",
     "RunSummary",
     "RunWriter",
     "VerificationEntry",
+    "calibration_csv",
     "json_text",
     "new_run_id",
+    "read_calibration_csv",
+    "read_readings_csv",
     "sha256_of_file",
     "write_atomically",
+    "write_calibration_csv",
+    "write_torque_csv",
 ]

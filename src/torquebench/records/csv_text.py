@@ -1,0 +1,266 @@
+"""CSV as laboratories write it: separators, decimal marks, comments; everything with its line."""
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.errors import InputError
+
+__all__ = ["CsvTable", "parse_csv", "read_csv"]
+
+_NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+_MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
+_COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:]\s*(.*?)[,;\s]*$")
+_SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
+
+
+@dataclass(frozen=True, eq=False)
+class CsvTable:
+    r"""A CSV file as text: which cells it holds and where they stand.
+
+    Parameters
+    ----------
+    origin : str
+        Name of the file, for messages.
+    separator : str
+        ``","``, ``";"`` or a tab.
+    header : tuple of str
+        Names of the columns, in lower case.
+    rows : tuple of tuple of str
+        Cells, as many in each row as the header has.
+    lines : tuple of int
+        Number of the line that each row ends on, from 1.
+    remarks : mapping of str to str
+        What comment lines of the form ``# key = value`` say.
+
+    Examples
+    --------
+    >>> table = parse_csv("# side = output\nreading_nm;standard_nm\n1,5;1,6\n", "a.csv")
+    >>> table.header, table.numbers("reading_nm").tolist(), table.remarks
+    (('reading_nm', 'standard_nm'), [1.5], {'side': 'output'})
+    """
+
+    origin: str
+    separator: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...]
+    remarks: dict[str, str]
+
+    def place(self, row: int, column: str) -> str:
+        """Return where a cell stands, in words, for messages."""
+        return f"{self.origin}, line {self.lines[row]}, column {column}"
+
+    def texts(self, column: str) -> list[str]:
+        """Return the cells of a column as text."""
+        index = self.header.index(column)
+        return [row[index] for row in self.rows]
+
+    def numbers(self, column: str) -> NDArray[np.float64]:
+        """Return the cells of a column as finite numbers, shape (n,).
+
+        Raises
+        ------
+        InputError
+            Naming the first cell that is empty, isn't a number, or mixes decimal marks with
+            those of another cell.
+        """
+        values = np.empty(len(self.rows), dtype=np.float64)
+        for row, text in enumerate(self.texts(column)):
+            values[row] = self._number(row, column, text)
+        return values
+
+    def _number(self, row: int, column: str, text: str) -> float:
+        if not text or text.lower() in ("nan", "n/a", "na", "-", "#n/a"):
+            raise InputError(
+                f"{self.place(row, column)}: " + (f"{text!r}" if text else "an empty cell"),
+                "a number in every cell",
+                "remove the line or measure the point again",
+            )
+        if not _NUMBER.fullmatch(text):
+            raise InputError(f"{self.place(row, column)}: {text!r}", *_what_number(text))
+        value = float(text.replace(",", "."))
+        if not np.isfinite(value):
+            raise InputError(f"{self.place(row, column)}: {text!r}", "a finite number")
+        return value
+
+    def check_decimal_marks(self, columns: list[str]) -> None:
+        """Check that all numbers of these columns have the same decimal mark.
+
+        Raises
+        ------
+        InputError
+            Naming the first cell whose mark differs from that of an earlier cell.
+        """
+        first: dict[str, str] = {}
+        for row in range(len(self.rows)):
+            for column in columns:
+                text = self.rows[row][self.header.index(column)]
+                if not _NUMBER.fullmatch(text):
+                    continue
+                for mark in (mark for mark in ",." if mark in text):
+                    first.setdefault(mark, f"{text!r} in {self.place(row, column)}")
+                    if len(first) == 2:
+                        other = "." if mark == "," else ","
+                        raise InputError(
+                            f"decimal commas and points mixed: {first[mark]}, but {first[other]}",
+                            "one decimal mark throughout the file",
+                            "save the file again with one number format",
+                        )
+
+
+def read_csv(path: Path) -> CsvTable:
+    """Return the table in a CSV file.
+
+    Raises
+    ------
+    InputError
+        Where the file can't be read or isn't a table.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"can't read {path}: {error.strerror}", "a CSV file that exists and may be read"
+        ) from error
+    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(
+            f"{path}, line {line}: byte {content[error.start]:#04x} isn't {encoding.upper()} text",
+            "a CSV file in UTF-8",
+            "save it as CSV UTF-8",
+        ) from error
+    return parse_csv(text, str(path))
+
+
+def parse_csv(text: str, origin: str) -> CsvTable:
+    """Return the table in a CSV text.
+
+    The separator (comma, semicolon or tab) is that of the header line. Lines that begin with
+    ``#`` are comments; blank lines are passed over.
+
+    Parameters
+    ----------
+    text : str
+        Content of the file.
+    origin : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        Where the text is empty, has no header or no row, names a column twice, or has a row with
+        another number of cells than the header.
+    """
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise InputError(f"{origin}, line {line}: a NUL character", "a CSV file, not a binary one")
+    text = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
+    remarks = dict(_remarks(text))
+    content = _uncommented(text)
+    head = next((line for line in content if line.strip()), None)
+    if head is None:
+        raise InputError(f"{origin} is empty", "a header line and at least one line of values")
+    separator = next((mark for mark in "\t;" if mark in head), ",")
+    records = _records(content, separator, origin)
+    _, names = records[0]
+    header, width = _header(names, origin)
+    if len(records) == 1:
+        raise InputError(f"{origin} holds a header but no values", "at least one line of values")
+    rows = [
+        _row(cells, header, width, separator, f"{origin}, line {n}") for n, cells in records[1:]
+    ]
+    return CsvTable(
+        origin=origin,
+        separator=separator,
+        header=header,
+        rows=tuple(rows),
+        lines=tuple(number for number, _ in records[1:]),
+        remarks=remarks,
+    )
+
+
+def _remarks(text: str) -> Iterator[tuple[str, str]]:
+    for line in text.splitlines():
+        match = _COMMENT.match(line.strip())
+        if match:
+            yield match[1].lower(), match[2]
+
+
+def _uncommented(text: str) -> list[str]:
+    """Return the lines with comments blanked, so that line numbers stay those of the file."""
+    return [
+        "" if line.lstrip().startswith("#") else line
+        for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    ]
+
+
+def _records(lines: list[str], separator: str, origin: str) -> list[tuple[int, list[str]]]:
+    reader = csv.reader((line + "\n" for line in lines), delimiter=separator, strict=True)
+    records: list[tuple[int, list[str]]] = []
+    try:
+        for cells in reader:
+            cleaned = [cell.translate(_MINUS).strip() for cell in cells]
+            if any(cleaned):
+                records.append((reader.line_num, cleaned))
+    except csv.Error as error:
+        raise InputError(
+            f"{origin}, line {reader.line_num}: {error}", "cells with matching quotation marks"
+        ) from error
+    if not records:
+        raise InputError(f"{origin} is empty", "a header line and at least one line of values")
+    return records
+
+
+def _header(names: list[str], origin: str) -> tuple[tuple[str, ...], int]:
+    """Return the columns' names and how many cells a row may have (unnamed ones at the end)."""
+    header = [name.lower() for name in names]
+    while header and not header[-1]:
+        header.pop()
+    for index, name in enumerate(header):
+        if not name:
+            raise InputError(f"{origin}: column {index + 1} has no name", "a name for each column")
+        if name in header[:index]:
+            raise InputError(
+                f"{origin}: two columns are called {name}", "each name once", "rename one of them"
+            )
+    return tuple(header), len(names)
+
+
+def _row(
+    cells: list[str], header: tuple[str, ...], width: int, separator: str, place: str
+) -> tuple[str, ...]:
+    n = len(header)
+    if len(cells) < n or any(cells[n:]) or len(cells) > max(width, n):
+        remedy = "complete the line, or remove it"
+        if separator == "," and len(cells) > n:
+            remedy = (
+                "with decimal commas, separate the columns by semicolons or tabs, "
+                "or write decimal points"
+            )
+        raise InputError(
+            f"{place}: {len(cells)} values in a table of {n} columns separated by "
+            f"{_SEPARATOR_NAMES[separator]}",
+            f"{n} values in each line",
+            remedy,
+        )
+    return tuple(cells[:n])
+
+
+def _what_number(text: str) -> tuple[str, str]:
+    if re.fullmatch(r"[+-]?[0-9][0-9.,' ]*", text):
+        return (
+            "one decimal comma or point and no thousands separators",
+            "save the file without thousands separators",
+        )
+    if re.fullmatch(r"[+-]?(inf|infinity)", text, re.IGNORECASE):
+        return "a finite number", "remove the line or measure the point again"
+    return "a number", "correct the cell; units belong into the header"

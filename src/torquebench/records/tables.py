@@ -1,0 +1,423 @@
+"""Tables of calibrations and readings: read with every complaint named, written whole."""
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.calibration import RANGE_MARGIN, CalibrationData, infer_branch
+from torquebench.compensation import FEATURES, features
+from torquebench.errors import InputError
+from torquebench.records.columns import (
+    branches,
+    check_direction,
+    find_columns,
+    quantity,
+    series,
+)
+from torquebench.records.csv_text import CsvTable, read_csv
+from torquebench.records.files import write_atomically
+
+__all__ = [
+    "ReadingsTable",
+    "calibration_csv",
+    "read_calibration_csv",
+    "read_readings_csv",
+    "write_calibration_csv",
+    "write_torque_csv",
+]
+
+_OPTIONAL = (
+    "nominal_nm",
+    "position_deg",
+    "speed_rpm",
+    "temperature_c",
+    "time_s",
+    "standard_error_nm",
+    "true_torque_nm",
+)
+_TEXTS = ("side", "transducer_serial", "counter_identity")
+
+
+def read_calibration_csv(
+    path: Path,
+    *,
+    range_nm: float | None = None,
+    both_directions: bool = False,
+    side: str = "",
+    transducer_serial: str = "",
+    counter_identity: str = "",
+) -> CalibrationData:
+    r"""Return the calibration in a CSV file.
+
+    Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
+    ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
+    ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order; others are
+    passed over. Lines are in measuring order: where there is no branch, it follows from it.
+    Comments such as ``# range_nm = 2000`` may give the range, the side, the transducer's serial
+    and the counter's identity; arguments take precedence over them.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    range_nm : float, optional
+        Full scale in N·m; without it, that of the file, or the largest \|standard\|.
+    both_directions : bool, default False
+        Whether clockwise and counter-clockwise torque must both occur.
+    side, transducer_serial, counter_identity : str
+        The chain, where the file doesn't name it or names it wrongly.
+
+    Raises
+    ------
+    InputError
+        Naming file, line and column of what can't be used, and what to do.
+    """
+    table = read_csv(path)
+    columns = find_columns(table, ("reading_nm", "standard_nm"))
+    table.check_decimal_marks([name for name, _ in columns.values()])
+    reading, standard = (quantity(table, columns, key) for key in ("reading_nm", "standard_nm"))
+    assert reading is not None
+    assert standard is not None
+    check_direction(table, standard)
+    numbers = series(table)
+    if numbers is None:
+        numbers = np.ones(reading.size, dtype=np.int64)
+    branch = branches(table)
+    scale = _range(table, range_nm, standard)
+    for key, values in (("reading_nm", reading), ("standard_nm", standard)):
+        _check_range(table, columns[key][0], values, scale)
+    noted = table.remarks
+    data = CalibrationData(
+        reading_nm=reading,
+        standard_nm=standard,
+        series=numbers,
+        branch=infer_branch(standard, numbers) if branch is None else branch,
+        range_nm=scale,
+        side=side or noted.get("side", ""),
+        transducer_serial=transducer_serial or noted.get("transducer_serial", ""),
+        counter_identity=counter_identity or noted.get("counter_identity", ""),
+        nominal_nm=quantity(table, columns, "nominal_nm"),
+        position_deg=quantity(table, columns, "position_deg"),
+        speed_rpm=quantity(table, columns, "speed_rpm"),
+        temperature_c=quantity(table, columns, "temperature_c"),
+        time_s=quantity(table, columns, "time_s"),
+        standard_error_nm=quantity(table, columns, "standard_error_nm"),
+        true_torque_nm=quantity(table, columns, "true_torque_nm"),
+        simulated=_simulated(noted),
+    )
+    _check_duplicates(table, data)
+    if both_directions:
+        _check_both_directions(table, data)
+    return data
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingsTable:
+    """Readings to compensate, beside all other cells of their file.
+
+    Parameters
+    ----------
+    table : CsvTable
+        The file's cells as they are, which `write_torque_csv` repeats.
+    reading_nm : array of float, shape (n,)
+        Readings in N·m.
+    branch, series, speed_rpm, temperature_c : array, shape (n,), or None
+        What else a model may look at, where the file has it.
+    simulated : bool
+        Whether the file says that its readings are simulated.
+    """
+
+    table: CsvTable
+    reading_nm: NDArray[np.float64]
+    branch: NDArray[np.int8] | None
+    series: NDArray[np.int64] | None
+    speed_rpm: NDArray[np.float64] | None
+    temperature_c: NDArray[np.float64] | None
+    simulated: bool
+
+    def __len__(self) -> int:
+        return int(self.reading_nm.size)
+
+    def features(self, columns: int) -> NDArray[np.float64]:
+        """Return the feature matrix X with as many columns as a model was fitted to.
+
+        A branch or series that the file doesn't have is unknown (0). A speed or temperature
+        that the model needs and the file doesn't have is refused.
+
+        Raises
+        ------
+        InputError
+            Naming the column that is missing.
+        """
+        known: dict[str, Any] = {name: getattr(self, name) for name in FEATURES[:columns]}
+        for name in ("branch", "series"):
+            if name in known and known[name] is None:
+                known[name] = 0
+        for name, values in known.items():
+            if values is None:
+                raise InputError(
+                    f"{self.table.origin} has no column {name}",
+                    f"the columns {', '.join(FEATURES[:columns])}, which the model was fitted to",
+                )
+        return features(**known)
+
+    def check_range(self, low_nm: float, high_nm: float) -> None:
+        """Check that all readings lie where a model may be used.
+
+        Parameters
+        ----------
+        low_nm, high_nm : float
+            Limits in N·m.
+
+        Raises
+        ------
+        InputError
+            Naming the line of the first reading outside them.
+        """
+        for row in np.flatnonzero((self.reading_nm < low_nm) | (self.reading_nm > high_nm)):
+            raise InputError(
+                f"{self.table.place(int(row), 'reading_nm')}: {self.reading_nm[row]:.6g} N·m "
+                "is outside the calibrated range",
+                f"{low_nm:.6g} to {high_nm:.6g} N·m",
+                "remove the line, or use a model that was calibrated that far",
+            )
+
+
+def read_readings_csv(path: Path) -> ReadingsTable:
+    """Return the readings in a CSV file, to be compensated.
+
+    The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``
+    and ``temperature_c``; all others are kept as they are.
+
+    Raises
+    ------
+    InputError
+        Naming file, line and column of what can't be used, and what to do.
+    """
+    table = read_csv(path)
+    columns = find_columns(table, ("reading_nm",))
+    used = ("reading_nm", "speed_rpm", "temperature_c")
+    table.check_decimal_marks([columns[key][0] for key in used if key in columns])
+    reading = quantity(table, columns, "reading_nm")
+    assert reading is not None
+    check_direction(table, reading)
+    return ReadingsTable(
+        table=table,
+        reading_nm=reading,
+        branch=branches(table),
+        series=series(table),
+        speed_rpm=quantity(table, columns, "speed_rpm"),
+        temperature_c=quantity(table, columns, "temperature_c"),
+        simulated=_simulated(table.remarks),
+    )
+
+
+def write_torque_csv(
+    path: Path,
+    readings: ReadingsTable,
+    torque_nm: ArrayLike,
+    additional_torque_nm: ArrayLike,
+    expanded_uncertainty_nm: ArrayLike,
+) -> None:
+    """Write readings with their compensated torque, whole or not at all.
+
+    Separator and decimal mark are those of the readings' file; its columns come first, as they
+    are.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File to write.
+    readings : ReadingsTable
+        The readings.
+    torque_nm, additional_torque_nm, expanded_uncertainty_nm : array of float, shape (n,)
+        Compensated torque, what was added to the reading, and expanded uncertainty (k = 2), all
+        in N·m.
+
+    Raises
+    ------
+    InputError
+        Where the readings' file has one of these columns already, lengths differ, a value isn't
+        finite, or the file can't be written.
+    """
+    table = readings.table
+    added = {
+        "torque_nm": torque_nm,
+        "additional_torque_nm": additional_torque_nm,
+        "expanded_uncertainty_nm": expanded_uncertainty_nm,
+    }
+    for name in added:
+        if name in table.header:
+            raise InputError(
+                f"{table.origin} has a column {name} already",
+                "readings without it",
+                "rename or remove it",
+            )
+    columns = [_finite(name, values, len(readings)) for name, values in added.items()]
+    comma = any("," in cell for cell in table.texts(_name_of_reading(table)))
+    lines = [_line((*table.header, *added), table.separator)]
+    for row, cells in enumerate(table.rows):
+        numbers = [repr(float(column[row])) for column in columns]
+        if comma:
+            numbers = [number.replace(".", ",") for number in numbers]
+        lines.append(_line((*cells, *numbers), table.separator))
+    remarks = [f"# {key} = {value}\n" for key, value in table.remarks.items()]
+    write_atomically(path, "".join(remarks + lines))
+
+
+def write_calibration_csv(
+    path: Path, data: CalibrationData, remarks: Mapping[str, str] | None = None
+) -> None:
+    """Write a calibration as a CSV file that `read_calibration_csv` reads back exactly.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File to write; it is written whole or not at all.
+    data : CalibrationData
+        The calibration.
+    remarks : mapping of str to str, optional
+        More comment lines, such as the profile's name.
+
+    Raises
+    ------
+    InputError
+        Where the file can't be written.
+    """
+    write_atomically(path, calibration_csv(data, remarks))
+
+
+def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = None) -> str:
+    """Return a calibration as CSV text; see `write_calibration_csv`.
+
+    Examples
+    --------
+    >>> data = CalibrationData([5.1], [5.0], [1], [1], 10.0)
+    >>> print(calibration_csv(data), end="")
+    # range_nm = 10.0
+    reading_nm,standard_nm,series,branch
+    5.1,5.0,1,up
+    """
+    notes = {"range_nm": repr(data.range_nm)}
+    notes |= {key: getattr(data, key) for key in _TEXTS if getattr(data, key)}
+    if data.simulated:
+        notes["simulated"] = "true"
+    text = io.StringIO()
+    for key, value in {**notes, **(remarks or {})}.items():
+        text.write(f"# {key} = {value}\n")
+    extra = [name for name in _OPTIONAL if getattr(data, name) is not None]
+    text.write(_line(("reading_nm", "standard_nm", "series", "branch", *extra), ","))
+    words = {1: "up", -1: "down", 0: "unknown"}
+    for row in range(len(data)):
+        numbers = [repr(float(getattr(data, name)[row])) for name in extra]
+        text.write(
+            _line(
+                (
+                    repr(float(data.reading_nm[row])),
+                    repr(float(data.standard_nm[row])),
+                    str(int(data.series[row])),
+                    words[int(data.branch[row])],
+                    *numbers,
+                ),
+                ",",
+            )
+        )
+    return text.getvalue()
+
+
+def _line(cells: tuple[str, ...], separator: str) -> str:
+    quoted = [
+        '"' + cell.replace('"', '""') + '"'
+        if any(mark in cell for mark in f'{separator}"\n')
+        else cell
+        for cell in cells
+    ]
+    return separator.join(quoted) + "\n"
+
+
+def _finite(name: str, values: ArrayLike, n: int) -> NDArray[np.float64]:
+    column = np.asarray(values, dtype=np.float64)
+    if column.shape != (n,) or not np.all(np.isfinite(column)):
+        raise InputError(f"{name} of shape {column.shape}", f"{n} finite values, one a reading")
+    return column
+
+
+def _name_of_reading(table: CsvTable) -> str:
+    return find_columns(table, ("reading_nm",))["reading_nm"][0]
+
+
+def _simulated(remarks: Mapping[str, str]) -> bool:
+    return remarks.get("simulated", "").lower() in ("true", "yes", "1")
+
+
+def _range(table: CsvTable, given: float | None, standard: NDArray[np.float64]) -> float:
+    if given is not None:
+        return given
+    noted = table.remarks.get("range_nm")
+    if noted is not None:
+        try:
+            return float(noted)
+        except ValueError as error:
+            raise InputError(
+                f"{table.origin}: the comment says range_nm = {noted!r}", "a number in N·m"
+            ) from error
+    largest = float(np.max(np.abs(standard)))
+    if largest == 0:
+        raise InputError(f"{table.origin}: all standard values are 0 N·m", "a loaded chain")
+    return largest
+
+
+def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_nm: float) -> None:
+    limit = range_nm * (1 + RANGE_MARGIN)
+    for row in np.flatnonzero(np.abs(values) > limit):
+        raise InputError(
+            f"{table.place(int(row), name)}: {values[row]:.6g} N·m exceeds the range",
+            f"±{limit:.6g} N·m (range {range_nm:.6g} N·m and {100 * RANGE_MARGIN:.0f} %)",
+            "check the range that you gave, or remove the line",
+        )
+
+
+def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
+    """Refuse two points at one standard value of one series, branch, direction and position."""
+    direction = data.loading_direction()
+    position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
+    seen: dict[tuple[float, ...], int] = {}
+    for row in range(len(data)):
+        key = (
+            float(data.standard_nm[row]),
+            float(data.series[row]),
+            float(data.branch[row]),
+            float(direction[row]),
+            float(position[row]),
+        )
+        before = seen.setdefault(key, row)
+        if before == row:
+            continue
+        same = data.reading_nm[before] == data.reading_nm[row]
+        found = (
+            f"repeats line {table.lines[before]}"
+            if same
+            else f"reads {data.reading_nm[row]:.9g} N·m where line {table.lines[before]} reads "
+            f"{data.reading_nm[before]:.9g} N·m"
+        )
+        raise InputError(
+            f"{table.origin}, line {table.lines[row]} {found}, "
+            f"at {data.standard_nm[row]:.9g} N·m of series {data.series[row]} on the same branch",
+            "each step once in each series and branch",
+            "remove the line, or number repeated series in a column series",
+        )
+
+
+def _check_both_directions(table: CsvTable, data: CalibrationData) -> None:
+    for sign, missing in ((1, "clockwise (positive)"), (-1, "counter-clockwise (negative)")):
+        if not np.any(data.direction == sign):
+            raise InputError(
+                f"{table.origin} has no {missing} torque",
+                "both directions",
+                "measure it too, or calibrate for one direction only",
+            )
