@@ -1,0 +1,83 @@
+"""Tables of errors: N·m, % of full scale and % of reading beside each other."""
+
+from collections.abc import Sequence
+
+from torquebench.calibration import ErrorSummary
+from torquebench.reports.page import Table
+
+__all__ = ["errors_table", "number"]
+
+_HEADER = (
+    "",
+    "worst, N·m",
+    "RMS, N·m",
+    "worst, % FS",
+    "RMS, % FS",
+    "worst, % of reading",
+    "RMS, % of reading",
+)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Return a value with so many significant digits, without an exponent.
+
+    Parameters
+    ----------
+    value : float or None
+        The value; None is shown as a dash.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Examples
+    --------
+    >>> number(0.0123456), number(1234.5), number(None), number(0.0)
+    ('0.0123', '1230', '–', '0')
+    """
+    if value is None:
+        return "–"
+    if value == 0.0:
+        return "0"
+    rounded = float(f"{value:.{digits}g}")
+    places = max(0, digits - 1 - int(f"{rounded:e}".split("e")[1]))
+    return f"{rounded:.{places}f}"
+
+
+def errors_table(
+    rows: Sequence[tuple[str, ErrorSummary]], caption: str, emphasised: int | None = None
+) -> Table:
+    """Return a table of error summaries, one row each.
+
+    Parameters
+    ----------
+    rows : sequence of (str, ErrorSummary)
+        Name of the row and its errors.
+    caption : str
+        Against what, on which points.
+    emphasised : int, optional
+        Row to mark.
+
+    Returns
+    -------
+    Table
+        Ready for a page.
+    """
+    cells = [
+        (
+            name,
+            number(summary.worst_nm),
+            number(summary.rms_nm),
+            number(summary.worst_percent_fs),
+            number(summary.rms_percent_fs),
+            number(summary.worst_percent_reading),
+            number(summary.rms_percent_reading),
+        )
+        for name, summary in rows
+    ]
+    if rows:
+        caption = f"{caption} % of reading: {rows[0][1].reading_rule}."
+    return Table(_HEADER, cells, caption, emphasised)

@@ -1,0 +1,238 @@
+"""What a report says of one module: its calibration, its models and their verification."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration import ErrorSummary
+from torquebench.campaign.results import CompensationResult, ModuleResult
+from torquebench.compensation import CompensationModel, features
+from torquebench.reports.errors_table import errors_table, number
+from torquebench.reports.figures import (
+    Curve,
+    additional_torque_figure,
+    error_figure,
+    group_figure,
+    staircase_figure,
+)
+from torquebench.reports.page import Facts, Figure, Section, Table
+
+__all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections"]
+
+SOURCES_LIMIT_FS = 0.001
+"""0.1 % of full scale: what the published instrument reaches (doi 10.1177/00202940221103308)."""
+
+_CURVE_POINTS = 401
+
+
+def branch_curves(
+    model: CompensationModel, title: str, reading_nm: NDArray[np.float64]
+) -> list[Curve]:
+    """Return a model's additional torque over the readings that it was fitted to.
+
+    Parameters
+    ----------
+    model : CompensationModel
+        A fitted model.
+    title : str
+        Its name in the legend.
+    reading_nm : numpy.ndarray of shape (n,)
+        Readings that span the range, in N·m.
+
+    Returns
+    -------
+    list of Curve
+        One curve for a model that knows no branch, else one for each branch.
+    """
+    grid = np.linspace(float(np.min(reading_nm)), float(np.max(reading_nm)), _CURVE_POINTS)
+    columns = model.n_features_in_
+    if columns < 2 or "branch" not in model.used_features:
+        return [Curve(title, grid, model.additional_torque(features(grid)[:, :columns]))]
+    curves = []
+    for branch, word in ((1, "rising"), (-1, "falling")):
+        X = features(grid, branch=np.full(grid.size, branch), series=np.zeros(grid.size))
+        curves.append(Curve(f"{title}, {word}", grid, model.additional_torque(X[:, :columns])))
+    return curves
+
+
+def module_sections(module: ModuleResult) -> list[Section]:
+    """Return the sections of one module: calibration, compensation, verification.
+
+    Parameters
+    ----------
+    module : ModuleResult
+        What a campaign found out about the module.
+
+    Returns
+    -------
+    list of Section
+        In reading order.
+    """
+    name = f"{module.side.capitalize()} module"
+    return [
+        Section(f"{name}: calibration", _calibration_text(module), _calibration_blocks(module)),
+        Section(f"{name}: verification", _verification_text(module), _verification_blocks(module)),
+    ]
+
+
+def _calibration_text(module: ModuleResult) -> str:
+    data = module.calibration
+    return (
+        f"{len(data)} steps against the calibrator, each the steady mean of its settled part, "
+        f"in {len(np.unique(data.series))} series. Additional torque is what the chain between "
+        "transducer and reducer swallows: standard minus reading."
+    )
+
+
+def _calibration_blocks(module: ModuleResult) -> list[Facts | Figure]:
+    data = module.calibration
+    facts = Facts(
+        (
+            ("Transducer", module.transducer_serial),
+            ("Counter", module.counter_identity),
+            ("Range", f"±{module.range_nm:g} N·m"),
+            ("Profile", f"{module.profile_name} (SHA-256 {module.profile_hash[:16]}…)"),
+            ("Recommended model", module.recommended.title),
+            ("Records", ", ".join(module.run_ids)),
+        )
+    )
+    recommended = module.recommended
+    curves: list[Curve] = []
+    if recommended.model is not None:
+        curves = branch_curves(recommended.model, recommended.title, data.reading_nm)
+    blocks: list[Facts | Figure] = [facts]
+    if data.time_s is not None:
+        blocks.append(
+            Figure(
+                staircase_figure(
+                    data.time_s - data.time_s[0],
+                    data.standard_nm,
+                    data.additional_torque_nm,
+                    module.range_nm,
+                ),
+                "The staircase as the calibrator read it, and the additional torque of each step.",
+            )
+        )
+    blocks.append(
+        Figure(
+            additional_torque_figure(
+                data.reading_nm, data.additional_torque_nm, data.branch, curves, module.range_nm
+            ),
+            f"Additional torque of each step, and the model {recommended.title!r} fitted to it.",
+        )
+    )
+    return blocks
+
+
+def _verification_text(module: ModuleResult) -> str:
+    groups = len(module.raw.verification.groups)
+    worst = _reference_errors(module.recommended)
+    return (
+        f"{len(module.verification)} fresh readings in {groups} groups, none of them on a step of "
+        f"the calibration. After the recommended model the worst single reading is "
+        f"{number(worst.worst_nm)} N·m ({number(worst.worst_percent_fs)} % FS) off the "
+        f"{_reference_name(module)}."
+    )
+
+
+def _reference_name(module: ModuleResult) -> str:
+    return "true torque" if module.verification.simulated else "standard"
+
+
+def _reference_errors(result: CompensationResult) -> ErrorSummary:
+    found = result.verification
+    return found.against_standard if found.against_truth is None else found.against_truth
+
+
+def _tables(module: ModuleResult) -> list[Table]:
+    results = (module.raw, *module.models)
+    marked = next(i for i, result in enumerate(results) if result.recommended)
+    groups = len(module.raw.verification.groups)
+    readings = f"{len(module.verification)} single readings in {groups} groups"
+    candidates = (
+        (f"{readings} against the standard.", [r.verification.against_standard for r in results]),
+        (
+            f"{readings} against the simulated bench's true torque.",
+            [r.verification.against_truth for r in results],
+        ),
+        (
+            f"Errors averaged over the groups at each place, against the {_reference_name(module)}"
+            ": what the model is worth once the noise of single readings is gone.",
+            [r.verification.averaged for r in results],
+        ),
+        (
+            "Dense noise-free sweep against the simulated bench's true torque.",
+            [r.dense for r in results],
+        ),
+    )
+    tables = []
+    for caption, summaries in candidates:
+        rows = [
+            (result.title, summary)
+            for result, summary in zip(results, summaries, strict=True)
+            if summary is not None
+        ]
+        if rows:
+            tables.append(errors_table(rows, caption, marked))
+    return tables
+
+
+def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
+    data = module.verification
+    reference = data.standard_nm if data.true_torque_nm is None else data.true_torque_nm
+    # The recommended model is drawn last, so that the others don't cover it.
+    results = (module.raw, *reversed(module.models))
+    points = [
+        Curve(r.title, reference, r.torque_nm - reference, raw=r is module.raw) for r in results
+    ]
+    blocks: list[Table | Figure] = [
+        *_tables(module),
+        Figure(
+            error_figure(points, module.range_nm, limit_fs=SOURCES_LIMIT_FS),
+            f"Error of every verification reading against the {_reference_name(module)}: "
+            "uncompensated above, compensated below. Dashed: 0.1 % FS.",
+        ),
+    ]
+    dense = module.dense
+    if dense is not None:
+        curves = [
+            Curve(
+                r.title,
+                dense.true_torque_nm,
+                r.dense_torque_nm - dense.true_torque_nm,
+                raw=r is module.raw,
+            )
+            for r in results
+            if r.dense_torque_nm is not None
+        ]
+        blocks.append(
+            Figure(
+                error_figure(curves, module.range_nm, limit_fs=SOURCES_LIMIT_FS, markers=False),
+                "Error of each model alone along a dense sweep without noise, up and down in both "
+                "directions. Dashed: 0.1 % FS.",
+            )
+        )
+    worst = {
+        r.title: np.array([group.worst_nm for group in r.verification.groups])
+        for r in reversed(module.models)
+    }
+    blocks.append(
+        Figure(
+            group_figure(worst, module.range_nm, limit_fs=SOURCES_LIMIT_FS),
+            f"Worst single reading of each group. {_repeatability(module)}",
+        )
+    )
+    return blocks
+
+
+def _repeatability(module: ModuleResult) -> str:
+    found = module.recommended.verification.repeatability
+    if found is None:
+        return ""
+    return (
+        f"Repeatability over the groups after the recommended model: "
+        f"{number(found.pooled_nm)} N·m ({number(found.pooled_percent_fs)} % FS), at the worst "
+        f"place {number(found.worst_nm)} N·m ({number(found.worst_percent_fs)} % FS); "
+        f"{found.rule}."
+    )
