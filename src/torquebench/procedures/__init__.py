@@ -11,17 +11,23 @@ from torquebench.procedures.friction import (
     FrictionSweep,
     friction_sweep,
 )
+from torquebench.procedures.rehearsal import Move, Rehearsal, rehearse
+from torquebench.procedures.setup import Plan
 from torquebench.procedures.zeroing import ZeroResult, preload, zero
 
 __all__ = [
     "FrictionPoint",
     "FrictionSettings",
     "FrictionSweep",
+    "Move",
+    "Plan",
+    "Rehearsal",
     "StaircaseResult",
     "ZeroResult",
     "calibrate",
     "friction_sweep",
     "preload",
+    "rehearse",
     "verify",
     "zero",
 ]

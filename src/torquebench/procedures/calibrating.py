@@ -100,9 +100,7 @@ def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> d
     }
 
 
-def calibrate(
-    devices: BenchDevices, side: Side, profile: Profile, steps: Sequence[Step] | None = None
-) -> Plan[StaircaseResult]:
+def calibrate(devices: BenchDevices, side: Side, profile: Profile) -> Plan[StaircaseResult]:
     """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
 
     The opposite module is locked. Ends without torque, drives off, however it ends.
@@ -112,8 +110,7 @@ def calibrate(
     devices : BenchDevices
     side : {"input", "output"}
     profile : Profile
-    steps : sequence of Step, optional
-        The staircase where it was laid out before; by default the profile lays it out.
+        Lays out the staircase over the module's range.
 
     Returns
     -------
@@ -124,18 +121,13 @@ def calibrate(
     LimitError
         Before anything moves, where a step exceeds the drive's torque limit.
     """
-    if steps is None:
-        steps = profile.staircase(_range_nm(devices, side))
+    steps = profile.staircase(_range_nm(devices, side))
     setup = Setup("calibration", side, "calibrator", "locked")
     return (yield from _staircase(devices, setup, profile, steps, "calibrate"))
 
 
 def verify(
-    devices: BenchDevices,
-    side: Side,
-    profile: Profile,
-    rng: np.random.Generator,
-    steps: Sequence[Step] | None = None,
+    devices: BenchDevices, side: Side, profile: Profile, steps: Sequence[Step]
 ) -> Plan[StaircaseResult]:
     """Verify one module against the verification standard at fresh points off the grid.
 
@@ -144,19 +136,16 @@ def verify(
     devices : BenchDevices
     side : {"input", "output"}
     profile : Profile
-        By default ten groups of 50 random points (profile "verification").
-    rng : numpy.random.Generator
-        Draws the points.
-    steps : sequence of Step, optional
-        The staircase where it was drawn before.
+        Such as the packaged profile "verification": ten groups of 50 random points.
+    steps : sequence of Step
+        The profile's staircase with its points drawn, so that a rehearsal and the run that
+        follows it meet the same points.
 
     Returns
     -------
     StaircaseResult
         With the number of the group as `series`.
     """
-    if steps is None:
-        steps = profile.staircase(_range_nm(devices, side), rng)
     setup = Setup("verification", side, "verification_standard", "locked")
     return (yield from _staircase(devices, setup, profile, steps, "verify"))
 

@@ -1,0 +1,158 @@
+"""Fit compensation models to one calibration, with words for what each of them is."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.compensation import FEATURES, CompensationModel, make_model
+
+__all__ = ["FittedModel", "ModelChoice", "feature_columns", "fit_models", "model_title"]
+
+_TITLES = {
+    "bayesian-network": "network, Bayesian",
+    "gaussian-process": "Gaussian process",
+    "hybrid": "physics + Gaussian process",
+    "physics": "physical form",
+    "polynomial": "polynomial, degree {degree}",
+    "published-network": "network, gradient descent",
+    "radial-basis": "radial basis functions",
+    "raw": "raw reading",
+    "spline": "smoothing spline",
+}
+
+_PROGRESS_STEPS = 100
+
+
+def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
+    """Return a kind of model in a few words, for tables and legends.
+
+    Examples
+    --------
+    >>> model_title("polynomial", {"degree": 2})
+    'polynomial, degree 2'
+    >>> model_title("raw")
+    'raw reading'
+    """
+    return _TITLES.get(kind, kind).format_map(_Named(parameters or {}))
+
+
+class _Named(dict[str, Any]):
+    def __missing__(self, key: str) -> str:
+        return "?"
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """A model that is to be fitted: its kind and parameters.
+
+    Parameters
+    ----------
+    name : str
+        As `make_model` takes it; also the name in results ("polynomial-2").
+    parameters : mapping
+        Beyond the range, which comes from the data.
+    """
+
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A model fitted to all points of a calibration.
+
+    Parameters
+    ----------
+    name, title : str
+        Name of the choice, and the kind in words.
+    model : CompensationModel
+        Fitted.
+    seconds : float
+        Duration of the fit, s.
+    remarks : tuple of str
+        What the fit warned of: wild points, averaged points.
+    """
+
+    name: str
+    title: str
+    model: CompensationModel
+    seconds: float
+    remarks: tuple[str, ...]
+
+
+def feature_columns(model: CompensationModel) -> int:
+    """Return how many leading columns of `FEATURES` a kind of model looks at.
+
+    A model is fitted to no more of them, so that it never asks for a column that it doesn't use.
+
+    Examples
+    --------
+    >>> feature_columns(make_model("polynomial"))
+    1
+    """
+    return 1 + max(FEATURES.index(name) for name in model.used_features)
+
+
+def fit_models(
+    data: CalibrationData,
+    choices: Sequence[ModelChoice],
+    progress: Progress = NO_PROGRESS,
+    title: str = "Fitting models",
+) -> list[FittedModel]:
+    """Fit every chosen model to all points of a calibration.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    choices : sequence of ModelChoice
+    progress : Progress
+        Told a stage of 100 steps a model.
+    title : str
+        Of that stage.
+
+    Returns
+    -------
+    list of FittedModel
+        In the order of the choices.
+
+    Raises
+    ------
+    InputError
+        An unknown kind or parameter, or points that a model refuses.
+    """
+    progress.start(title, _PROGRESS_STEPS * len(choices))
+    fitted = []
+    for choice in choices:
+        model = make_model(choice.name, range_nm=data.range_nm, **choice.parameters)
+        words = model_title(model.kind, model.get_params(deep=False))
+        counter = _Fraction(progress)
+        started = time.perf_counter()
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            model.fit(data.features(feature_columns(model)), data.standard_nm, progress=counter)
+        counter(1.0, "")
+        remarks = tuple(dict.fromkeys(f"{words}: {entry.message}" for entry in caught))
+        seconds = time.perf_counter() - started
+        fitted.append(FittedModel(choice.name, words, model, seconds, remarks))
+    progress.finish()
+    return fitted
+
+
+class _Fraction:
+    """Turns the fraction that a fit reports into steps of a stage."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._done = 0
+
+    def __call__(self, fraction: float, _sentence: str) -> None:
+        steps = round(_PROGRESS_STEPS * min(max(fraction, 0.0), 1.0))
+        if steps > self._done:
+            self._progress.advance(steps - self._done)
+            self._done = steps

@@ -1,0 +1,170 @@
+"""Run a procedure on an open station: rehearsed first, watched while it runs, read when done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, TypeVar
+
+import numpy as np
+
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import Profile
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import BenchError
+from torquebench.procedures import (
+    FrictionSettings,
+    FrictionSweep,
+    Plan,
+    Rehearsal,
+    StaircaseResult,
+    calibrate,
+    friction_sweep,
+    rehearse,
+    verify,
+)
+from torquebench.station import Progress as PlanProgress
+from torquebench.station import RunRecord, Station
+
+__all__ = [
+    "Measured",
+    "OnPause",
+    "RunAbortedError",
+    "measure_calibration",
+    "measure_friction",
+    "measure_verification",
+    "rehearse_calibration",
+]
+
+Result = TypeVar("Result")
+OnPause = Callable[[Station], Literal["resume", "abort"]]
+
+
+class RunAbortedError(BenchError):
+    """A run was ended on purpose; the bench is without torque and the record is sealed.
+
+    Attributes
+    ----------
+    record : RunRecord
+        What is left of the run.
+    """
+
+    def __init__(self, record: RunRecord) -> None:
+        self.record = record
+        reason = f" ({record.reason})" if record.reason else ""
+        super().__init__(f"the {record.kind} run was aborted{reason}")
+
+    def __reduce__(self) -> tuple[type, tuple[RunRecord]]:  # type: ignore[override]
+        return (type(self), (self.record,))
+
+
+@dataclass(frozen=True)
+class Measured(Generic[Result]):
+    """What a procedure measured, and the record of its run."""
+
+    result: Result
+    record: RunRecord
+
+
+def rehearse_calibration(
+    station: Station, side: Side, profile: Profile
+) -> Rehearsal[StaircaseResult]:
+    """Go through a calibration's plan without moving anything; see `procedures.rehearse`."""
+    return rehearse(station.devices, calibrate(station.devices, side, profile))
+
+
+def measure_calibration(
+    station: Station,
+    side: Side,
+    profile: Profile,
+    *,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> Measured[StaircaseResult]:
+    """Calibrate one module against the calibrator.
+
+    Raises
+    ------
+    LimitError, InterlockError
+        Before anything moves.
+    RunAbortedError
+        Somebody ended the run.
+    SignalFault, BenchError
+        Something failed meanwhile; the bench is without torque.
+    """
+    return _measure(
+        station,
+        lambda: calibrate(station.devices, side, profile),
+        kind=f"calibrate-{side}",
+        title=f"Calibrating the {side} module",
+        progress=progress,
+        on_pause=on_pause,
+    )
+
+
+def measure_verification(
+    station: Station,
+    side: Side,
+    profile: Profile,
+    seed: int,
+    *,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> Measured[StaircaseResult]:
+    """Verify one module against the verification standard at points drawn by `seed`."""
+    rng = np.random.default_rng(seed)
+    steps = profile.staircase(station.description.module(side).range_nm, rng)
+    return _measure(
+        station,
+        lambda: verify(station.devices, side, profile, steps),
+        kind=f"verify-{side}",
+        title=f"Verifying the {side} module",
+        progress=progress,
+        on_pause=on_pause,
+    )
+
+
+def measure_friction(
+    station: Station,
+    settings: FrictionSettings | None = None,
+    *,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> Measured[FrictionSweep]:
+    """Sweep the input speed of the mounted reducer, output free, and read its friction."""
+    return _measure(
+        station,
+        lambda: friction_sweep(station.devices, settings),
+        kind="no-load-friction",
+        title="No-load friction of the reducer",
+        progress=progress,
+        on_pause=on_pause,
+    )
+
+
+def _measure(
+    station: Station,
+    plan: Callable[[], Plan[Result]],
+    *,
+    kind: str,
+    title: str,
+    progress: Progress,
+    on_pause: OnPause | None,
+) -> Measured[Result]:
+    rehearse(station.devices, plan())
+    done = 0
+
+    def watch(step: PlanProgress) -> None:
+        nonlocal done
+        if done == 0 and step.done == 0:
+            progress.start(title, step.total)
+        if step.done > done:
+            progress.advance(step.done - done)
+            done = step.done
+
+    extra: dict[str, Any] = {} if on_pause is None else {"on_pause": on_pause}
+    record = station.run(plan(), kind=kind, progress=watch, **extra)
+    if record.exit_status != "success":
+        raise RunAbortedError(record)
+    progress.finish()
+    return Measured(record.result, record)

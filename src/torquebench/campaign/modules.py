@@ -1,0 +1,251 @@
+"""One module from calibration to verified, registered models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from torquebench import __version__
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import (
+    RAW,
+    CalibrationData,
+    ErrorSummary,
+    Profile,
+    VerificationResult,
+    summarise_errors,
+    verify,
+)
+from torquebench.campaign.fitting import FittedModel, feature_columns, model_title
+from torquebench.campaign.measuring import Measured
+from torquebench.campaign.results import CompensationResult, DenseSweep, ModuleResult
+from torquebench.compensation import (
+    CompensationModel,
+    Provenance,
+    StoredModel,
+    features,
+    save_model,
+)
+from torquebench.procedures import StaircaseResult
+from torquebench.records import CalibrationEntry, ModelEntry
+from torquebench.station import Station
+
+__all__ = [
+    "RegisteredCalibration",
+    "dense_sweep",
+    "evaluate_module",
+    "register_calibration",
+    "register_verification",
+    "store_model",
+]
+
+DENSE_POINTS_PER_BRANCH = 1001
+
+
+@dataclass(frozen=True)
+class RegisteredCalibration:
+    """A calibration in the registry with the models that were fitted to it.
+
+    Parameters
+    ----------
+    calibration : CalibrationEntry
+    models : mapping of str to ModelEntry
+        By the name of the choice.
+    """
+
+    calibration: CalibrationEntry
+    models: Mapping[str, ModelEntry]
+
+
+def register_calibration(
+    station: Station,
+    measured: Measured[StaircaseResult],
+    profile: Profile,
+    fitted: Sequence[FittedModel],
+    active: str,
+) -> RegisteredCalibration:
+    """Register a calibration, store its models beside the runs and put one of them into use.
+
+    Parameters
+    ----------
+    station : Station
+    measured : Measured
+        The calibration.
+    profile : Profile
+        That it followed.
+    fitted : sequence of FittedModel
+        Models of it.
+    active : str
+        Name of the one that the module compensates with from now on.
+    """
+    registry, result = station.registry, measured.result
+    entry = registry.add_calibration(
+        result.data,
+        run_id=measured.record.run_id,
+        standard_serial=result.standard_serial,
+        profile_name=profile.name,
+        profile_sha256=profile.sha256,
+        summary={"unsettled points": result.unsettled},
+    )
+    models = {}
+    for item in fitted:
+        metrics = fit_metrics(item, result.data)
+        path = station.data_dir / "models" / f"{measured.record.run_id}-{item.name}.json"
+        store_model(path, item.model, result.data, metrics)
+        models[item.name] = registry.add_model(
+            entry, kind=item.model.kind, file=path, side=result.data.side, metrics=metrics
+        )
+    registry.activate(models[active].model_id, reason="recommended by the calibration")
+    return RegisteredCalibration(entry, models)
+
+
+def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
+    """Return figures of a fit on its own points, names with their unit."""
+    torque = fitted.model.predict(data.features(feature_columns(fitted.model)))
+    errors = summarise_errors(torque, data.standard_nm, data.range_nm)
+    return {
+        "fit_worst_percent_fs": errors.worst_percent_fs,
+        "fit_rms_percent_fs": errors.rms_percent_fs,
+        "noise_nm": float(fitted.model.noise_nm_),
+        "effective_parameters": float(fitted.model.effective_parameters_),
+        "fit_seconds": fitted.seconds,
+    }
+
+
+def store_model(
+    path: Path, model: CompensationModel, data: CalibrationData, metrics: Mapping[str, float]
+) -> StoredModel:
+    """Write a model file that names the chain, the points and the software it comes from."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stored = StoredModel(
+        model,
+        Provenance(
+            range_nm=data.range_nm,
+            side=data.side,
+            transducer_serial=data.transducer_serial,
+            counter_identity=data.counter_identity,
+            training_data_sha256=data.sha256(),
+            metrics=dict(metrics),
+            software_version=__version__,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+        ),
+    )
+    save_model(path, stored)
+    return stored
+
+
+def register_verification(
+    station: Station,
+    registered: RegisteredCalibration,
+    result: VerificationResult,
+    run_id: str,
+) -> None:
+    """Register what a verification found, for each model beside the raw reading."""
+    for name, entry in registered.models.items():
+        part = replace(result, models=(result.of(RAW), result.of(name)))
+        station.registry.add_verification(entry.model_id, part, run_id=run_id)
+
+
+def dense_sweep(station: Station, side: Side) -> DenseSweep | None:
+    """Sweep the simulated chain densely and without noise; None on a real bench.
+
+    The path goes up and down in both directions, as the calibration did.
+    """
+    truth = station.devices.context.drivers.truth
+    if truth is None:
+        return None
+    range_nm = station.description.module(side).range_nm
+    rising = np.linspace(0.0, range_nm, DENSE_POINTS_PER_BRANCH)
+    loop = np.concatenate([rising, rising[-2::-1]])
+    path = np.concatenate([loop, -loop[1:]])
+    reading_nm, branch = truth.dense_sweep(side, path)
+    return DenseSweep(path, reading_nm, branch)
+
+
+def evaluate_module(
+    calibrated: StaircaseResult,
+    verified: StaircaseResult,
+    profile: Profile,
+    fitted: Sequence[FittedModel],
+    recommended: str,
+    *,
+    dense: DenseSweep | None = None,
+    run_ids: tuple[str, ...] = (),
+) -> tuple[ModuleResult, VerificationResult]:
+    """Put together how every model does on the verification and on the dense sweep.
+
+    Parameters
+    ----------
+    calibrated, verified : StaircaseResult
+    profile : Profile
+        Of the calibration.
+    fitted : sequence of FittedModel
+    recommended : str
+        Name of the model in use.
+    dense : DenseSweep, optional
+    run_ids : tuple of str
+        Runs that hold the raw data.
+    """
+    data = verified.data
+    result = verify(data, {item.name: item.model for item in fitted})
+    raw = CompensationResult(
+        name=RAW,
+        title=model_title(RAW),
+        recommended=False,
+        model=None,
+        fit_seconds=0.0,
+        torque_nm=data.reading_nm,
+        verification=result.of(RAW),
+        **_dense(None, dense, data.range_nm),
+    )
+    models = [
+        CompensationResult(
+            name=item.name,
+            title=item.title,
+            recommended=item.name == recommended,
+            model=item.model,
+            fit_seconds=item.seconds,
+            torque_nm=item.model.predict(data.features(feature_columns(item.model))),
+            verification=result.of(item.name),
+            **_dense(item.model, dense, data.range_nm),
+        )
+        for item in fitted
+    ]
+    calibration = calibrated.data
+    module = ModuleResult(
+        side=data.side,
+        range_nm=data.range_nm,
+        transducer_serial=data.transducer_serial,
+        counter_identity=data.counter_identity,
+        profile_name=profile.name,
+        profile_hash=profile.sha256,
+        calibration=calibration,
+        verification=data,
+        raw=raw,
+        models=tuple(sorted(models, key=lambda model: not model.recommended)),
+        dense=dense,
+        run_ids=run_ids,
+    )
+    return module, result
+
+
+def _dense(
+    model: CompensationModel | None, sweep: DenseSweep | None, range_nm: float
+) -> dict[str, Any]:
+    if sweep is None:
+        return {}
+    torque = sweep.reading_nm
+    if model is not None:
+        X = features(sweep.reading_nm, sweep.branch, 0, 0.0, CALIBRATION_TEMPERATURE_C)
+        torque = model.predict(X[:, : feature_columns(model)])
+    errors: ErrorSummary = summarise_errors(torque, sweep.true_torque_nm, range_nm)
+    return {"dense_torque_nm": torque, "dense": errors}
+
+
+CALIBRATION_TEMPERATURE_C = 23.0
+"""Temperature that the noise-free sweep is computed at."""
