@@ -12,6 +12,7 @@ from torquebench.compensation.base import (
     features,
     make_model,
 )
+from torquebench.compensation.bayesian_network import BayesianNetworkModel
 from torquebench.compensation.checks import OutlierWarning, PointsReducedWarning, WildPoint
 from torquebench.compensation.hybrid import HybridModel
 from torquebench.compensation.model_file import (
@@ -22,10 +23,12 @@ from torquebench.compensation.model_file import (
 )
 from torquebench.compensation.physics import PhysicsModel
 from torquebench.compensation.polynomial import PolynomialModel
+from torquebench.compensation.published_network import PublishedNetworkModel
 
 __all__ = [
     "FEATURES",
     "MODELS",
+    "BayesianNetworkModel",
     "CompensationModel",
     "HybridModel",
     "OutlierWarning",
@@ -33,6 +36,7 @@ __all__ = [
     "PointsReducedWarning",
     "PolynomialModel",
     "Provenance",
+    "PublishedNetworkModel",
     "StoredModel",
     "WildPoint",
     "feature_column",

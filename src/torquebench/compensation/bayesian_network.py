@@ -1,0 +1,384 @@
+"""The network 1-50-1 by Levenberg-Marquardt with Bayesian regularisation, as a small ensemble."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.linalg import lapack
+from sklearn.utils._param_validation import Interval, StrOptions
+
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
+from torquebench.compensation.network import (
+    NetworkParameters,
+    SpanScaling,
+    hidden_values,
+    jacobian,
+    network_values,
+    nguyen_widrow_start,
+    posterior_factor,
+    posterior_variance,
+    small_uniform_start,
+    tangent_kernels,
+)
+from torquebench.compensation.state import storable
+
+__all__ = ["BayesianNetworkModel", "NetworkMember", "train_member"]
+
+_FIRST_DAMPING = 5e-3  # MATLAB's trainbr
+_LARGEST_DAMPING = 1e10
+_LEAST_NOISE_VARIANCE = 1e-12  # in scaled units: data without noise must not divide by zero
+_NEGLIGIBLE_EVIDENCE = -20.0  # nats below the best start
+
+
+@storable
+@dataclass(frozen=True)
+class NetworkMember:
+    """One trained network of the ensemble, in scaled units.
+
+    Attributes
+    ----------
+    parameters : NetworkParameters
+        Where the posterior has its maximum.
+    precisions : float64 array of shape (3,)
+        Prior precision of input weights, hidden biases, output weights.
+    noise_variance : float
+        Noise variance of a point of weight 1.
+    effective_parameters : float
+        γ, the number of parameters that the data determine.
+    log_evidence : float
+        Logarithm of the marginal likelihood (Laplace).
+    iterations : int
+        Levenberg-Marquardt steps.
+    """
+
+    parameters: NetworkParameters
+    precisions: FloatArray
+    noise_variance: float
+    effective_parameters: float
+    log_evidence: float
+    iterations: int
+
+
+class _Problem:
+    """Everything about the current weights that a step and the evidence need.
+
+    With fewer points n than parameters p the systems are solved in n dimensions (Woodbury) with
+    the tangent kernels J_g J_gᵀ, else in p dimensions with the Gauss-Newton Hessian.
+    """
+
+    def __init__(self, x: FloatArray, target: FloatArray, weights: FloatArray) -> None:
+        self.x, self.target = x, target
+        self.root_weights = np.sqrt(weights)
+        self.count = x.size
+
+    def move_to(self, flat: FloatArray) -> None:
+        """Evaluate the network, the errors and their squares at new weights."""
+        self.flat = flat
+        self.parameters = NetworkParameters.from_flat(flat)
+        hidden = self.parameters.input_weights.size
+        self.sizes = (hidden, hidden, hidden + 1)
+        self.hidden_outputs = hidden_values(self.parameters, self.x)
+        output = self.hidden_outputs @ self.parameters.output_weights + flat[-1]
+        self.errors = self.root_weights * (self.target - output)
+        self.squares = float(self.errors @ self.errors)
+        self.weight_squares = np.array(
+            [
+                flat[:hidden] @ flat[:hidden],
+                flat[hidden : 2 * hidden] @ flat[hidden : 2 * hidden],
+                flat[2 * hidden :] @ flat[2 * hidden :],
+            ]
+        )
+
+    def linearise(self) -> None:
+        """Evaluate the Jacobian and what it is used in."""
+        self.J = jacobian(self.parameters, self.x, self.hidden_outputs)
+        self.J *= self.root_weights[:, None]
+        if self.in_points:
+            kernels = tangent_kernels(self.parameters, self.x, self.hidden_outputs)
+            scale = np.multiply.outer(self.root_weights, self.root_weights)
+            self.kernels = [kernel * scale for kernel in kernels]
+        else:
+            self.normal = self.J.T @ self.J
+
+    @property
+    def in_points(self) -> bool:
+        """Whether the systems have the dimension of the points."""
+        return self.count < self.flat.size
+
+    def _factor(self, precisions: FloatArray, noise_variance: float) -> FloatArray:
+        """Lower Cholesky factor of K + σ²I, or of JᵀJ/σ² + A."""
+        if self.in_points:
+            system = self.kernels[0] / precisions[0]
+            system += self.kernels[1] / precisions[1]
+            system += self.kernels[2] / precisions[2]
+            system.reshape(-1)[:: system.shape[0] + 1] += noise_variance
+        else:
+            system = self.normal / noise_variance
+            system.reshape(-1)[:: system.shape[0] + 1] += np.repeat(precisions, self.sizes)
+        factor, info = lapack.dpotrf(system.T, lower=1, clean=1, overwrite_a=1)
+        if info != 0:
+            raise np.linalg.LinAlgError
+        return np.asarray(factor)
+
+    def step(self, precisions: FloatArray, noise_variance: float, damping: float) -> FloatArray:
+        """Solve (JᵀJ/σ² + A + μI) δ = Jᵀe/σ² − A w."""
+        right = self.J.T @ self.errors / noise_variance
+        right -= np.repeat(precisions, self.sizes) * self.flat
+        damped = precisions + damping
+        factor = self._factor(damped, noise_variance)
+        if not self.in_points:
+            return np.asarray(lapack.dpotrs(factor, right, lower=1)[0])
+        inverse = 1.0 / np.repeat(damped, self.sizes)
+        shrunk = right * inverse
+        solved = lapack.dpotrs(factor, self.J @ shrunk, lower=1)[0]
+        return np.asarray(shrunk - inverse * (self.J.T @ solved))
+
+    def determined(self, precisions: FloatArray, noise_variance: float) -> tuple[FloatArray, float]:
+        """Return γ of each group and log det(K + σ²I)."""
+        factor = self._factor(precisions, noise_variance)
+        inverse = lapack.dpotri(factor, lower=1)[0]
+        log_determinant = 2.0 * float(np.sum(np.log(np.diag(factor))))
+        diagonal = np.diag(inverse)
+        if self.in_points:
+            # Σ over both triangles of a symmetric product, from the lower one.
+            lower = np.tril(inverse, -1)
+            gamma = [
+                (2.0 * np.vdot(lower, kernel) + diagonal @ np.diag(kernel)) / precision
+                for kernel, precision in zip(self.kernels, precisions, strict=True)
+            ]
+            return np.array(gamma), log_determinant
+        ends = np.cumsum((0, *self.sizes))
+        gamma = [
+            size - precision * float(np.sum(diagonal[start:stop]))
+            for size, precision, start, stop in zip(
+                self.sizes, precisions, ends[:-1], ends[1:], strict=True
+            )
+        ]
+        log_determinant += self.count * np.log(noise_variance)
+        log_determinant -= float(np.sum(np.log(np.repeat(precisions, self.sizes))))
+        return np.array(gamma), log_determinant
+
+
+def train_member(
+    x: FloatArray,
+    target: FloatArray,
+    weights: FloatArray,
+    start: NetworkParameters,
+    iterations: int,
+    tolerance: float,
+) -> NetworkMember:
+    """Train one network by Levenberg-Marquardt, re-estimating precisions and noise at every step.
+
+    Minimises Σ w e²/σ² + Σ_g α_g‖w_g‖² and sets α_g = γ_g/‖w_g‖², σ² = Σ w e²/(n − Σγ_g) after
+    every accepted step (MacKay's rules in the Gauss-Newton form of Foresee and Hagan), with a
+    precision of its own for each group of weights.
+
+    Parameters
+    ----------
+    x, target, weights : float64 array of shape (n,)
+        Scaled inputs and targets, weights of the points.
+    start : NetworkParameters
+        Start weights.
+    iterations : int
+        Largest number of steps.
+    tolerance : float
+        Ends when objective, precisions and noise change by less than this share.
+
+    Returns
+    -------
+    member : NetworkMember
+    """
+    problem, trial = _Problem(x, target, weights), _Problem(x, target, weights)
+    problem.move_to(start.flat)
+    problem.linearise()
+    precisions = 0.5 * np.array(problem.sizes) / np.maximum(problem.weight_squares, 1e-12)
+    noise_variance = max(problem.squares / x.size, 1e-3)
+    damping, done = _FIRST_DAMPING, 0
+    gamma, log_determinant = problem.determined(precisions, noise_variance)
+    while done < iterations:
+        objective = problem.squares / noise_variance + precisions @ problem.weight_squares
+        improvement = 0.0
+        while damping <= _LARGEST_DAMPING:
+            trial.move_to(problem.flat + problem.step(precisions, noise_variance, damping))
+            reached = trial.squares / noise_variance + precisions @ trial.weight_squares
+            if reached <= objective:
+                improvement = (objective - reached) / objective
+                break
+            damping *= 10.0
+        else:
+            break
+        done += 1
+        damping = max(0.1 * damping, 1e-12)
+        problem, trial = trial, problem
+        problem.linearise()
+        gamma, log_determinant = problem.determined(precisions, noise_variance)
+        before = np.append(precisions, noise_variance)
+        precisions = np.maximum(gamma, 1e-3) / np.maximum(problem.weight_squares, 1e-12)
+        freedom = max(x.size - float(np.sum(gamma)), 0.5)
+        noise_variance = max(problem.squares / freedom, _LEAST_NOISE_VARIANCE)
+        change = np.max(np.abs(np.log(np.append(precisions, noise_variance) / before)))
+        if improvement < tolerance and change < tolerance:
+            break
+    gamma, log_determinant = problem.determined(precisions, noise_variance)
+    fit = problem.squares / noise_variance + precisions @ problem.weight_squares
+    log_evidence = -0.5 * float(fit + log_determinant + x.size * np.log(2.0 * np.pi))
+    return NetworkMember(
+        parameters=problem.parameters,
+        precisions=precisions,
+        noise_variance=float(noise_variance),
+        effective_parameters=float(np.sum(gamma)),
+        log_evidence=log_evidence,
+        iterations=done,
+    )
+
+
+@register("bayesian-network")
+class BayesianNetworkModel(CompensationModel):
+    """The sources' network 1-50-1, trained as well as fifty points allow.
+
+    Levenberg-Marquardt with an analytic Jacobian, Bayesian regularisation, and the mean of a few
+    starts. More neurons than points do no harm: the effective number of parameters is inferred.
+
+    Parameters
+    ----------
+    ensemble : int, default 3
+        Number of starts whose curves are averaged.
+    start : {"nguyen-widrow", "small-uniform"}, default "nguyen-widrow"
+        Start weights: evenly spread neurons as Nguyen and Widrow published them, or within ±0.5.
+    hidden : int, default 50
+        Hidden neurons.
+    iterations : int, default 30
+        Largest number of Levenberg-Marquardt steps of each start.
+    tolerance : float, default 1e-3
+        Relative change of objective, precisions and noise below which training ends.
+    random_state : int, default 0
+        Seed of the starts.
+    range_nm, range_margin, outliers
+        See `CompensationModel`.
+
+    Attributes
+    ----------
+    members_ : list of NetworkMember
+        The trained networks; starts whose evidence is negligible beside the best aren't kept.
+    log_evidence_ : float
+        Largest log evidence of the members.
+
+    Notes
+    -----
+    D. J. C. MacKay, Neural Computation 4 (1992) 415-472; F. D. Foresee, M. T. Hagan, ICNN 1997,
+    1930-1935; M. T. Hagan, M. B. Menhaj, IEEE Trans. Neural Networks 5 (1994) 989-993. With fewer
+    points than parameters every system is solved in the dimension of the points. The curve's
+    variance is gᵀH⁻¹g of each member plus the members' spread.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> reading = np.linspace(-2000.0, 2000.0, 41)
+    >>> standard = reading + 2.0 + 1e-3 * reading + 1e-6 * reading**2
+    >>> model = BayesianNetworkModel().fit(reading[:, None], standard)
+    >>> model.predict([[1000.0]]).round(1)
+    array([1004.])
+    """
+
+    complexity: ClassVar[int] = 30
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **CompensationModel._parameter_constraints,
+        "ensemble": [Interval(Integral, 1, 100, closed="both")],
+        "start": [StrOptions({"nguyen-widrow", "small-uniform"})],
+        "hidden": [Interval(Integral, 1, 1000, closed="both")],
+        "iterations": [Interval(Integral, 1, None, closed="left")],
+        "tolerance": [Interval(Real, 0, 1, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    members_: list[NetworkMember]
+    input_scaling_: SpanScaling
+    output_scaling_: SpanScaling
+
+    def __init__(
+        self,
+        ensemble: int = 3,
+        start: str = "nguyen-widrow",
+        hidden: int = 50,
+        iterations: int = 30,
+        tolerance: float = 1e-3,
+        random_state: int = 0,
+        range_nm: float | None = None,
+        range_margin: float = 0.02,
+        outliers: str = "downweight",
+    ) -> None:
+        self.ensemble = ensemble
+        self.start = start
+        self.hidden = hidden
+        self.iterations = iterations
+        self.tolerance = tolerance
+        self.random_state = random_state
+        self.range_nm = range_nm
+        self.range_margin = range_margin
+        self.outliers = outliers
+
+    def _minimum_points(self) -> int:
+        return 5
+
+    def _fit(
+        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
+    ) -> None:
+        reading = X[:, 0]
+        self.input_scaling_ = SpanScaling.of(reading)
+        self.output_scaling_ = SpanScaling.of(y - reading)
+        self.training_inputs_ = self.input_scaling_.to_unit(reading)
+        self.training_weights_ = weights
+        target = self.output_scaling_.to_unit(y - reading)
+        draw = nguyen_widrow_start if self.start == "nguyen-widrow" else small_uniform_start
+        generator = np.random.default_rng(self.random_state)
+        members = []
+        for number in range(self.ensemble):
+            start = draw(generator, self.hidden)
+            members.append(
+                train_member(
+                    self.training_inputs_, target, weights, start, self.iterations, self.tolerance
+                )
+            )
+            if progress is not None:
+                progress((number + 1) / self.ensemble, f"start {number + 1} of {self.ensemble}")
+        self.log_evidence_ = max(member.log_evidence for member in members)
+        self.members_ = [
+            member
+            for member in members
+            if member.log_evidence - self.log_evidence_ >= _NEGLIGIBLE_EVIDENCE
+        ]
+        self.effective_parameters_ = float(
+            np.mean([member.effective_parameters for member in self.members_])
+        )
+        noise_variance = float(np.mean([member.noise_variance for member in self.members_]))
+        self.noise_nm_ = float(np.sqrt(noise_variance) * self.output_scaling_.half_span)
+        self._after_restore()
+
+    def _after_restore(self) -> None:
+        self._factors = [
+            posterior_factor(
+                member.parameters,
+                self.training_inputs_,
+                self.training_weights_,
+                member.precisions,
+                member.noise_variance,
+            )
+            for member in self.members_
+        ]
+
+    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+        reading = X[:, 0]
+        x = self.input_scaling_.to_unit(reading)
+        curves = np.array([network_values(member.parameters, x) for member in self.members_])
+        torque = reading + self.output_scaling_.from_unit(np.mean(curves, axis=0))
+        if not return_std:
+            return torque, None
+        variances = [
+            posterior_variance(member.parameters, factor, x)
+            for member, factor in zip(self.members_, self._factors, strict=True)
+        ]
+        variance = np.mean(variances, axis=0) + np.var(curves, axis=0)
+        return torque, np.sqrt(variance) * self.output_scaling_.half_span
