@@ -10,7 +10,7 @@ from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingD
 from torquebench.bench.devices.labels import PointLabel
 from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
 from torquebench.bench.devices.steady import SteadyTorque
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 
 __all__ = ["BenchDevices", "Module"]
 
@@ -18,14 +18,14 @@ __all__ = ["BenchDevices", "Module"]
 class Module(Device):
     """One side of the bench: drive, mode conversion, transducer, encoder, steady torque."""
 
-    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+    def __init__(self, context: BenchContext, side: Side) -> None:
         self.side = side
         self.drive = DriveDevice(context, side)
         self.mode = ModeDevice(context, side)
         self.transducer = Transducer(context, side)
         self.encoder = Encoder(context, side)
         self.steady = SteadyTorque(context, side)
-        super().__init__(name=name or side)
+        super().__init__()
 
 
 class BenchDevices(Device):
@@ -46,6 +46,9 @@ class BenchDevices(Device):
     temperatures : TemperatureProbes
     point : PointLabel
         Stamp for the events of a procedure.
+    interruptions : int
+        How often a run was paused, which takes the load off: a plan that sees it grow has to
+        approach its point again.
 
     Examples
     --------
@@ -73,13 +76,10 @@ class BenchDevices(Device):
         self.temperatures = TemperatureProbes(context)
         self.point = PointLabel()
         self.interruptions = 0
-        super().__init__(name="")
-        self._name_children()
-
-    def _name_children(self) -> None:
+        super().__init__()
         for attribute, child in self.children():
             child.set_name(attribute)
 
     def module(self, side: Side) -> Module:
-        """Module of a side."""
+        """Return the module of a side."""
         return self.input if side == "input" else self.output

@@ -12,6 +12,8 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.interlocks import Interlocks
+from torquebench.bench.safety import SafetySupervisor
+from torquebench.bench.state import CommandState
 
 __all__ = ["BenchContext"]
 
@@ -27,7 +29,9 @@ class BenchContext:
     drivers: DriverSet
     clock: BenchClock
     acquisition: Acquisition
+    supervisor: SafetySupervisor
     interlocks: Interlocks
+    commands: CommandState
 
     async def call(
         self,

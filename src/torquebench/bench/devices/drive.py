@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from bluesky.protocols import Location
 from ophyd_async.core import (
     AsyncLocatable,
@@ -13,11 +15,9 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.roles import Side
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
-
-_STOP_RAMP_S = 0.2
 
 
 class DriveAxis(StandardReadable, AsyncLocatable[float]):
@@ -27,93 +27,110 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
     has had its time. It doesn't wait for the torque to settle: `SteadyTorque` does. `stop` ramps
     the drive to zero torque and zero speed: the run engine calls it on pause, abort and at the
     end of every plan.
-
-    Raises
-    ------
-    InterlockError
-        Clamp open, side not driven, alarm latched, drive off.
-    LimitError
-        The value is beyond the limits of `bench.toml`.
     """
 
-    def __init__(self, context: BenchContext, side: Side, quantity: str, name: str = "") -> None:
+    def __init__(
+        self, context: BenchContext, side: Side, quantity: Literal["torque", "speed"]
+    ) -> None:
         self._context = context
         self._side = side
         self._quantity = quantity
         units = "N·m" if quantity == "torque" else "rad/s"
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
-            self.setpoint, self._set_setpoint = soft_signal_r_and_setter(float, 0.0, units=units)
-        super().__init__(name=name)
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
+            self.setpoint, _ = soft_signal_r_and_setter(float, units=units, getter=self._present)
+        super().__init__()
+
+    def _present(self) -> float:
+        commands = self._context.commands.side(self._side)
+        return commands.torque_nm if self._quantity == "torque" else commands.speed_rad_s
 
     @AsyncStatus.wrap
     async def set(self, value: float) -> None:
-        """Command the drive; done when its ramp has had its time."""
+        """Command the drive; done when its ramp has had its time.
+
+        Raises
+        ------
+        InterlockError
+            Clamp open, side not driven, alarm latched, drive off.
+        LimitError
+            The value is beyond the limits of the bench description.
+        """
         context, side = self._context, self._side
-        drive = context.drivers.drives[side]
-        module = context.description.module(side)
-        before = await self.setpoint.get_value()
+        drive, commands = context.drivers.drives[side], context.commands.side(side)
+        description = context.description.module(side).drive
+        before = self._present()
         if self._quantity == "torque":
             context.interlocks.check_torque(side, value)
-            rate = module.drive.torque_rate_nm_per_s
-            await context.call(drive.command_torque, value, rate)
+            rate = description.torque_rate_nm_per_s
+            if commands.enabled:
+                await context.call(drive.command_torque, value, rate)
+            commands.torque_nm = value
         else:
             context.interlocks.check_speed(side, value)
-            rate = module.drive.speed_rate_rad_per_s2
-            await context.call(drive.command_speed, value, rate)
-        context.acquisition.note_command(side, self._quantity, value)
-        self._set_setpoint(value)
+            rate = description.speed_rate_rad_per_s2
+            if commands.enabled:
+                await context.call(drive.command_speed, value, rate)
+            commands.speed_rad_s = value
+        commands.changed_s = context.clock.now()
         await context.clock.sleep(abs(value - before) / rate)
 
     async def stop(self, success: bool = True) -> None:
         """Ramp torque and speed to zero."""
         del success
-        drive = self._context.drivers.drives[self._side]
-        await self._context.call(drive.ramp_to_zero, _STOP_RAMP_S)
-        self._context.acquisition.note_command(self._side, self._quantity, 0.0)
-        self._set_setpoint(0.0)
+        context = self._context
+        ramp_s = context.description.safety.ramp_to_zero_s
+        await context.call(context.drivers.drives[self._side].ramp_to_zero, ramp_s)
+        context.commands.side(self._side).at_zero(context.clock.now())
 
     async def locate(self) -> Location[float]:
-        """Set point now and as commanded."""
-        value = await self.setpoint.get_value()
+        """Set point as commanded."""
+        value = self._present()
         return Location(setpoint=value, readback=value)
 
 
 class DriveSwitch(StandardReadable):
     """Power of a drive: `set(True)` enables it at zero torque, `set(False)` takes it off."""
 
-    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+    def __init__(self, context: BenchContext, side: Side) -> None:
         self._context = context
         self._side = side
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
-            self.enabled, self._set_enabled = soft_signal_r_and_setter(bool, False)
-        super().__init__(name=name)
+        commands = context.commands.side(side)
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
+            self.enabled, _ = soft_signal_r_and_setter(bool, getter=lambda: commands.enabled)
+        super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: bool) -> None:
-        """Enable or disable the drive.
+        """Enable the drive at zero torque, or ramp to zero and disable it.
 
         Raises
         ------
         InterlockError
-            Enabling while an alarm is latched; disabling under load.
+            Enabling while an alarm is latched.
+        SignalFault
+            Enabling while this side's torque signal is missing.
         """
         context, side = self._context, self._side
-        drive = context.drivers.drives[side]
+        drive, commands = context.drivers.drives[side], context.commands.side(side)
         if value:
             context.interlocks.check_enable(side)
             await context.call(drive.enable)
-        else:
-            context.interlocks.check_unloaded(side, "take the power off the drive")
-            await context.call(drive.disable)
-        context.interlocks.enabled[side] = value
-        self._set_enabled(value)
+            commands.at_zero(context.clock.now())
+            commands.enabled = True
+            return
+        if commands.torque_nm != 0.0 or commands.speed_rad_s != 0.0:
+            ramp_s = context.description.safety.ramp_to_zero_s
+            await context.call(drive.ramp_to_zero, ramp_s)
+            await context.clock.sleep(ramp_s)
+        await context.call(drive.disable)
+        commands.off(context.clock.now())
 
 
 class DriveDevice(Device):
     """The drive of one module: `torque` and `speed` axes and the `power` switch."""
 
-    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+    def __init__(self, context: BenchContext, side: Side) -> None:
         self.torque = DriveAxis(context, side, "torque")
         self.speed = DriveAxis(context, side, "speed")
         self.power = DriveSwitch(context, side)
-        super().__init__(name=name)
+        super().__init__()

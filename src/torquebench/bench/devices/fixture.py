@@ -10,7 +10,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.drivers.base import Mode, Mounting, Side
+from torquebench.bench.roles import Mode, Mounting, Side
 
 __all__ = ["ClampDevice", "ModeDevice", "MountingDevice"]
 
@@ -18,14 +18,14 @@ __all__ = ["ClampDevice", "ModeDevice", "MountingDevice"]
 class ModeDevice(StandardReadable):
     """Test mode of one side: `set("free" | "driven" | "locked")`, only without load."""
 
-    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+    def __init__(self, context: BenchContext, side: Side) -> None:
         self._context = context
         self._side = side
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+        with self.add_children_as_readables(StandardReadableFormat.UNCACHED_SIGNAL):
             self.mode, _ = soft_signal_r_and_setter(
                 str, getter=lambda: context.drivers.modes.mode(side)
             )
-        super().__init__(name=name)
+        super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: Mode) -> None:
@@ -38,11 +38,11 @@ class ModeDevice(StandardReadable):
 class ClampDevice(StandardReadable):
     """The hydraulic clamp: `set(True)` closes it, `set(False)` opens it, only without load."""
 
-    def __init__(self, context: BenchContext, name: str = "") -> None:
+    def __init__(self, context: BenchContext) -> None:
         self._context = context
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+        with self.add_children_as_readables(StandardReadableFormat.UNCACHED_SIGNAL):
             self.clamped, _ = soft_signal_r_and_setter(bool, getter=context.drivers.clamp.clamped)
-        super().__init__(name=name)
+        super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: bool) -> None:
@@ -58,13 +58,11 @@ class MountingDevice(StandardReadable):
     `set("calibrator" | "verification_standard" | "reducer" | "nothing")`.
     """
 
-    def __init__(self, context: BenchContext, name: str = "") -> None:
+    def __init__(self, context: BenchContext) -> None:
         self._context = context
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
-            self.mounted, _ = soft_signal_r_and_setter(
-                str, getter=context.drivers.operator.mounted
-            )
-        super().__init__(name=name)
+        with self.add_children_as_readables(StandardReadableFormat.UNCACHED_SIGNAL):
+            self.mounted, _ = soft_signal_r_and_setter(str, getter=context.drivers.operator.mounted)
+        super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: Mounting) -> None:

@@ -79,16 +79,13 @@ class PointLabel(Device, AsyncReadable, HasHints):
         """Return the stamp."""
         values = asdict(self._point)
         return {
-            self.key(field): Reading(value=values[field], timestamp=self._time_s)
-            for field in _KEYS
+            self.key(field): Reading(value=values[field], timestamp=self._time_s) for field in _KEYS
         }
 
     async def describe(self) -> dict[str, DataKey]:
         """Describe the stamp's fields."""
         return {
-            self.key(field): DataKey(
-                source=f"plan://{field}", dtype=dtype, shape=[], units=units
-            )
+            self.key(field): DataKey(source=f"plan://{field}", dtype=dtype, shape=[], units=units)
             for field, (dtype, units) in _KEYS.items()
         }
 

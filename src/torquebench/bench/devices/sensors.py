@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ophyd_async.core import (
     AsyncStatus,
     StandardReadable,
@@ -10,7 +12,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.drivers.base import Side, reference_channel, torque_channel
+from torquebench.bench.roles import Side, reference_channel, torque_channel
 
 __all__ = ["Encoder", "Reference", "TemperatureProbes", "Transducer", "Zero"]
 
@@ -18,14 +20,14 @@ __all__ = ["Encoder", "Reference", "TemperatureProbes", "Transducer", "Zero"]
 class Zero(StandardReadable):
     """Measured zero frequency of a transducer, Hz: `set(frequency_hz)` from then on."""
 
-    def __init__(self, context: BenchContext, channel: str, name: str = "") -> None:
+    def __init__(self, context: BenchContext, channel: str) -> None:
         self._context = context
         self._channel = channel
         with self.add_children_as_readables(StandardReadableFormat.CONFIG_SIGNAL):
             self.frequency, _ = soft_signal_r_and_setter(
                 float, units="Hz", getter=lambda: context.acquisition.zero_hz(channel)
             )
-        super().__init__(name=name)
+        super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: float) -> None:
@@ -42,30 +44,28 @@ class Zero(StandardReadable):
 class Transducer(StandardReadable):
     """Torque transducer of a module: latest reading, and who it is."""
 
-    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+    def __init__(self, context: BenchContext, side: Side) -> None:
         transducer = context.description.module(side).transducer
         channel = torque_channel(side)
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
             self.reading_nm, _ = soft_signal_r_and_setter(
-                float, units="N·m", getter=lambda: context.acquisition.latest(channel).reading_nm
+                float, units="N·m", getter=lambda: context.acquisition.latest(channel).torque_nm
             )
         with self.add_children_as_readables(StandardReadableFormat.CONFIG_SIGNAL):
             self.serial, _ = soft_signal_r_and_setter(str, transducer.serial)
             self.nominal_nm, _ = soft_signal_r_and_setter(
                 float, transducer.nominal_torque_nm, units="N·m"
             )
-            self.counter, _ = soft_signal_r_and_setter(
-                str, context.drivers.counter.clock_identity
-            )
+            self.counter, _ = soft_signal_r_and_setter(str, context.drivers.counter.clock_identity)
         with self.add_children_as_readables():
             self.zero = Zero(context, channel)
-        super().__init__(name=name)
+        super().__init__()
 
 
 class Reference(StandardReadable):
     """The mounted standard (calibrator or verification standard): latest torque of each side."""
 
-    def __init__(self, context: BenchContext, name: str = "") -> None:
+    def __init__(self, context: BenchContext) -> None:
         acquisition = context.acquisition
         with self.add_children_as_readables(StandardReadableFormat.UNCACHED_SIGNAL):
             self.serial, _ = soft_signal_r_and_setter(
@@ -74,44 +74,44 @@ class Reference(StandardReadable):
             self.input_nm, _ = soft_signal_r_and_setter(
                 float,
                 units="N·m",
-                getter=lambda: acquisition.latest(reference_channel("input")).reading_nm,
+                getter=lambda: acquisition.latest(reference_channel("input")).torque_nm,
             )
             self.output_nm, _ = soft_signal_r_and_setter(
                 float,
                 units="N·m",
-                getter=lambda: acquisition.latest(reference_channel("output")).reading_nm,
+                getter=lambda: acquisition.latest(reference_channel("output")).torque_nm,
             )
         with self.add_children_as_readables():
             self.input_zero = Zero(context, reference_channel("input"))
             self.output_zero = Zero(context, reference_channel("output"))
-        super().__init__(name=name)
+        super().__init__()
 
 
 class Encoder(StandardReadable):
     """Angle (rad, unwrapped) and speed (rad/s) of one side."""
 
-    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+    def __init__(self, context: BenchContext, side: Side) -> None:
         acquisition = context.acquisition
-        with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+        with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
             self.angle_rad, _ = soft_signal_r_and_setter(
                 float, units="rad", getter=lambda: acquisition.angle_rad(side)
             )
             self.speed_rad_s, _ = soft_signal_r_and_setter(
                 float, units="rad/s", getter=lambda: acquisition.speed_rad_s(side)
             )
-        super().__init__(name=name)
+        super().__init__()
 
 
 class TemperatureProbes(StandardReadable):
     """All temperature probes, °C."""
 
-    def __init__(self, context: BenchContext, name: str = "") -> None:
+    def __init__(self, context: BenchContext) -> None:
         for probe in context.description.temperatures:
-            with self.add_children_as_readables(StandardReadableFormat.HINTED_SIGNAL):
+            with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
                 signal, _ = soft_signal_r_and_setter(
                     float,
                     units="°C",
-                    getter=lambda probe=probe: context.acquisition.temperature_c(probe),
+                    getter=partial(context.acquisition.temperature_c, probe),
                 )
                 setattr(self, probe, signal)
-        super().__init__(name=name)
+        super().__init__()

@@ -5,13 +5,42 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from bluesky.protocols import HasHints, Hints, Reading
+import numpy as np
+from bluesky.protocols import HasHints, Hints, Preparable, Reading, Triggerable
 from event_model import DataKey
 from ophyd_async.core import AsyncConfigurable, AsyncReadable, AsyncStatus, Device
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.roles import Side, reference_channel, torque_channel
+from torquebench.bench.samples import ChannelSamples
+from torquebench.errors import InputError, SignalFault
+from torquebench.signals import SteadyValue, steady_value
 
 __all__ = ["SteadySettings", "SteadyTorque"]
+
+RPM = 60.0 / (2.0 * np.pi)
+LEAST_WINDOWS = 8
+
+_UNITS = {
+    "reading_nm": "N·m",
+    "reading_standard_error_nm": "N·m",
+    "reading_drift_nm_per_s": "N·m/s",
+    "frequency_hz": "Hz",
+    "settled": "",
+    "samples": "",
+    "commanded_nm": "N·m",
+    "speed_rpm": "rpm",
+    "temperature_c": "°C",
+    "time_s": "s",
+    "torque_nm": "N·m",
+    "torque_uncertainty_nm": "N·m",
+    "standard_nm": "N·m",
+    "standard_uncertainty_nm": "N·m",
+    "standard_drift_nm_per_s": "N·m/s",
+    "standard_frequency_hz": "Hz",
+    "true_torque_nm": "N·m",
+}
+_DTYPES = {"settled": "boolean", "samples": "integer"}
 
 
 @dataclass(frozen=True)
@@ -26,12 +55,17 @@ class SteadySettings:
     window_s : float
         Length of the averaging window, s.
     limit_s : float
-        How much longer to wait for a window whose drift is within its own standard error.
-        After that the point is taken as it is and marked `settled = False`.
+        How much longer to wait for a window whose drift is within its own standard error and
+        that has no fault. After that the point is taken as it is and marked `settled = False`.
     period_s : float or None
         Period of a known ripple (one revolution); the mean is taken over whole periods.
     reference : bool
         Also take the mounted standard's torque over the same window.
+
+    Raises
+    ------
+    InputError
+        A negative time, or a window of zero length.
     """
 
     settle_s: float = 0.2
@@ -40,8 +74,23 @@ class SteadySettings:
     period_s: float | None = None
     reference: bool = False
 
+    def __post_init__(self) -> None:
+        if not (self.settle_s >= 0.0 and self.limit_s >= 0.0 and 0.0 < self.window_s < 3600.0):
+            raise InputError(
+                f"settle {self.settle_s} s, window {self.window_s} s, limit {self.limit_s} s",
+                "times of at least 0 s and a window above 0 s",
+            )
 
-class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, HasHints):
+
+@dataclass(frozen=True)
+class _Evaluated:
+    """Steady value of one channel and its mean frequency."""
+
+    steady: SteadyValue
+    frequency_hz: float
+
+
+class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Preparable, HasHints):
     """Mean torque of one side over a settled window, with its standard error and drift.
 
     `prepare(SteadySettings(...))` says how, `trigger()` waits in bench time and evaluates,
@@ -53,25 +102,194 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, HasHints):
     `reading_drift_nm_per_s`     N·m/s   slope over the window
     `frequency_hz`               Hz      mean frequency of the transducer
     `settled`                    bool    drift within its own standard error
-    `samples`                            number of windows of the counter that were averaged
+    `samples`                            windows of the counter that the mean rests on
     `commanded_nm`               N·m     set point of this side's drive
-    `speed_rpm`                  rpm     mean speed of this side
+    `speed_rpm`                  rpm     mean speed of this side over the window
     `temperature_c`              °C      of this side's transducer
     `time_s`                     s       bench time of the middle of the window
-    `torque_nm`                  N·m     compensated torque      } only with an active model
-    `torque_uncertainty_nm`      N·m     model's standard uncert.} of this side
-    `standard_nm`                N·m     torque that the standard states     } only where the
-    `standard_uncertainty_nm`    N·m     standard error of that mean         } settings have
-    `standard_drift_nm_per_s`    N·m/s   its slope                           } `reference =
-    `standard_frequency_hz`      Hz      mean frequency of its transducer    } True`
-    `true_torque_nm`             N·m     true mean torque, simulated bench only
+    `torque_nm`                  N·m     compensated torque, with an active model only
+    `torque_uncertainty_nm`      N·m     the model's standard uncertainty, likewise
+    `standard_nm`                N·m     torque that the standard states, with `reference` only
+    `standard_uncertainty_nm`    N·m     standard error of that mean, likewise
+    `standard_drift_nm_per_s`    N·m/s   its slope, likewise
+    `standard_frequency_hz`      Hz      mean frequency of its transducer, likewise
+    `true_torque_nm`             N·m     true mean torque, on the simulated bench only
     ===========================  ======  =====================================================
 
     A fault of the signal raises `SignalFault`: there is never a number without pulses.
     """
 
-    side: Side
+    def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
+        self._context = context
+        self.side = side
+        self._settings = SteadySettings()
+        self._values: dict[str, float | int | bool] = {}
+        self._taken = time.time()
+        super().__init__(name=name)
 
     def key(self, field: str) -> str:
         """Event data key of a field."""
         return f"{self.name}-{field}"
+
+    # -- taking a value ---------------------------------------------------------------------
+
+    @AsyncStatus.wrap
+    async def prepare(self, value: SteadySettings) -> None:
+        """Set how the following values are taken."""
+        if value.reference:
+            self._context.acquisition.channel_of_standard(self.side)
+        self._settings = value
+        self._values = {}
+
+    @AsyncStatus.wrap
+    async def trigger(self) -> None:
+        """Wait in bench time until the step has settled and its window is full; evaluate.
+
+        Raises
+        ------
+        SignalFault
+            The reading or the standard has a fault that lasts longer than `limit_s`.
+        TorquebenchError
+            The alarm that is latched.
+        """
+        context, settings = self._context, self._settings
+        context.supervisor.raise_if_latched()
+        if settings.reference:
+            context.acquisition.use_reference(self.side)
+        commanded_s = context.commands.side(self.side).changed_s
+        start_s = max(context.clock.now(), commanded_s + settings.settle_s)
+        last_s = start_s + settings.limit_s
+        while True:
+            stop_s = start_s + settings.window_s
+            await context.clock.sleep_until(stop_s)
+            try:
+                values = self._evaluate(start_s, stop_s)
+            except SignalFault:
+                if start_s >= last_s:
+                    raise
+            else:
+                if values["settled"] or start_s >= last_s:
+                    break
+            start_s = min(start_s + settings.window_s / 2.0, last_s)
+        self._values = values
+        self._taken = time.time()
+
+    def _evaluate(self, start_s: float, stop_s: float) -> dict[str, float | int | bool]:
+        context, side = self._context, self.side
+        acquisition, module = context.acquisition, context.description.module(side)
+        reading = self._steady(torque_channel(side), start_s, stop_s)
+        commands = context.commands.side(side)
+        speed_rpm = acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM
+        temperature_c = acquisition.temperature_c(module.temperature_probe)
+        values: dict[str, float | int | bool] = {
+            "reading_nm": reading.steady.value,
+            "reading_standard_error_nm": reading.steady.standard_error,
+            "reading_drift_nm_per_s": reading.steady.drift_per_s,
+            "frequency_hz": reading.frequency_hz,
+            "settled": reading.steady.settled,
+            "samples": reading.steady.samples,
+            "commanded_nm": commands.torque_nm,
+            "speed_rpm": speed_rpm,
+            "temperature_c": temperature_c,
+            "time_s": (start_s + stop_s) / 2.0,
+        }
+        active = acquisition.compensation(side)
+        if active is not None:
+            torque, uncertainty = active.value(reading.steady.value, speed_rpm, temperature_c)
+            values |= {"torque_nm": torque, "torque_uncertainty_nm": uncertainty}
+        if self._settings.reference:
+            standard = self._steady(reference_channel(side), start_s, stop_s)
+            values |= {
+                "standard_nm": standard.steady.value,
+                "standard_uncertainty_nm": standard.steady.standard_error,
+                "standard_drift_nm_per_s": standard.steady.drift_per_s,
+                "standard_frequency_hz": standard.frequency_hz,
+            }
+            values["settled"] = reading.steady.settled and standard.steady.settled
+        truth = context.drivers.truth
+        if truth is not None:
+            values["true_torque_nm"] = truth.true_torque(side, start_s, stop_s)
+        return values
+
+    def _steady(self, channel: str, start_s: float, stop_s: float) -> _Evaluated:
+        samples = self._context.acquisition.channel(channel).window(start_s, stop_s)
+        samples.raise_on_fault()
+        self._check_complete(samples, start_s, stop_s)
+        steady = steady_value(
+            samples.time_s,
+            samples.torque_nm,
+            period_s=self._settings.period_s,
+            minimum_samples=min(LEAST_WINDOWS, samples.time_s.size),
+        )
+        return _Evaluated(steady, float(samples.frequency_hz.mean()))
+
+    def _check_complete(self, samples: ChannelSamples, start_s: float, stop_s: float) -> None:
+        window_s = self._context.description.counter.window_s
+        expected = int((stop_s - start_s) / window_s) - 1
+        if samples.time_s.size < max(expected, 2):
+            raise SignalFault(
+                f"{samples.channel}: {samples.time_s.size} windows from {start_s:.3f} to "
+                f"{stop_s:.3f} s",
+                f"at least {max(expected, 2)}",
+                "check that the counter delivers without gaps, or use a longer window",
+            )
+
+    # -- what plans read --------------------------------------------------------------------
+
+    async def read(self) -> dict[str, Reading]:
+        """Return the last value.
+
+        Raises
+        ------
+        SignalFault
+            Nothing was triggered since the last `prepare`.
+        """
+        if not self._values:
+            raise SignalFault(f"{self.name} was read before it was triggered", "trigger first")
+        return {
+            self.key(field): Reading(value=value, timestamp=self._taken)
+            for field, value in self._values.items()
+        }
+
+    async def describe(self) -> dict[str, DataKey]:
+        """Describe the fields that a value taken now would have."""
+        fields = self._values or await self._expected_fields()
+        return {self.key(field): self._data_key(field) for field in fields}
+
+    async def _expected_fields(self) -> list[str]:
+        fields = [field for field in _UNITS if not field.startswith(("torque", "standard", "true"))]
+        if self._context.acquisition.compensation(self.side) is not None:
+            fields += ["torque_nm", "torque_uncertainty_nm"]
+        if self._settings.reference:
+            fields += [field for field in _UNITS if field.startswith("standard")]
+        if self._context.drivers.truth is not None:
+            fields.append("true_torque_nm")
+        return fields
+
+    def _data_key(self, field: str) -> DataKey:
+        dtype = _DTYPES.get(field, "number")
+        key = DataKey(source=f"bench://{self.side}/{field}", dtype=dtype, shape=[])
+        if _UNITS[field]:
+            key["units"] = _UNITS[field]
+        return key
+
+    async def read_configuration(self) -> dict[str, Reading]:
+        """Return how values are taken."""
+        return {
+            self.key(field): Reading(value=getattr(self._settings, field), timestamp=self._taken)
+            for field in ("settle_s", "window_s", "limit_s", "reference")
+        }
+
+    async def describe_configuration(self) -> dict[str, DataKey]:
+        """Describe the settings."""
+        numbers = {
+            self.key(field): DataKey(source="plan://settings", dtype="number", shape=[], units="s")
+            for field in ("settle_s", "window_s", "limit_s")
+        }
+        flag = DataKey(source="plan://settings", dtype="boolean", shape=[])
+        return {**numbers, self.key("reference"): flag}
+
+    @property
+    def hints(self) -> Hints:
+        """Fields worth plotting."""
+        return {"fields": [self.key("reading_nm")]}

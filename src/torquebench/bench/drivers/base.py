@@ -10,11 +10,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.roles import (
+    CHANNELS,
+    MODES,
+    MOUNTINGS,
+    SIDES,
+    Mode,
+    Mounting,
+    Side,
+    reference_channel,
+    torque_channel,
+)
 from torquebench.signals import EdgeBlock
 
 __all__ = [
@@ -42,37 +54,6 @@ __all__ = [
     "reference_channel",
     "torque_channel",
 ]
-
-Side = Literal["input", "output"]
-Mode = Literal["free", "driven", "locked"]
-Mounting = Literal["calibrator", "verification_standard", "reducer", "nothing"]
-
-SIDES: tuple[Side, Side] = ("input", "output")
-MODES: tuple[Mode, ...] = ("free", "driven", "locked")
-MOUNTINGS: tuple[Mounting, ...] = ("calibrator", "verification_standard", "reducer", "nothing")
-CHANNELS = ("input_torque", "output_torque", "input_reference", "output_reference")
-
-
-def torque_channel(side: Side) -> str:
-    """Name of the edge channel of a module's torque transducer.
-
-    Examples
-    --------
-    >>> torque_channel("output")
-    'output_torque'
-    """
-    return f"{side}_torque"
-
-
-def reference_channel(side: Side) -> str:
-    """Name of the edge channel of the mounted standard's transducer on one side.
-
-    Examples
-    --------
-    >>> reference_channel("input")
-    'input_reference'
-    """
-    return f"{side}_reference"
 
 
 @dataclass(frozen=True)
@@ -107,7 +88,7 @@ class AngleSamples:
     @property
     def angle_rad(self) -> NDArray[np.float64]:
         """Angle of each sample, rad, unwrapped."""
-        return self.counts * (2.0 * np.pi / self.counts_per_revolution)
+        return np.asarray(self.counts * (2.0 * np.pi / self.counts_per_revolution))
 
 
 @dataclass(frozen=True)
@@ -270,7 +251,7 @@ class OperatorPrompts(Protocol):
         """
 
     def mounted(self) -> Mounting:
-        """What is between the flanges, by the last confirmation."""
+        """Tell what is between the flanges, by the last confirmation."""
 
 
 @runtime_checkable
@@ -279,6 +260,11 @@ class TrueTorqueSource(Protocol):
 
     def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
         """Mean true torque at the flange over a time window, N·m."""
+
+    def dense_sweep(
+        self, side: Side, true_torque_nm: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+        """Noise-free readings (N·m) along a path of true torques, and the branch of each point."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +280,11 @@ class DriverSet:
     operator: OperatorPrompts
     reference: ReferenceReadout | None = None
     truth: TrueTorqueSource | None = None
-    self_paced: bool = True
+    certificates: Mapping[Mounting, Mapping[Side, ReferenceCertificate]] = field(
+        default_factory=dict
+    )
+    """Certificates that the instruments bring along; files of the description come first."""
+    simulated_time: bool = False
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True
     """Whether commands may block for longer than an event loop should."""

@@ -1,0 +1,423 @@
+"""Acquisition: runs always, in its own thread, from edges to torque to whoever needs it.
+
+A block of edges becomes frequency, torque and, where a compensation is active, compensated
+torque; then the supervisor judges it, the journal keeps it (its failure brings the bench to the
+safe state) and viewers get it if they keep up.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from torquebench.bench.channels import Channel, open_channel
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
+from torquebench.bench.roles import (
+    SIDES,
+    Mounting,
+    Side,
+    reference_channel,
+    torque_channel,
+)
+from torquebench.bench.safety import AlarmKind, SafetySupervisor
+from torquebench.bench.samples import (
+    AcquiredBlock,
+    ChannelSamples,
+    CompensatedSamples,
+    SampleRing,
+    Viewer,
+)
+from torquebench.bench.state import CommandState
+from torquebench.errors import BenchError, SignalFault
+
+__all__ = ["Acquisition", "JournalSink", "LatestTorque"]
+
+KEPT_S = 120.0
+ANGLE_RATE_HZ = 1000.0
+DEMAND_POLL_S = 0.05
+"""How often an idle fast bench looks whether it is to end, s of wall time."""
+
+logger = logging.getLogger(__name__)
+RPM = 60.0 / (2.0 * np.pi)
+
+
+class LatestTorque(NamedTuple):
+    """One window of a torque channel: bench time in s, Hz, N·m (uncompensated)."""
+
+    time_s: float
+    frequency_hz: float
+    torque_nm: float
+
+
+class JournalSink(Protocol):
+    """Keeps every block. Raising brings the bench to its safe state."""
+
+    def write(self, block: AcquiredBlock) -> None:
+        """Keep a block."""
+
+
+class Acquisition:
+    """Turns the counter card's edges into torque, always, in a thread of its own.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    drivers : DriverSet
+    clock : BenchClock
+        Acquisition drives it: bench time is what was acquired.
+    supervisor : SafetySupervisor
+    commands : CommandState
+    """
+
+    def __init__(
+        self,
+        description: BenchDescription,
+        drivers: DriverSet,
+        clock: BenchClock,
+        supervisor: SafetySupervisor,
+        commands: CommandState,
+    ) -> None:
+        self._description = description
+        self._drivers = drivers
+        self._clock = clock
+        self._supervisor = supervisor
+        self._commands = commands
+        self._block_s = description.counter.block_s
+        self._index = 0
+        self._lock = threading.RLock()
+        self._channels: dict[str, Channel] = {}
+        self._zeros: dict[str, float] = {}
+        self._mounted: Mounting = drivers.operator.mounted()
+        self._reference_sides: frozenset[Side] = frozenset(SIDES)
+        rows = round(KEPT_S * ANGLE_RATE_HZ)
+        self._angles = {side: SampleRing(columns=1, capacity=rows) for side in SIDES}
+        self._latest_block: AcquiredBlock | None = None
+        self._compensations: dict[Side, ActiveCompensation] = {}
+        self._journal: JournalSink | None = None
+        self._viewers: tuple[Viewer, ...] = ()
+        self._stopping = threading.Event()
+        self._wall_start = 0.0
+        self._thread = threading.Thread(
+            target=self._run, name="torquebench-acquisition", daemon=True
+        )
+        self._select()
+
+    # -- life -------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start to acquire."""
+        self._wall_start = time.monotonic()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread. A second call does nothing."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._clock.stop(BenchError("the bench is closed", "an open bench", "open it again"))
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks that were acquired."""
+        return self._index
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                if not self._clock.wait_for_demand(DEMAND_POLL_S) or not self._paced():
+                    continue
+                with self._supervisor.guarding_block():
+                    self._step()
+        except Exception as error:  # whatever it is, the bench must not stay loaded
+            logger.exception("acquisition ended")
+            self._supervisor.trip(
+                AlarmKind.DRIVER,
+                "acquisition",
+                f"{type(error).__name__}: {error}",
+                "an uninterrupted stream of samples",
+                "check the instrument named and open the bench again",
+            )
+            self._clock.stop(
+                BenchError(f"acquisition has ended: {error}", "", "open the bench again")
+            )
+
+    def _paced(self) -> bool:
+        """Wait for the wall where simulated time has to follow it; False when ending."""
+        if self._clock.fast or not self._drivers.simulated_time:
+            return True
+        due = self._wall_start + (self._index + 1) * self._block_s
+        ahead_s = due - time.monotonic()
+        if ahead_s > 0.0:
+            return not self._stopping.wait(ahead_s)
+        if ahead_s < -1.0:  # never race to catch up: bench time stands while nothing computes
+            self._wall_start -= ahead_s
+        return True
+
+    def _step(self) -> None:
+        raw = self._drivers.counter.read_block(self._block_s)
+        block = self._evaluate(raw)
+        self._index += 1
+        self._latest_block = block
+        self._supervisor.check(block)
+        self._keep(block)
+        for viewer in self._viewers:
+            viewer.put(block)
+        self._clock.advance_to(raw.stop_s)
+
+    def _evaluate(self, raw: CounterBlock) -> AcquiredBlock:
+        with self._lock:
+            channels = list(self._channels.values())
+        samples: dict[str, ChannelSamples] = {}
+        for channel in channels:
+            edges = raw.edges.get(channel.name)
+            if edges is not None:  # selected after this block was timed
+                samples[channel.name] = channel.push(edges)
+        readout = self._drivers.reference
+        if readout is not None and self._description.standard(self._mounted) is not None:
+            for channel in channels:
+                if channel.standard:
+                    read = readout.read(channel.side, raw.stop_s)
+                    samples[channel.name] = channel.take(read)
+        speeds: dict[Side, float] = {}
+        for side, angle in raw.angles.items():
+            self._angles[side].append(angle.time_s, angle.counts)
+            speeds[side] = _speed(angle.time_s, angle.counts, angle.counts_per_revolution)
+        temperatures = dict(self._drivers.temperature.temperatures())
+        return AcquiredBlock(
+            index=self._index,
+            start_s=raw.start_s,
+            stop_s=raw.stop_s,
+            channels=samples,
+            compensated=self._compensated(samples, speeds, temperatures),
+            angles=raw.angles,
+            speed_rad_s=speeds,
+            temperatures=temperatures,
+            edges=raw.edges,
+        )
+
+    def _compensated(
+        self,
+        samples: Mapping[str, ChannelSamples],
+        speeds: Mapping[Side, float],
+        temperatures: Mapping[str, float],
+    ) -> dict[Side, CompensatedSamples]:
+        found: dict[Side, CompensatedSamples] = {}
+        for side, active in self._compensations.items():
+            readings = samples.get(torque_channel(side))
+            if readings is not None:
+                probe = self._description.module(side).temperature_probe
+                found[side] = active.samples(
+                    readings.torque_nm, speeds[side] * RPM, temperatures.get(probe, np.nan)
+                )
+        return found
+
+    def _keep(self, block: AcquiredBlock) -> None:
+        journal = self._journal
+        if journal is None:
+            return
+        try:
+            journal.write(block)
+        except Exception as error:  # a full disk or a bug: either way nothing is recorded
+            self._journal = None
+            self._supervisor.trip(
+                AlarmKind.JOURNAL,
+                "journal",
+                f"{type(error).__name__}: {error}",
+                "every block kept",
+                "make room on the disk or repair it, then repeat the run",
+            )
+
+    # -- who gets the blocks ----------------------------------------------------------------
+
+    def set_journal(self, journal: JournalSink | None) -> None:
+        """Keep blocks here from the next one on; None ends it."""
+        self._journal = journal
+
+    def add_viewer(self, maximum: int = 100) -> Viewer:
+        """Hand every block to a new viewer that forgets the oldest when it can't keep up."""
+        viewer = Viewer(maximum)
+        with self._lock:
+            self._viewers = (*self._viewers, viewer)
+        return viewer
+
+    def remove_viewer(self, viewer: Viewer) -> None:
+        """Hand it no more blocks."""
+        with self._lock:
+            self._viewers = tuple(kept for kept in self._viewers if kept is not viewer)
+
+    # -- channels ---------------------------------------------------------------------------
+
+    def select_for(self, mounting: Mounting) -> None:
+        """Time the channels that this mounting has; idle ones cost nothing.
+
+        The modules' own channels always run: safety depends on them.
+        """
+        with self._lock:
+            self._mounted = mounting
+            self._reference_sides = frozenset(SIDES)
+            for side in SIDES:  # another standard, another zero
+                self._channels.pop(reference_channel(side), None)
+                self._zeros.pop(reference_channel(side), None)
+            self._select()
+
+    def use_reference(self, side: Side) -> None:
+        """Time this side of the mounted standard; the other goes idle unless its drive is on."""
+        kept = {each for each in self._reference_sides if self._commands.side(each).enabled}
+        wanted = frozenset({side} | kept)
+        if wanted != self._reference_sides:
+            with self._lock:
+                self._reference_sides = wanted
+                self._select()
+
+    def channel_of_standard(self, side: Side) -> Channel:
+        """Use this side of the mounted standard and return its channel; see `use_reference`."""
+        self.use_reference(side)
+        return self.channel(reference_channel(side))
+
+    def _select(self) -> None:
+        standard = self._description.standard(self._mounted)
+        names = [torque_channel(side) for side in SIDES]
+        if standard is not None:
+            names += [reference_channel(side) for side in SIDES if side in self._reference_sides]
+        self._channels = {
+            name: self._channels.get(name)
+            or open_channel(name, self._description, self._drivers, self._mounted)
+            for name in names
+        }
+        for name, channel in self._channels.items():
+            if name in self._zeros:
+                channel.zero_hz = self._zeros[name]
+        self._drivers.counter.select(frozenset(names))
+
+    def channel(self, name: str) -> Channel:
+        """Return a channel in use.
+
+        Raises
+        ------
+        SignalFault
+            It isn't in use: no standard is mounted, or that side of it is idle.
+        """
+        channel = self._channels.get(name)
+        if channel is None:
+            raise SignalFault(
+                f"{name} isn't in use with {self._mounted.replace('_', ' ')} mounted",
+                "one of " + ", ".join(self._channels),
+                "mount a standard to read it",
+            )
+        return channel
+
+    def latest(self, name: str) -> LatestTorque:
+        """Newest window of a channel.
+
+        Raises
+        ------
+        SignalFault
+            It is faulty, or the channel isn't in use.
+        """
+        newest = self.channel(name).latest()
+        return LatestTorque(
+            float(newest.time_s[0]), float(newest.frequency_hz[0]), float(newest.torque_nm[0])
+        )
+
+    def zero_hz(self, name: str) -> float:
+        """Zero frequency in use of a channel, Hz; the last one of a channel that is idle."""
+        channel = self._channels.get(name)
+        return channel.zero_hz if channel is not None else self._zeros.get(name, 0.0)
+
+    def set_zero(self, name: str, frequency_hz: float) -> None:
+        """Take a frequency for zero torque from the next block on.
+
+        Raises
+        ------
+        SignalFault
+            It is too far from the nominal zero to be one.
+        """
+        with self._lock:
+            self.channel(name).zero_hz = frequency_hz
+            self._zeros[name] = frequency_hz
+
+    # -- compensation -----------------------------------------------------------------------
+
+    def set_compensation(self, side: Side, active: ActiveCompensation | None) -> None:
+        """Compensate a side from the next block on; None ends it."""
+        compensations = dict(self._compensations)
+        compensations.pop(side, None)
+        if active is not None:
+            compensations[side] = active
+        self._compensations = compensations
+
+    def compensation(self, side: Side) -> ActiveCompensation | None:
+        """Return the compensation that is active on a side."""
+        return self._compensations.get(side)
+
+    # -- angle, speed, temperature ----------------------------------------------------------
+
+    @property
+    def latest_block(self) -> AcquiredBlock:
+        """The newest block.
+
+        Raises
+        ------
+        SignalFault
+            Nothing has come yet.
+        """
+        if self._latest_block is None:
+            raise SignalFault("no block of samples yet", "a running acquisition")
+        return self._latest_block
+
+    def angle_rad(self, side: Side) -> float:
+        """Newest angle of a side, rad, unwrapped."""
+        angles = self.latest_block.angles[side]
+        return float(angles.angle_rad[-1])
+
+    def speed_rad_s(self, side: Side) -> float:
+        """Mean speed of a side over the newest block, rad/s."""
+        return self.latest_block.speed_rad_s[side]
+
+    def mean_speed_rad_s(self, side: Side, start_s: float, stop_s: float) -> float:
+        """Mean speed of a side over a window of bench time, rad/s."""
+        time_s, counts = self._angles[side].window(start_s, stop_s)
+        return _speed(time_s, counts, self.latest_block.angles[side].counts_per_revolution)
+
+    def angles(self, side: Side, start_s: float, stop_s: float) -> AngleSamples:
+        """Return the encoder samples of a side over a window of bench time."""
+        time_s, counts = self._angles[side].window(start_s, stop_s)
+        per_revolution = self.latest_block.angles[side].counts_per_revolution
+        return AngleSamples(time_s, counts.astype(np.int64), per_revolution)
+
+    def temperature_c(self, probe: str) -> float:
+        """Newest temperature of a probe, °C.
+
+        Raises
+        ------
+        SignalFault
+            The probe doesn't answer.
+        """
+        temperatures = self.latest_block.temperatures
+        if probe not in temperatures:
+            raise SignalFault(
+                f"no temperature from the probe {probe}",
+                "one of " + ", ".join(temperatures),
+                "check the probe's connection",
+            )
+        return temperatures[probe]
+
+
+def _speed(
+    time_s: np.ndarray[Any, np.dtype[np.float64]],
+    counts: np.ndarray[Any, Any],
+    per_revolution: int,
+) -> float:
+    """Mean speed between the first and the last sample, rad/s."""
+    if time_s.size < 2:
+        return 0.0
+    turns = float(counts[-1] - counts[0]) / per_revolution
+    return 2.0 * np.pi * turns / float(time_s[-1] - time_s[0])

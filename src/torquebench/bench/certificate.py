@@ -1,0 +1,137 @@
+"""What the certificate of a reference transducer says, and the correction that follows."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.bench.roles import Side
+from torquebench.errors import InputError
+
+__all__ = ["ReferenceCertificate", "read_certificate"]
+
+_COLUMNS = ("side", "torque_nm", "error_nm", "expanded_uncertainty_nm")
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceCertificate:
+    """Errors of a reference transducer at its certified points.
+
+    Parameters
+    ----------
+    torque_nm : ndarray of float64, shape (n,)
+        Certified torques, strictly increasing, N·m.
+    error_nm : ndarray of float64, shape (n,)
+        Indication minus torque there, N·m.
+    expanded_uncertainty_nm : ndarray of float64, shape (n,)
+        Expanded uncertainty (k = 2) of the errors, N·m.
+
+    Raises
+    ------
+    InputError
+        Fewer than two points, different lengths, torques that don't increase, NaN.
+
+    Examples
+    --------
+    >>> certificate = ReferenceCertificate(
+    ...     np.array([-100.0, 0.0, 100.0]), np.array([0.0, 0.0, 0.02]), np.full(3, 0.02)
+    ... )
+    >>> certificate.correct([100.02, 50.01]).round(4).tolist()
+    [100.0, 50.0]
+    """
+
+    torque_nm: NDArray[np.float64]
+    error_nm: NDArray[np.float64]
+    expanded_uncertainty_nm: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        columns = [self.torque_nm, self.error_nm, self.expanded_uncertainty_nm]
+        if len({column.shape for column in columns}) != 1 or self.torque_nm.ndim != 1:
+            raise InputError("certificate columns of different length", "equal lengths")
+        if self.torque_nm.size < 2:
+            raise InputError(f"certificate with {self.torque_nm.size} points", "at least 2 points")
+        if not all(np.isfinite(column).all() for column in columns):
+            raise InputError("certificate with a value that is no number", "finite values")
+        indicated = self.torque_nm + self.error_nm
+        if (np.diff(self.torque_nm) <= 0).any() or (np.diff(indicated) <= 0).any():
+            raise InputError(
+                "certificate whose torques or indications don't increase",
+                "strictly increasing torque",
+                "sort the points and remove duplicates",
+            )
+
+    def correct(self, indication_nm: ArrayLike) -> NDArray[np.float64]:
+        """Torque from the indication, errors interpolated linearly between certified points.
+
+        Beyond the last certified point the error of that point is taken.
+        """
+        indication = np.asarray(indication_nm, dtype=np.float64)
+        error = np.interp(indication, self.torque_nm + self.error_nm, self.error_nm)
+        return np.asarray(indication - error)
+
+
+def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
+    """Read the certificate of a standard from a CSV file.
+
+    Parameters
+    ----------
+    path : path
+        Columns `side` (input or output), `torque_nm`, `error_nm` (indication minus torque) and
+        `expanded_uncertainty_nm` (k = 2).
+
+    Raises
+    ------
+    InputError
+        With file, line and column.
+    """
+    file = Path(path)
+    try:
+        with file.open(encoding="utf-8", newline="") as stream:
+            rows = list(csv.DictReader(stream))
+    except OSError as error:
+        raise InputError(
+            f"certificate {file}: {error.strerror}",
+            "a readable CSV file",
+            "correct `certificate` in the bench description",
+        ) from error
+    missing = [column for column in _COLUMNS if not rows or column not in rows[0]]
+    if missing:
+        raise InputError(
+            f"certificate {file}: no column {', '.join(missing)}",
+            "columns " + ", ".join(_COLUMNS),
+            "add the columns with their units in the header",
+        )
+    points: dict[str, list[tuple[float, float, float]]] = {"input": [], "output": []}
+    for line, row in enumerate(rows, start=2):
+        if row["side"] not in points:
+            raise InputError(
+                f"certificate {file} line {line}: side {row['side']!r}", "input, output"
+            )
+        points[row["side"]].append(
+            (
+                _number(file, line, row, "torque_nm"),
+                _number(file, line, row, "error_nm"),
+                _number(file, line, row, "expanded_uncertainty_nm"),
+            )
+        )
+    found: dict[Side, ReferenceCertificate] = {}
+    for side in ("input", "output"):
+        if points[side]:
+            columns = np.array(sorted(points[side]), dtype=np.float64).T
+            found[side] = ReferenceCertificate(columns[0], columns[1], columns[2])
+    return found
+
+
+def _number(file: Path, line: int, row: dict[str, str], column: str) -> float:
+    try:
+        return float(row[column])
+    except (TypeError, ValueError):
+        raise InputError(
+            f"certificate {file} line {line}: {column} = {row[column]!r}",
+            "a number with a decimal point",
+            "correct the line",
+        ) from None

@@ -1,0 +1,169 @@
+"""One torque channel from edges to torque, with its recent samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.certificate import ReferenceCertificate, read_certificate
+from torquebench.bench.description import BenchDescription, TransducerDescription
+from torquebench.bench.drivers.base import DriverSet, ReferenceSamples
+from torquebench.bench.roles import SIDES, Mounting, Side, reference_channel, torque_channel
+from torquebench.bench.samples import ChannelSamples, SampleRing
+from torquebench.errors import InputError, SignalFault
+from torquebench.signals import EdgeBlock, FrequencyCounter, SignalFaultKind
+
+__all__ = ["Channel", "certificates", "open_channel"]
+
+KEPT_S = 120.0
+
+
+class Channel:
+    """Counter, scale, certificate and recent samples of one transducer.
+
+    Parameters
+    ----------
+    name, side, standard
+        As in `ChannelSamples`.
+    transducer : TransducerDescription
+    counter : FrequencyCounter
+    window_s : float
+        Length of the counter's windows, s.
+    certificate : ReferenceCertificate, optional
+        Corrects the torque of a standard.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        side: Side,
+        standard: bool,
+        transducer: TransducerDescription,
+        counter: FrequencyCounter,
+        window_s: float,
+        certificate: ReferenceCertificate | None,
+    ) -> None:
+        self.name = name
+        self.side = side
+        self.standard = standard
+        self.transducer = transducer
+        self.certificate = certificate
+        self._counter = counter
+        self._scale = transducer.scale()
+        self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
+
+    @property
+    def zero_hz(self) -> float:
+        """Zero in use, Hz."""
+        return self._scale.zero
+
+    @zero_hz.setter
+    def zero_hz(self, value: float) -> None:
+        nominal = self._scale.nominal_zero_hz
+        allowed = 0.02 * nominal
+        if not abs(value - nominal) <= allowed:
+            raise SignalFault(
+                f"{self.name}: zero at {value:.1f} Hz",
+                f"{nominal - allowed:g} to {nominal + allowed:g} Hz, within 2 % of nominal",
+                "unload the transducer before zeroing and check its option",
+            )
+        self._scale = self._scale.with_zero(value)
+
+    def push(self, edges: EdgeBlock) -> ChannelSamples:
+        """Take the next block of edges; return the windows that it completes."""
+        frequency = self._counter.push(edges)
+        torque = self._scale.torque_samples(frequency)
+        value = torque.torque_nm
+        if self.certificate is not None:
+            value = self.certificate.correct(value)
+        return self._kept(torque.time_s, frequency.frequency_hz, value, torque.fault)
+
+    def take(self, read: ReferenceSamples) -> ChannelSamples:
+        """Take the samples of a standard that states torque itself."""
+        value = read.torque_nm
+        if self.certificate is not None:
+            value = self.certificate.correct(value)
+        fault = np.where(np.isfinite(value), 0, int(SignalFaultKind.LOST_DATA)).astype(np.uint8)
+        return self._kept(read.time_s, self._scale.frequency(value), value, fault)
+
+    def _kept(
+        self,
+        time_s: NDArray[np.float64],
+        frequency_hz: NDArray[np.float64],
+        torque_nm: NDArray[np.float64],
+        fault: NDArray[np.uint8],
+    ) -> ChannelSamples:
+        self._ring.append(time_s, frequency_hz, torque_nm, fault)
+        return ChannelSamples(
+            self.name, self.side, self.standard, time_s, frequency_hz, torque_nm, fault
+        )
+
+    def window(self, start_s: float, stop_s: float) -> ChannelSamples:
+        """Return the samples whose windows' centres lie in [start, stop); faults are among them."""
+        rows = self._ring.window(start_s, stop_s)
+        fault = rows[3].astype(np.uint8)
+        return ChannelSamples(self.name, self.side, self.standard, rows[0], rows[1], rows[2], fault)
+
+    def latest(self) -> ChannelSamples:
+        """Return the newest window.
+
+        Raises
+        ------
+        SignalFault
+            It is faulty, or nothing has come yet.
+        """
+        row = self._ring.last()
+        if row is None:
+            raise SignalFault(f"{self.name}: no sample yet", "a running acquisition")
+        newest = ChannelSamples(
+            self.name,
+            self.side,
+            self.standard,
+            row[0:1],
+            row[1:2],
+            row[2:3],
+            row[3:4].astype(np.uint8),
+        )
+        newest.raise_on_fault()
+        return newest
+
+    def torque(self, frequency_hz: float) -> float:
+        """Torque of one frequency by the present zero, N·m."""
+        value = self._scale.torque(frequency_hz)
+        if self.certificate is not None:
+            value = self.certificate.correct(value)
+        return float(value)
+
+
+def open_channel(
+    name: str, description: BenchDescription, drivers: DriverSet, mounting: Mounting
+) -> Channel:
+    """Open a channel as the description has it with this mounting."""
+    counting = description.counter
+    counter = FrequencyCounter(
+        counting.method,
+        counting.window_s,
+        drivers.counter.timebase_hz,
+        edge_jitter_s=counting.edge_jitter_s,
+    )
+    for side in SIDES:
+        if name == reference_channel(side):
+            standard = description.standard(mounting)
+            if standard is None:
+                raise InputError(f"channel {name} with {mounting} mounted", "a mounted standard")
+            certificate = certificates(description, drivers, mounting).get(side)
+            transducer = standard.transducer(side)
+            return Channel(name, side, True, transducer, counter, counting.window_s, certificate)
+    own: Side = "input" if name == torque_channel("input") else "output"
+    transducer = description.module(own).transducer
+    return Channel(name, own, False, transducer, counter, counting.window_s, None)
+
+
+def certificates(
+    description: BenchDescription, drivers: DriverSet, mounting: Mounting
+) -> dict[Side, ReferenceCertificate]:
+    """Certificates of a mounted standard: the description's file, or what the driver brings."""
+    standard = description.standard(mounting)
+    if standard is not None and standard.certificate is not None:
+        return read_certificate(standard.certificate)
+    return dict(drivers.certificates.get(mounting, {}))

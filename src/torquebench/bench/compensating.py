@@ -1,0 +1,58 @@
+"""The compensation that is active on one side, applied to live samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.samples import CompensatedSamples
+from torquebench.compensation import CompensationModel, features
+from torquebench.errors import InputError
+
+__all__ = ["ActiveCompensation"]
+
+
+@dataclass(frozen=True, eq=False)
+class ActiveCompensation:
+    """A fitted model in use, with what it is called in the registry.
+
+    Live readings have no known branch (0), so a model with hysteresis states its middle and the
+    wider uncertainty that goes with it.
+    """
+
+    model: CompensationModel
+    model_id: str
+    kind: str
+
+    def value(
+        self, reading_nm: float, speed_rpm: float, temperature_c: float
+    ) -> tuple[float, float]:
+        """Compensated torque and the model's standard uncertainty of one reading, N·m.
+
+        Raises
+        ------
+        InputError
+            The reading lies outside the calibrated range.
+        """
+        X = features([reading_nm], 0, 0, speed_rpm, temperature_c)
+        torque, uncertainty = self.model.predict(X, return_std=True)
+        return float(torque[0]), float(uncertainty[0])
+
+    def samples(
+        self, reading_nm: NDArray[np.float64], speed_rpm: float, temperature_c: float
+    ) -> CompensatedSamples:
+        """Compensate windows; those with a fault or out of range get no number."""
+        inside = (reading_nm >= self.model.reading_low_nm_) & (
+            reading_nm <= self.model.reading_high_nm_
+        )
+        torque = np.full(reading_nm.shape, np.nan)
+        uncertainty = np.full(reading_nm.shape, np.nan)
+        if inside.any():
+            X = features(reading_nm[inside], 0, 0, speed_rpm, temperature_c)
+            try:
+                torque[inside], uncertainty[inside] = self.model.predict(X, return_std=True)
+            except InputError:  # a speed or temperature that the model refuses
+                torque[inside] = uncertainty[inside] = np.nan
+        return CompensatedSamples(torque, uncertainty)

@@ -1,0 +1,372 @@
+"""The bench as its `bench.toml` describes it, checked key by key before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from importlib import resources
+from math import pi
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from torquebench.bench.description_errors import ConflictError, parse_toml, validated
+from torquebench.bench.roles import Mounting, Side
+from torquebench.errors import InputError
+from torquebench.signals import FrequencyScale
+
+__all__ = [
+    "BenchDescription",
+    "CounterDescription",
+    "DriveDescription",
+    "EncoderDescription",
+    "LimitsDescription",
+    "ModuleDescription",
+    "SafetyDescription",
+    "StandardDescription",
+    "TransducerDescription",
+    "default_bench",
+    "load_bench",
+    "parse_bench",
+]
+
+DEFAULT_BENCH = "simulated.toml"
+
+Text = Annotated[str, Field(min_length=1, max_length=200)]
+Torque = Annotated[float, Field(gt=0, le=1e6, description="N·m")]
+Speed = Annotated[float, Field(gt=0, le=1e5, description="rpm")]
+Sensitivity = Annotated[float, Field(gt=0, le=1e6, description="Hz/(N·m)")]
+TemperatureC = Annotated[float, Field(ge=-40, le=200, description="°C")]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class TransducerDescription(_Section):
+    """A torque transducer with frequency output, with nominal data from its data sheet.
+
+    `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120 kHz).
+    Sensitivities that aren't given are the nominal ones: half the zero's frequency over the
+    nominal torque.
+    """
+
+    serial: Text
+    model: Text = "unknown"
+    manufacturer: Text = "unknown"
+    nominal_torque_nm: Torque
+    option_khz: Literal[60, 240] = 60
+    sensitivity_cw_hz_per_nm: Sensitivity | None = None
+    sensitivity_ccw_hz_per_nm: Sensitivity | None = None
+
+    @property
+    def nominal_sensitivity_hz_per_nm(self) -> float:
+        """Sensitivity by the option and the nominal torque, Hz/(N·m)."""
+        return self.option_khz * 500.0 / self.nominal_torque_nm
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Self:
+        nominal = self.nominal_sensitivity_hz_per_nm
+        for key in ("sensitivity_cw_hz_per_nm", "sensitivity_ccw_hz_per_nm"):
+            value = getattr(self, key)
+            if value is not None and abs(value / nominal - 1.0) > 0.05:
+                raise ConflictError(
+                    key,
+                    f"{value:g} Hz/(N·m)",
+                    f"{0.95 * nominal:g} to {1.05 * nominal:g} Hz/(N·m), within 5 % of nominal",
+                    "check nominal_torque_nm, option_khz and the certificate",
+                )
+        return self
+
+    def scale(self) -> FrequencyScale:
+        """Scale of this transducer with its nominal zero, before any zero was measured."""
+        nominal = self.nominal_sensitivity_hz_per_nm
+        zero_hz = self.option_khz * 1e3
+        return FrequencyScale(
+            nominal_torque_nm=self.nominal_torque_nm,
+            nominal_zero_hz=zero_hz,
+            sensitivity_cw_hz_per_nm=self.sensitivity_cw_hz_per_nm or nominal,
+            sensitivity_ccw_hz_per_nm=self.sensitivity_ccw_hz_per_nm or nominal,
+            modulation_hz=(0.25 * zero_hz, 1.75 * zero_hz),
+        )
+
+
+class DriveDescription(_Section):
+    """A servo drive and how fast it may change torque and speed."""
+
+    serial: Text
+    model: Text = "unknown"
+    torque_rate_nm_per_s: Annotated[float, Field(gt=0, le=1e7, description="N·m/s")]
+    speed_rate_rpm_per_s: Annotated[float, Field(gt=0, le=1e6, description="rpm/s")]
+    watchdog_s: Annotated[float, Field(ge=0.1, le=10.0, description="s")] = 0.5
+
+    @property
+    def speed_rate_rad_per_s2(self) -> float:
+        """Rate of the speed, rad/s²."""
+        return self.speed_rate_rpm_per_s * 2.0 * pi / 60.0
+
+
+class EncoderDescription(_Section):
+    """An angle encoder, counts after interpolation."""
+
+    serial: Text
+    counts_per_revolution: Annotated[int, Field(ge=16, le=2**31, description="counts")]
+
+
+class LimitsDescription(_Section):
+    """What must never be exceeded on one side; the supervisor acts on it by itself."""
+
+    torque_nm: Torque
+    speed_rpm: Speed
+    temperature_c: TemperatureC = 60.0
+
+
+class ModuleDescription(_Section):
+    """One module: range, transducer, drive, encoder, limits and its transducer's probe."""
+
+    range_nm: Torque
+    transducer: TransducerDescription
+    drive: DriveDescription
+    encoder: EncoderDescription
+    limits: LimitsDescription
+    temperature_probe: Text
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        nominal = self.transducer.nominal_torque_nm
+        if self.range_nm > nominal:
+            raise ConflictError(
+                "range_nm",
+                f"{self.range_nm:g} N·m",
+                f"at most the transducer's nominal {nominal:g} N·m",
+                "set range_nm to the range that is used",
+            )
+        if not self.range_nm <= self.limits.torque_nm <= 1.5 * nominal:
+            raise ConflictError(
+                "limits.torque_nm",
+                f"{self.limits.torque_nm:g} N·m",
+                f"{self.range_nm:g} N·m (the range) to {1.5 * nominal:g} N·m "
+                "(1.5 times the transducer's nominal torque)",
+                "set the limit a little above the range",
+            )
+        return self
+
+
+class CounterDescription(_Section):
+    """The counters' common clock and how frequency is counted."""
+
+    serial: Text
+    clock: Text
+    timebase_hz: Annotated[float, Field(ge=1e6, le=1e9, description="Hz")] = 100e6
+    method: Literal["reciprocal", "regression", "triangular"] = "regression"
+    window_s: Annotated[float, Field(ge=0.001, le=1.0, description="s")] = 0.01
+    block_s: Annotated[float, Field(ge=0.005, le=1.0, description="s")] = 0.05
+    edge_jitter_s: Annotated[float, Field(ge=0, le=1e-6, description="s")] = 5e-9
+
+    @property
+    def identity(self) -> str:
+        """Which counter and clock: calibration and measurement must agree on it."""
+        return f"{self.serial}/{self.clock}"
+
+    @model_validator(mode="after")
+    def _whole_windows(self) -> Self:
+        ratio = self.block_s / self.window_s
+        if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-9:
+            raise ConflictError(
+                "block_s",
+                f"{self.block_s:g} s",
+                f"a multiple of window_s = {self.window_s:g} s",
+                "set block_s to a whole number of windows",
+            )
+        return self
+
+
+class StandardDescription(_Section):
+    """A calibrator or verification standard: two reference transducers and their certificate.
+
+    `certificate` may name a CSV file beside the `bench.toml` with the columns `side`,
+    `torque_nm`, `error_nm` and `expanded_uncertainty_nm` (k = 2).
+    """
+
+    serial: Text
+    model: Text = "unknown"
+    certificate_number: Text
+    certificate_date: Text = "unknown"
+    certificate: str | None = None
+    expanded_uncertainty_percent: Annotated[float, Field(gt=0, le=1.0, description="% of range")]
+    input: TransducerDescription
+    output: TransducerDescription
+
+    def transducer(self, side: Side) -> TransducerDescription:
+        """Return the reference transducer of a side."""
+        return self.input if side == "input" else self.output
+
+
+class SafetyDescription(_Section):
+    """How the supervisor acts."""
+
+    ramp_to_zero_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.2
+    signal_loss_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.03
+    stall_s: Annotated[float, Field(ge=0.2, le=60.0, description="s")] = 2.0
+    unloaded_percent: Annotated[float, Field(gt=0, le=10.0, description="% of range")] = 1.0
+    standstill_rpm: Annotated[float, Field(gt=0, le=100.0, description="rpm")] = 0.5
+
+
+class _BenchSection(_Section):
+    name: Text
+    driver: Text = "simulated"
+    reducer_ratio: Annotated[float, Field(gt=0, le=1e4, description="input to output turns")] = 80.0
+
+
+class BenchDescription(_Section):
+    """Everything about a bench that the software has to know before it opens it."""
+
+    bench: _BenchSection
+    driver: Mapping[str, Any] = Field(default_factory=dict)
+    counter: CounterDescription
+    input: ModuleDescription
+    output: ModuleDescription
+    calibrator: StandardDescription
+    verification_standard: StandardDescription
+    temperatures: tuple[Text, ...] = Field(min_length=1)
+    safety: SafetyDescription = SafetyDescription()
+
+    @property
+    def name(self) -> str:
+        """Name of the bench."""
+        return self.bench.name
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the figures from this bench have to say "simulated"."""
+        return self.bench.driver == "simulated"
+
+    def module(self, side: Side) -> ModuleDescription:
+        """Return the description of a side's module."""
+        return self.input if side == "input" else self.output
+
+    def standard(self, mounting: Mounting) -> StandardDescription | None:
+        """Calibrator or verification standard; None for any other mounting."""
+        if mounting == "calibrator":
+            return self.calibrator
+        return self.verification_standard if mounting == "verification_standard" else None
+
+    def relative_to(self, folder: Path) -> Self:
+        """Resolve the names of certificate files against the folder of the `bench.toml`."""
+        changed = {}
+        for name in ("calibrator", "verification_standard"):
+            standard: StandardDescription = getattr(self, name)
+            if standard.certificate is not None:
+                path = str((folder / standard.certificate).resolve())
+                changed[name] = standard.model_copy(update={"certificate": path})
+        return self.model_copy(update=changed)
+
+    @cached_property
+    def serials(self) -> dict[str, str]:
+        """Every serial number by its key."""
+        found: dict[str, str] = {"counter": self.counter.serial}
+        for side in ("input", "output"):
+            module: ModuleDescription = getattr(self, side)
+            found[f"{side}.transducer"] = module.transducer.serial
+            found[f"{side}.drive"] = module.drive.serial
+            found[f"{side}.encoder"] = module.encoder.serial
+        for name in ("calibrator", "verification_standard"):
+            standard: StandardDescription = getattr(self, name)
+            found[name] = standard.serial
+            found[f"{name}.input"] = standard.input.serial
+            found[f"{name}.output"] = standard.output.serial
+        return found
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        self._check_serials()
+        for side in ("input", "output"):
+            module: ModuleDescription = getattr(self, side)
+            if module.temperature_probe not in self.temperatures:
+                raise ConflictError(
+                    f"{side}.temperature_probe",
+                    repr(module.temperature_probe),
+                    "one of " + ", ".join(self.temperatures),
+                    "name a probe of the list `temperatures`",
+                )
+            for name in ("calibrator", "verification_standard"):
+                nominal = getattr(getattr(self, name), side).nominal_torque_nm
+                if nominal < module.range_nm:
+                    raise ConflictError(
+                        f"{name}.{side}.nominal_torque_nm",
+                        f"{nominal:g} N·m",
+                        f"at least the module's range, {module.range_nm:g} N·m",
+                        "use a standard that covers the range, or lower the range",
+                    )
+        return self
+
+    def _check_serials(self) -> None:
+        holders: dict[str, str] = {}
+        for key, serial in self.serials.items():
+            role = key.partition(".")[2] or key
+            if "transducer" not in key and role not in ("input", "output"):
+                continue
+            if serial in holders:
+                raise ConflictError(
+                    f"{key}.serial",
+                    repr(serial),
+                    f"a serial number of its own ({holders[serial]} has this one)",
+                    "a calibration belongs to one transducer: read its name plate",
+                )
+            holders[serial] = key
+
+
+def parse_bench(text: str, source: str = "bench.toml") -> BenchDescription:
+    """Read a bench description from the text of a TOML file.
+
+    Parameters
+    ----------
+    text : str
+        The file's text.
+    source : str
+        What messages call the file.
+
+    Raises
+    ------
+    InputError
+        With file, key, value, what is allowed and what to do.
+
+    Examples
+    --------
+    >>> parse_bench("[bench]", "mine.toml")
+    Traceback (most recent call last):
+    ...
+    torquebench.errors.InputError: mine.toml: bench.name is missing; allowed: text of 1 to 200 ...
+    """
+    return validated(BenchDescription, parse_toml(text, source), source)
+
+
+def load_bench(path: Path | str) -> BenchDescription:
+    """Read a bench description from a file; raises `InputError` like `parse_bench`."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(
+            f"{file}: {error.strerror or error}",
+            "a readable bench.toml",
+            "give the path of a bench description, or none for the simulated bench",
+        ) from error
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{file}: not UTF-8 at byte {error.start}", "UTF-8 text", "save the file as UTF-8"
+        ) from error
+    return parse_bench(text, str(file)).relative_to(file.parent)
+
+
+def default_bench() -> BenchDescription:
+    """Describe the packaged simulated bench.
+
+    Examples
+    --------
+    >>> default_bench().output.range_nm
+    2000.0
+    """
+    text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
+    return parse_bench(text, DEFAULT_BENCH)

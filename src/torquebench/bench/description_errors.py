@@ -1,0 +1,163 @@
+"""Turns what pydantic finds into this project's errors: file, key, value, allowed, what to do."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+import annotated_types
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from torquebench.errors import InputError
+
+__all__ = ["ConflictError", "parse_toml", "validated"]
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class ConflictError(PydanticCustomError):
+    """A value that is fine by itself and contradicts another one, or physics."""
+
+    def __new__(cls, key: str, found: str, allowed: str, remedy: str = "") -> ConflictError:
+        """Say which key of this section, what it has, what is allowed and what to do."""
+        return super().__new__(
+            cls,
+            "conflict",
+            "{found}; allowed: {allowed}",
+            {"key": key, "found": found, "allowed": allowed, "remedy": remedy},
+        )
+
+
+def parse_toml(text: str, source: str) -> dict[str, Any]:
+    """Parse TOML; raises `InputError` with the line."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{source}: {error}", "valid TOML", "correct the line named") from error
+
+
+def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Model:
+    """Build a model from parsed values.
+
+    Raises
+    ------
+    InputError
+        For the first wrong key; further wrong keys are named after it.
+    """
+    try:
+        return model.model_validate(dict(values))
+    except ValidationError as error:
+        raise _as_input_error(model, error, source) from error
+
+
+def _as_input_error(model: type[BaseModel], error: ValidationError, source: str) -> InputError:
+    # A misspelt key explains the missing one, so it comes first.
+    order = {"extra_forbidden": 0, "conflict": 2}
+    details = sorted(error.errors(include_url=False), key=lambda item: order.get(item["type"], 1))
+    first = details[0]
+    key, found, allowed, remedy = _explain(model, first)
+    others = [_dotted(item["loc"], item) for item in details[1:]]
+    if others:
+        shown = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
+        remedy = f"{remedy}; also wrong: {shown}" if remedy else f"also wrong: {shown}"
+    return InputError(f"{source}: {key} {found}", allowed, remedy)
+
+
+def _explain(model: type[BaseModel], detail: ErrorDetails) -> tuple[str, str, str, str]:
+    location = detail["loc"]
+    key = _dotted(location, detail)
+    kind = detail["type"]
+    if kind == "conflict":
+        context = detail.get("ctx", {})
+        return key, f"= {context['found']}", context["allowed"], context["remedy"]
+    if kind == "extra_forbidden":
+        section = _model_at(model, location[:-1])
+        known = ", ".join(section.model_fields) if section else ""
+        return key, "is not a key of this section", known, "correct the spelling or remove the line"
+    field = _field_at(model, location)
+    allowed = _allowed(field) if field else detail["msg"]
+    if kind == "missing":
+        return key, "is missing", allowed, "add the key"
+    return key, f"= {_shown(detail['input'])}", allowed, "correct the value"
+
+
+def _dotted(location: Sequence[int | str], detail: ErrorDetails) -> str:
+    parts = [str(part) for part in location if not _is_union_branch(part)]
+    if detail["type"] == "conflict" and detail.get("ctx", {}).get("key"):
+        parts.append(str(detail["ctx"]["key"]))
+    return ".".join(parts)
+
+
+def _is_union_branch(part: int | str) -> bool:
+    return isinstance(part, str) and ("[" in part or part in ("float", "none", "str", "int"))
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"
+
+
+def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel] | None:
+    present: type[BaseModel] | None = model
+    for part in location:
+        if present is None or not isinstance(part, str) or part not in present.model_fields:
+            return None
+        annotation = present.model_fields[part].annotation
+        present = (
+            annotation
+            if isinstance(annotation, type) and issubclass(annotation, BaseModel)
+            else None
+        )
+    return present
+
+
+def _field_at(model: type[BaseModel], location: Sequence[int | str]) -> FieldInfo | None:
+    names = [part for part in location if isinstance(part, str) and not _is_union_branch(part)]
+    section = _model_at(model, names[:-1])
+    return section.model_fields.get(names[-1]) if section and names else None
+
+
+def _allowed(field: FieldInfo) -> str:
+    annotation, metadata, unit = _constraints(field)
+    if get_origin(annotation) is Literal:
+        return "one of " + ", ".join(repr(choice) for choice in get_args(annotation))
+    low = high = ""
+    for item in metadata:
+        if isinstance(item, annotated_types.Gt):
+            low = f"above {item.gt:g}"
+        elif isinstance(item, annotated_types.Ge):
+            low = f"{item.ge:g}"
+        elif isinstance(item, annotated_types.Le):
+            high = f"{item.le:g}"
+    if low or high:
+        interval = " to ".join(bound for bound in (low, high) if bound)
+        kind = "a whole number, " if annotation is int else "a number, "
+        return f"{kind}{interval} {unit}".rstrip()
+    if annotation is str:
+        return "text of 1 to 200 characters"
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        required = [n for n, f in annotation.model_fields.items() if f.is_required()]
+        return "a section with " + ", ".join(required)
+    return "a list of names" if get_origin(annotation) is tuple else str(annotation)
+
+
+def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
+    annotation: Any = field.annotation
+    metadata = list(field.metadata)
+    unit = field.description or ""
+    if get_origin(annotation) in (Union, UnionType):
+        annotation = next(part for part in get_args(annotation) if part is not type(None))
+    if get_origin(annotation) is Annotated:
+        inner = get_args(annotation)
+        annotation = inner[0]
+        for item in inner[1:]:
+            if isinstance(item, FieldInfo):
+                metadata += item.metadata
+                unit = unit or item.description or ""
+            else:
+                metadata.append(item)
+    return annotation, metadata, unit

@@ -1,0 +1,398 @@
+"""The simulated bench behind the roles: the only file outside the twin's room that knows it.
+
+It delivers edges and encoder counts as hardware does; frequency, torque and everything after
+them is the same code for both. Drives ramp by themselves and have their own watchdog.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.description_errors import validated
+from torquebench.bench.drivers.base import (
+    SIDES,
+    AngleSamples,
+    CounterBlock,
+    DriverSet,
+    DriveState,
+    Identity,
+    Mode,
+    Mounting,
+    Side,
+)
+from torquebench.errors import BenchError, InputError
+from torquebench.signals import EdgeBlock
+from torquebench.twin import CHANNELS, BenchTwin, TwinBlock, TwinParameters
+
+__all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
+
+RAMP_STEP_S = 0.01
+TRUTH_KEPT_S = 120.0
+
+
+class SimulatedOptions(BaseModel):
+    """Keys of the section `[driver]` of a simulated bench."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    preset: Literal["nominal", "worn"] = "nominal"
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1, description="(any seed)")] = 1
+    ambient_c: Annotated[float, Field(ge=-10, le=50, description="°C")] | None = None
+
+
+@dataclass
+class _Ramp:
+    """A set point on its way."""
+
+    present: float = 0.0
+    target: float = 0.0
+    rate: float = float("inf")
+
+    def step(self, duration_s: float) -> bool:
+        """Go on for a while; True when the set point changed."""
+        if self.present == self.target:
+            return False
+        reach = self.rate * duration_s
+        distance = self.target - self.present
+        self.present = (
+            self.target
+            if abs(distance) <= reach
+            else self.present + float(np.copysign(reach, distance))
+        )
+        return True
+
+
+@dataclass
+class _Axes:
+    """State of one simulated drive."""
+
+    enabled: bool = False
+    torque: _Ramp = field(default_factory=_Ramp)
+    speed: _Ramp = field(default_factory=_Ramp)
+    controls: Literal["torque", "speed"] = "torque"
+    fed_s: float = 0.0
+    fault: str = ""
+
+    @property
+    def moving(self) -> bool:
+        return any(ramp.present != ramp.target for ramp in (self.torque, self.speed))
+
+
+class SimulatedBench:
+    """The twin as counter card, mode conversion, clamp, probes, operator and source of truth.
+
+    Parameters
+    ----------
+    description : BenchDescription
+        Serials, timebase, ramps and watchdogs are taken from it, the twin from its `[driver]`.
+    """
+
+    def __init__(self, description: BenchDescription) -> None:
+        options = validated(SimulatedOptions, description.driver, f"{description.name}: driver")
+        if description.counter.timebase_hz != 100e6:
+            raise InputError(
+                f"counter.timebase_hz = {description.counter.timebase_hz:g} Hz",
+                "1e+08 Hz on the simulated bench",
+                "leave the key out",
+            )
+        self.description = description
+        self.options = options
+        self._twin = BenchTwin(
+            TwinParameters.draw(options.preset, options.seed),
+            seed=options.seed,
+            timebase_hz=description.counter.timebase_hz,
+        )
+        if options.ambient_c is not None:
+            self._twin.set_ambient(options.ambient_c)
+        self._lock = threading.RLock()
+        self._axes: dict[Side, _Axes] = {side: _Axes() for side in SIDES}
+        self._modes: dict[Side, Mode] = dict.fromkeys(SIDES, "free")
+        self._clamped = False
+        self._mounted: Mounting = "nothing"
+        self._temperatures: dict[str, float] = {}
+        self._truth: deque[tuple[NDArray[np.float64], Mapping[Side, NDArray[np.float64]]]] = deque()
+        self._closed = False
+        self.drives: dict[Side, SimulatedDrive] = {
+            side: SimulatedDrive(self, side) for side in SIDES
+        }
+
+    @property
+    def twin(self) -> BenchTwin:
+        """The twin itself: for tests, demonstrations of faults and dense sweeps only."""
+        return self._twin
+
+    # -- counter card -----------------------------------------------------------------------
+
+    @property
+    def timebase_hz(self) -> float:
+        """Ticks per second."""
+        return self.description.counter.timebase_hz
+
+    @property
+    def clock_identity(self) -> str:
+        """Which counter and clock."""
+        return self.description.counter.identity
+
+    def identity(self) -> Identity:
+        """Name plate of the simulated counter card."""
+        details = {"preset": self.options.preset, "seed": str(self.options.seed)}
+        serial = self.description.counter.serial
+        return Identity("counter", "simulated", "counter of the twin", serial, details=details)
+
+    def select(self, channels: frozenset[str]) -> None:
+        """Make edges of these channels only."""
+        with self._lock:
+            self._twin.set_active_channels([name for name in CHANNELS if name in channels])
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        """Run the twin for a while, drives ramping and their watchdogs running."""
+        with self._lock:
+            if self._closed:
+                raise BenchError("the simulated counter is closed", "an open bench")
+            start_s = self._twin.time_s
+            parts: list[TwinBlock] = []
+            remaining = duration_s
+            while remaining > 1e-9:
+                self._watch(self._twin.time_s)
+                ramping = any(axes.moving for axes in self._axes.values())
+                step = min(RAMP_STEP_S, remaining) if ramping else remaining
+                self._drive(step)
+                parts.append(self._twin.advance(step))
+                remaining -= step
+            self._keep(parts)
+            return _joined(parts, start_s, self._twin.time_s)
+
+    def close(self) -> None:
+        """Release the bench."""
+        self._closed = True
+
+    def _watch(self, now_s: float) -> None:
+        for side, axes in self._axes.items():
+            limit = self.description.module(side).drive.watchdog_s
+            if axes.enabled and now_s - axes.fed_s > limit:
+                axes.fault = f"watchdog not fed for {limit:g} s"
+                self._set_enabled(side, False)
+
+    def _drive(self, step_s: float) -> None:
+        for side, axes in self._axes.items():
+            if axes.torque.step(step_s):
+                self._twin.command_torque(side, axes.torque.present)
+            if axes.speed.step(step_s):
+                self._twin.command_speed(side, axes.speed.present)
+
+    def _keep(self, parts: Sequence[TwinBlock]) -> None:
+        self._temperatures = dict(parts[-1].temperatures)
+        for part in parts:
+            self._truth.append((part.truth.time_s, part.truth.torque_nm))
+        oldest = self._twin.time_s - TRUTH_KEPT_S
+        while self._truth and self._truth[0][0][-1] < oldest:
+            self._truth.popleft()
+
+    # -- drives (called by SimulatedDrive) --------------------------------------------------
+
+    def _set_enabled(self, side: Side, enabled: bool) -> None:
+        with self._lock:
+            axes = self._axes[side]
+            self._twin.enable(side, enabled)
+            fault = "" if enabled else axes.fault
+            self._axes[side] = _Axes(enabled=enabled, fed_s=self._twin.time_s, fault=fault)
+
+    def _command(
+        self, side: Side, quantity: Literal["torque", "speed"], target: float, rate: float
+    ) -> None:
+        with self._lock:
+            axes = self._axes[side]
+            if not axes.enabled:
+                raise BenchError(
+                    f"the {side} drive is off{': ' + axes.fault if axes.fault else ''}",
+                    "commands to an enabled drive",
+                    "enable it first",
+                )
+            ramp = axes.torque if quantity == "torque" else axes.speed
+            ramp.target, ramp.rate = target, rate
+            axes.controls = quantity
+
+    def _ramp_to_zero(self, side: Side, duration_s: float) -> None:
+        with self._lock:
+            for ramp in (self._axes[side].torque, self._axes[side].speed):
+                ramp.target = 0.0
+                ramp.rate = abs(ramp.present) / duration_s if duration_s > 0.0 else float("inf")
+
+    def _feed(self, side: Side) -> None:
+        self._axes[side].fed_s = self._twin.time_s
+
+    def _state(self, side: Side) -> DriveState:
+        axes = self._axes[side]
+        return DriveState(axes.enabled, axes.torque.present, axes.speed.present, axes.fault)
+
+    # -- mode conversion, clamp, probes, operator -------------------------------------------
+
+    def set_mode(self, side: Side, mode: Mode) -> None:
+        """Change the mode of one side."""
+        with self._lock:
+            self._twin.set_mode(side, mode)
+            self._modes[side] = mode
+
+    def mode(self, side: Side) -> Mode:
+        """Present mode of one side."""
+        return self._modes[side]
+
+    def set_clamped(self, clamped: bool) -> None:
+        """Close or open the clamp."""
+        with self._lock:
+            self._twin.set_clamped(clamped)
+            self._clamped = clamped
+
+    def clamped(self) -> bool:
+        """Whether the clamp is closed."""
+        return self._clamped
+
+    def temperatures(self) -> Mapping[str, float]:
+        """All probes, °C."""
+        return self._temperatures
+
+    def mount(self, mounting: Mounting) -> None:
+        """Mount at once: the simulated operator never declines."""
+        with self._lock:
+            self._twin.mount(mounting)
+            self._mounted = mounting
+
+    def mounted(self) -> Mounting:
+        """Tell what is between the flanges."""
+        return self._mounted
+
+    # -- what no real bench has -------------------------------------------------------------
+
+    def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
+        """Mean true torque at the flange over a window that was run already, N·m."""
+        with self._lock:
+            parts = [
+                torque[side][(time >= start_s) & (time < stop_s)]
+                for time, torque in self._truth
+                if time[-1] >= start_s and time[0] < stop_s
+            ]
+        values = np.concatenate(parts) if parts else np.empty(0)
+        if values.size == 0:
+            raise BenchError(
+                f"true torque from {start_s:.3f} to {stop_s:.3f} s",
+                f"the last {TRUTH_KEPT_S:g} s of bench time",
+            )
+        return float(values.mean())
+
+    def dense_sweep(
+        self, side: Side, true_torque_nm: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+        """Noise-free readings along a path of true torques, and the branch of each point."""
+        with self._lock:
+            sweep = self._twin.static_sweep(side, true_torque_nm)
+        return sweep.reading_nm, sweep.branch
+
+    def certificates(self) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
+        """Certificate of the simulated calibrator."""
+        found: dict[Side, ReferenceCertificate] = {}
+        for side in SIDES:
+            certificate = self._twin.certificate(side)
+            found[side] = ReferenceCertificate(
+                certificate.torque_nm, certificate.error_nm, certificate.expanded_uncertainty_nm
+            )
+        return {"calibrator": found}
+
+
+class SimulatedDrive:
+    """One drive of the simulated bench."""
+
+    def __init__(self, bench: SimulatedBench, side: Side) -> None:
+        self._bench = bench
+        self._side = side
+
+    def identity(self) -> Identity:
+        """Name plate of the simulated drive."""
+        drive = self._bench.description.module(self._side).drive
+        return Identity(f"{self._side}.drive", "simulated", "drive of the twin", drive.serial)
+
+    def enable(self) -> None:
+        """Power the motor at zero torque."""
+        self._bench._set_enabled(self._side, True)
+
+    def disable(self) -> None:
+        """Take the power off."""
+        self._bench._set_enabled(self._side, False)
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        """Go to a torque at a limited rate."""
+        self._bench._command(self._side, "torque", torque_nm, ramp_nm_per_s)
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        """Go to a speed at a limited rate."""
+        self._bench._command(self._side, "speed", speed_rad_s, ramp_rad_per_s2)
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Bring torque and speed to zero."""
+        self._bench._ramp_to_zero(self._side, duration_s)
+
+    def feed_watchdog(self) -> None:
+        """Note that the supervisor lives."""
+        self._bench._feed(self._side)
+
+    def state(self) -> DriveState:
+        """Active set points."""
+        return self._bench._state(self._side)
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+def open_simulated(description: BenchDescription) -> DriverSet:
+    """Open the simulated bench that a description describes.
+
+    Raises
+    ------
+    InputError
+        A key of the section `[driver]` is wrong.
+    """
+    bench = SimulatedBench(description)
+    return DriverSet(
+        name="simulated",
+        counter=bench,
+        drives=bench.drives,
+        modes=bench,
+        clamp=bench,
+        temperature=bench,
+        operator=bench,
+        truth=bench,
+        certificates=bench.certificates(),
+        simulated_time=True,
+        blocking=False,
+    )
+
+
+def _joined(parts: Sequence[TwinBlock], start_s: float, stop_s: float) -> CounterBlock:
+    first, last = parts[0], parts[-1]
+    edges = {}
+    for channel in first.edges:
+        ticks = [part.edges[channel] for part in parts]
+        edges[str(channel)] = EdgeBlock(
+            ticks[0] if len(ticks) == 1 else np.concatenate(ticks),
+            first.start_tick,
+            last.stop_tick,
+            first.timebase_hz,
+        )
+    angles: dict[Side, AngleSamples] = {}
+    for side in SIDES:
+        samples = [part.angles[side] for part in parts]
+        angles[side] = AngleSamples(
+            np.concatenate([sample.time_s for sample in samples]),
+            np.concatenate([sample.counts for sample in samples]),
+            samples[0].counts_per_revolution,
+        )
+    return CounterBlock(start_s, stop_s, edges, angles)

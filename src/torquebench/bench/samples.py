@@ -1,0 +1,197 @@
+"""Samples of one block of bench time, and the recent ones kept for whoever asks."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.drivers.base import AngleSamples
+from torquebench.bench.roles import Side
+from torquebench.signals import EdgeBlock, SignalFaultKind, TorqueSamples
+
+__all__ = ["AcquiredBlock", "ChannelSamples", "CompensatedSamples", "SampleRing", "Viewer"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChannelSamples:
+    """Windows of one torque channel that one block completed.
+
+    Parameters
+    ----------
+    channel : str
+        One of `CHANNELS`.
+    side : str
+    standard : bool
+        Whether it is the mounted standard's transducer.
+    time_s : ndarray of float64, shape (n,)
+        Centres of the windows in bench time, s.
+    frequency_hz, torque_nm : ndarray of float64, shape (n,)
+        NaN where `fault` isn't 0. The torque of a standard is corrected by its certificate; a
+        module's torque is its reading, uncompensated.
+    fault : ndarray of uint8, shape (n,)
+        `SignalFaultKind` codes.
+    """
+
+    channel: str
+    side: Side
+    standard: bool
+    time_s: NDArray[np.float64]
+    frequency_hz: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+    fault: NDArray[np.uint8]
+
+    def raise_on_fault(self) -> None:
+        """Raise `SignalFault` for the first faulty window, if there is one."""
+        if self.fault.any():
+            TorqueSamples(
+                time_s=self.time_s,
+                fault=self.fault,
+                torque_nm=self.torque_nm,
+                standard_uncertainty_nm=self.torque_nm,
+            ).raise_on_fault(self.channel)
+
+    @property
+    def fault_kind(self) -> SignalFaultKind:
+        """Fault of the last window."""
+        return SignalFaultKind(int(self.fault[-1])) if self.fault.size else SignalFaultKind.NONE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompensatedSamples:
+    """Compensated torque of one side, window by window.
+
+    NaN where the reading has a fault or lies outside the calibrated range: there is no number.
+    """
+
+    torque_nm: NDArray[np.float64]
+    standard_uncertainty_nm: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AcquiredBlock:
+    """Everything that one block of bench time brought.
+
+    Parameters
+    ----------
+    index : int
+        Number of the block since the bench was opened.
+    start_s, stop_s : float
+        Bench time, s.
+    channels : mapping of channel name to ChannelSamples
+        The channels in use.
+    compensated : mapping of side to CompensatedSamples
+        Only sides with an active compensation.
+    angles : mapping of side to AngleSamples
+    speed_rad_s : mapping of side to float
+        Mean speed over the block.
+    temperatures : mapping of probe to °C
+    edges : mapping of channel name to EdgeBlock
+        The raw edges.
+    """
+
+    index: int
+    start_s: float
+    stop_s: float
+    channels: Mapping[str, ChannelSamples]
+    compensated: Mapping[Side, CompensatedSamples]
+    angles: Mapping[Side, AngleSamples]
+    speed_rad_s: Mapping[Side, float]
+    temperatures: Mapping[str, float]
+    edges: Mapping[str, EdgeBlock]
+
+
+class SampleRing:
+    """The most recent rows of some columns over time, for one writer and many readers.
+
+    Parameters
+    ----------
+    columns : int
+        Columns beside the time.
+    capacity : int
+        Rows that are kept at least.
+
+    Examples
+    --------
+    >>> ring = SampleRing(columns=1, capacity=4)
+    >>> for second in range(6):
+    ...     ring.append(np.array([float(second)]), np.array([10.0 * second]))
+    >>> ring.window(3.5, 9.0)
+    array([[ 4.,  5.],
+           [40., 50.]])
+    """
+
+    def __init__(self, columns: int, capacity: int) -> None:
+        self._capacity = capacity
+        self._rows = np.empty((columns + 1, 2 * capacity))
+        self._start = self._stop = 0
+        self._lock = threading.Lock()
+
+    def append(self, time_s: NDArray[np.float64], *columns: NDArray[np.generic]) -> None:
+        """Append rows whose times go on from those before."""
+        count = time_s.size
+        with self._lock:
+            if self._stop + count > self._rows.shape[1]:
+                kept = min(self._capacity, self._stop - self._start)
+                self._rows[:, :kept] = self._rows[:, self._stop - kept : self._stop]
+                self._start, self._stop = 0, kept
+            place = slice(self._stop, self._stop + count)
+            self._rows[0, place] = time_s
+            for index, column in enumerate(columns, start=1):
+                self._rows[index, place] = column
+            self._stop += count
+            self._start = max(self._start, self._stop - self._capacity)
+
+    def window(self, start_s: float, stop_s: float) -> NDArray[np.float64]:
+        """Copy of the rows with start <= time < stop, shape (1 + columns, n)."""
+        with self._lock:
+            time = self._rows[0, self._start : self._stop]
+            first, last = np.searchsorted(time, (start_s, stop_s)) + self._start
+            return self._rows[:, first:last].copy()
+
+    def last(self) -> NDArray[np.float64] | None:
+        """Copy of the newest row, shape (1 + columns,); None before the first one."""
+        with self._lock:
+            if self._stop == self._start:
+                return None
+            return self._rows[:, self._stop - 1].copy()
+
+
+@dataclass(eq=False)
+class Viewer:
+    """A watcher's queue of blocks: bounded, it forgets the oldest and counts what it forgot.
+
+    Never critical: acquisition neither waits for a viewer nor fails with it.
+    """
+
+    maximum: int = 100
+    dropped: int = 0
+    _blocks: deque[AcquiredBlock] = field(default_factory=deque)
+    _condition: threading.Condition = field(default_factory=threading.Condition)
+
+    def put(self, block: AcquiredBlock) -> None:
+        """Take a block (called by acquisition)."""
+        with self._condition:
+            if len(self._blocks) >= self.maximum:
+                self._blocks.popleft()
+                self.dropped += 1
+            self._blocks.append(block)
+            self._condition.notify()
+
+    def get(self, timeout_s: float = 1.0) -> AcquiredBlock | None:
+        """Return the oldest block that is waiting; None when none comes in time."""
+        with self._condition:
+            if not self._blocks:
+                self._condition.wait(timeout_s)
+            return self._blocks.popleft() if self._blocks else None
+
+    def drain(self) -> list[AcquiredBlock]:
+        """Return every block that is waiting, oldest first, without waiting."""
+        with self._condition:
+            blocks = list(self._blocks)
+            self._blocks.clear()
+            return blocks
