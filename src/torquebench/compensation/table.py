@@ -1,0 +1,333 @@
+"""A fitted compensation model as a table, at the speed of memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.compensation.base import FEATURES, CompensationModel
+from torquebench.compensation.piecewise import Curve, PiecewisePolynomial, approximate
+from torquebench.errors import InputError
+
+__all__ = ["CompensationTable", "compile_table"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CompensationTable:
+    """A compiled compensation model; made by `compile_table`.
+
+    Attributes
+    ----------
+    curve : PiecewisePolynomial
+        Compensated torque in N·m.
+    uncertainty_curve : PiecewisePolynomial or None
+        Standard uncertainty of the model's curve in N·m.
+    kind : str
+        Kind of the model.
+    full_scale_nm : float
+        Calibrated range in N·m.
+    """
+
+    curve: PiecewisePolynomial
+    uncertainty_curve: PiecewisePolynomial | None
+    kind: str
+    full_scale_nm: float
+
+    @property
+    def reading_low_nm(self) -> float:
+        """Lowest accepted reading in N·m."""
+        return self.curve.low
+
+    @property
+    def reading_high_nm(self) -> float:
+        """Highest accepted reading in N·m."""
+        return self.curve.high
+
+    @property
+    def bound_nm(self) -> float:
+        """Largest possible deviation from the model in N·m."""
+        return self.curve.bound
+
+    def torque(
+        self,
+        reading_nm: ArrayLike,
+        branch: ArrayLike | None = None,
+        *,
+        out: FloatArray | None = None,
+        workers: int | None = None,
+    ) -> FloatArray:
+        """Compensate readings, refusing any outside the calibrated range.
+
+        Parameters
+        ----------
+        reading_nm : array_like of shape (n,)
+            Readings in N·m.
+        branch : array_like of shape (n,), optional
+            -1, 0 or +1; unknown (0) where not given.
+        out : float64 array of shape (n,), optional
+            Where to put the result; may be the readings' own array.
+        workers : int, optional
+            Threads, see `lookup.evaluate`.
+
+        Returns
+        -------
+        torque_nm : float64 array of shape (n,)
+
+        Raises
+        ------
+        InputError
+            When readings lie outside the range or are not a number: their count and the first.
+        """
+        reading, signs = _reading(reading_nm), _branch(branch)
+        # in place, a refused reading would already be gone
+        kept = reading if out is None or not np.may_share_memory(out, reading) else None
+        result = np.empty_like(reading) if out is None else out
+        _require_same_shape(reading, signs, result)
+        outside = self.curve.evaluate(reading, signs, result, workers)
+        if outside:
+            detail = ""
+            if kept is not None:
+                index = int(np.argmin(self._inside(kept)))
+                detail = f", the first {kept[index]:.6g} N·m at position {index}"
+            raise InputError(
+                f"{outside} readings outside the calibrated range{detail}",
+                f"{self.reading_low_nm:.6g} to {self.reading_high_nm:.6g} N·m, margin included",
+                "calibrate over the whole range that is measured",
+            )
+        return result
+
+    def torque_with_faults(
+        self, reading_nm: ArrayLike, branch: ArrayLike | None = None
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Compensate live readings, marking those outside the calibrated range.
+
+        Parameters
+        ----------
+        reading_nm, branch
+            As for `torque`.
+
+        Returns
+        -------
+        torque_nm : float64 array of shape (n,)
+            A reading outside gets the additional torque of the nearest limit, so that an overload
+            keeps its size for the limit supervision.
+        fault : bool array of shape (n,)
+            True where the reading is outside the range or not a number.
+
+        Examples
+        --------
+        >>> from torquebench.compensation import features, make_model
+        >>> reading = np.linspace(-100.0, 100.0, 21)
+        >>> model = make_model("polynomial").fit(features(reading), 1.01 * reading)
+        >>> torque, fault = compile_table(model).torque_with_faults([50.0, 150.0])
+        >>> torque.round(6).tolist(), fault.tolist()
+        ([50.5, 151.02], [False, True])
+        """
+        reading, signs = _reading(reading_nm), _branch(branch)
+        result = np.empty_like(reading)
+        _require_same_shape(reading, signs, result)
+        if self.curve.evaluate(reading, signs, result):
+            return result, ~self._inside(reading)
+        return result, np.zeros(reading.shape, dtype=np.bool_)
+
+    def standard_uncertainty(
+        self, reading_nm: ArrayLike, branch: ArrayLike | None = None
+    ) -> FloatArray:
+        """Return the standard uncertainty of the model's curve.
+
+        Parameters
+        ----------
+        reading_nm, branch
+            As for `torque`; beyond the range the limit's value is taken.
+
+        Returns
+        -------
+        standard_uncertainty_nm : float64 array of shape (n,)
+
+        Raises
+        ------
+        InputError
+            When the table was compiled without uncertainty.
+        """
+        if self.uncertainty_curve is None:
+            raise InputError(
+                "a table without uncertainty",
+                "a table with it",
+                "compile the model with its uncertainty",
+            )
+        reading, signs = _reading(reading_nm), _branch(branch)
+        result = np.empty_like(reading)
+        _require_same_shape(reading, signs, result)
+        self.uncertainty_curve.evaluate(reading, signs, result)
+        return result
+
+    @cached_property
+    def at(self) -> Callable[..., float]:
+        """Function of a single reading in N·m and a branch, for use from plain Python.
+
+        Examples
+        --------
+        >>> from torquebench.compensation import features, make_model
+        >>> reading = np.linspace(-100.0, 100.0, 21)
+        >>> model = make_model("polynomial").fit(features(reading), 1.01 * reading)
+        >>> round(compile_table(model).at(50.0), 6)
+        50.5
+        """
+        return _scalar_function(self.curve)
+
+    def _inside(self, reading: FloatArray) -> NDArray[np.bool_]:
+        return (reading >= self.reading_low_nm) & (reading <= self.reading_high_nm)
+
+
+def compile_table(
+    model: CompensationModel,
+    *,
+    tolerance: float = 1e-6,
+    uncertainty: bool = True,
+    series: float = 0.0,
+    speed_rpm: float = 0.0,
+    temperature_c: float = 0.0,
+) -> CompensationTable:
+    """Compile a fitted model to a table whose deviation is below a proved bound.
+
+    Parameters
+    ----------
+    model : CompensationModel
+        Fitted model of any kind.
+    tolerance : float, default 1e-6
+        Largest deviation of torque and of standard uncertainty, as a fraction of full scale.
+    uncertainty : bool, default True
+        Whether to compile the standard uncertainty as well.
+    series, speed_rpm, temperature_c : float
+        What the other columns hold, for models that look at them: a table is for one state.
+
+    Returns
+    -------
+    CompensationTable
+
+    Raises
+    ------
+    InputError
+        When the model can't be followed within the tolerance (it jumps elsewhere than at zero).
+
+    Examples
+    --------
+    >>> from torquebench.compensation import features, make_model
+    >>> reading = np.linspace(-2000.0, 2000.0, 41)
+    >>> standard = reading + 2e-3 * reading + 1e-6 * reading * abs(reading)
+    >>> model = make_model("polynomial", per_direction=True).fit(features(reading), standard)
+    >>> table = compile_table(model)
+    >>> table.bound_nm < 1e-6 * 2000.0
+    True
+    """
+    if not 0.0 < tolerance < 1.0:
+        raise InputError(f"table tolerance {tolerance:g}", "above 0 and below 1 (full scale)")
+    fixed = (0.0, 0.0, series, speed_rpm, temperature_c)
+    columns = int(model.n_features_in_)
+    branch_aware = columns > 1 and "branch" in model.used_features
+
+    def rows(reading: FloatArray, branch: int) -> FloatArray:
+        X = np.tile(np.asarray(fixed[:columns], dtype=np.float64), (reading.size, 1))
+        X[:, 0] = reading
+        if columns > FEATURES.index("branch"):
+            X[:, FEATURES.index("branch")] = branch
+        return X
+
+    def torque(reading: FloatArray, branch: int) -> FloatArray:
+        return model.predict(rows(reading, branch))
+
+    def deviation(reading: FloatArray, branch: int) -> FloatArray:
+        return model.predict(rows(reading, branch), return_std=True)[1]
+
+    def follow(curve: Curve, gain: float, name: str) -> PiecewisePolynomial:
+        limits = (float(model.reading_low_nm_), float(model.reading_high_nm_))
+        return approximate(
+            curve,
+            limits,
+            float(model.full_scale_nm_),
+            tolerance,
+            gain=gain,
+            branch_aware=branch_aware,
+            name=f"{name} of the {model.kind or type(model).__name__} model",
+        )
+
+    return CompensationTable(
+        follow(torque, 1.0, "torque"),
+        follow(deviation, 0.0, "standard uncertainty") if uncertainty else None,
+        model.kind,
+        float(model.full_scale_nm_),
+    )
+
+
+def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
+    """Plain Python over plain lists: a NumPy or Numba call costs more than the arithmetic."""
+    down, unknown, up = ([tuple(row) for row in rows] for rows in curve.coefficients.tolist())
+    # indexed by the branch itself: -1 is the last one
+    tables = (unknown, up, down)
+    low, high, scale, zero = curve.low, curve.high, curve.scale, curve.zero + 0.5
+
+    def refuse(reading_nm: float) -> InputError:
+        return InputError(
+            f"reading {reading_nm:.6g} N·m outside the calibrated range",
+            f"{low:.6g} to {high:.6g} N·m, margin included",
+            "calibrate over the whole range that is measured",
+        )
+
+    def linear(reading_nm: float, branch: int = 0) -> float:
+        if not low <= reading_nm <= high:
+            raise refuse(reading_nm)
+        location = reading_nm * scale + zero
+        index = int(location)
+        constant, slope = tables[branch][index]
+        return float(reading_nm + (constant + slope * (location - index - 0.5)))
+
+    def cubic(reading_nm: float, branch: int = 0) -> float:
+        if not low <= reading_nm <= high:
+            raise refuse(reading_nm)
+        location = reading_nm * scale + zero
+        index = int(location)
+        constant, slope, square, cube = tables[branch][index]
+        place = location - index - 0.5
+        return float(reading_nm + (constant + place * (slope + place * (square + place * cube))))
+
+    return linear if curve.degree == 1 else cubic
+
+
+def _reading(reading_nm: ArrayLike) -> FloatArray:
+    reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
+    if reading.ndim != 1:
+        raise InputError(f"readings of shape {reading.shape}", "one row of readings")
+    return reading
+
+
+def _branch(branch: ArrayLike | None) -> NDArray[np.int8] | None:
+    if branch is None:
+        return None
+    given = np.asarray(branch)
+    if given.dtype == np.int8:
+        signs = np.ascontiguousarray(given)
+    else:
+        signs = np.sign(given).astype(np.int8)
+    if signs.size and (int(signs.min()) < -1 or int(signs.max()) > 1):
+        raise InputError(f"a branch of {int(np.max(np.abs(signs.astype(int))))}", "-1, 0 or +1")
+    return signs
+
+
+def _require_same_shape(
+    reading: FloatArray, branch: NDArray[np.int8] | None, out: FloatArray
+) -> None:
+    if branch is not None and branch.shape != reading.shape:
+        raise InputError(
+            f"{branch.size} branches for {reading.size} readings", "one branch for each reading"
+        )
+    if out.shape != reading.shape or out.dtype != np.float64 or not out.flags.c_contiguous:
+        raise InputError(
+            f"an output array of shape {out.shape} and type {out.dtype}",
+            f"a contiguous float64 array of shape {reading.shape}",
+        )
