@@ -1,0 +1,99 @@
+"""What all tests share: reference data, isolation, and a watch on threads and tasks left behind."""
+
+import itertools
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+# Before NumPy and Matplotlib are imported: one thread each, since tests run side by side.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["MPLBACKEND"] = "Agg"
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+_CI = bool(os.environ.get("CI"))
+_REPOSITORY = Path(__file__).resolve().parents[1]
+_REFERENCE_DATA = Path(
+    os.environ.get("TORQUEBENCH_REFERENCE_DATA", _REPOSITORY.parent / "shared" / "data")
+)
+
+settings.register_profile(
+    "torquebench", deadline=None, derandomize=_CI, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("torquebench")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the tests on reference data where a user's clone doesn't have them."""
+    if _CI or _REFERENCE_DATA.is_dir():
+        return
+    left_out = [item for item in items if "reference_data" in getattr(item, "fixturenames", ())]
+    if left_out:
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_report_header() -> str | None:
+    """Say in one line that tests are left out, and how to run them."""
+    if _CI or _REFERENCE_DATA.is_dir():
+        return None
+    return (
+        f"reference tests are left out: no folder {_REFERENCE_DATA} "
+        "(give it by TORQUEBENCH_REFERENCE_DATA)"
+    )
+
+
+@pytest.fixture(scope="session")
+def reference_data() -> Callable[[str], Path]:
+    """Return a function from a name below the reference data to its path."""
+
+    def path(name: str) -> Path:
+        found = _REFERENCE_DATA / name
+        assert found.exists(), f"reference data {found} is missing"
+        return found
+
+    return path
+
+
+_numbers = itertools.count()
+
+
+@pytest.fixture(autouse=True)
+def _isolated_data_directory(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / f"torquebench-data-{next(_numbers)}"
+    monkeypatch.setenv("TORQUEBENCH_DATA", str(folder))
+
+
+class _AsyncioComplaints(logging.Handler):
+    """Collects what asyncio has to say about tasks that nobody awaited or ended."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left_behind() -> Iterator[None]:
+    before = set(threading.enumerate())
+    complaints = _AsyncioComplaints()
+    logger = logging.getLogger("asyncio")
+    logger.addHandler(complaints)
+    yield
+    logger.removeHandler(complaints)
+    deadline = time.monotonic() + 5.0
+    while leaked := [thread for thread in threading.enumerate() if thread not in before]:
+        if time.monotonic() > deadline:
+            pytest.fail(f"threads left behind: {', '.join(thread.name for thread in leaked)}")
+        leaked[0].join(0.05)
+    if complaints.messages:
+        pytest.fail("asyncio complains: " + "; ".join(complaints.messages))
