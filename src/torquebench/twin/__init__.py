@@ -23,7 +23,8 @@ from torquebench.twin.blocks import (
     Truth,
     TwinBlock,
 )
-from torquebench.twin.parameters import Preset, TwinParameters
+from torquebench.twin.parameters import TwinParameters
+from torquebench.twin.presets import Preset
 
 __all__ = [
     "CHANNELS",

@@ -1,10 +1,19 @@
 """The bench's twin: commands in, blocks of edges and counts out, with known true torque."""
 
 from collections.abc import Sequence
-from typing import NoReturn
 
+import numpy as np
+
+from torquebench.errors import InputError
+from torquebench.twin import mechanism, simulation
+from torquebench.twin import reducer as red
+from torquebench.twin import thermal as heat
 from torquebench.twin.blocks import (
     CHANNELS,
+    MODES,
+    MOUNTINGS,
+    SIDES,
+    AngleSamples,
     Certificate,
     Channel,
     FaultKind,
@@ -14,11 +23,28 @@ from torquebench.twin.blocks import (
     Nameplate,
     Side,
     StaticSweep,
+    TickArray,
+    Truth,
     TwinBlock,
 )
-from torquebench.twin.parameters import TwinParameters
+from torquebench.twin.calibrator import ReferenceParameters
+from torquebench.twin.chain import transducer_torque
+from torquebench.twin.counter import EdgeSource
+from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, loading_error
+from torquebench.twin.faults import Fault, broken_counts, broken_edges, broken_frequency, make_fault
+from torquebench.twin.parameters import EncoderConstants, SideParameters, TwinParameters
+from torquebench.twin.transducer import fresh_transducer_state
 
 __all__ = ["BenchTwin"]
+
+_CONVERSION = {
+    "free": mechanism.CONVERSION_FREE,
+    "driven": mechanism.CONVERSION_DRIVEN,
+    "locked": mechanism.CONVERSION_LOCKED,
+}
+_MODULATION_HZ = (15e3, 105e3)
+_NOMINAL_ZERO_HZ = 60e3
+_NOMINAL_SPAN_HZ = 30e3
 
 
 class BenchTwin:
@@ -57,66 +83,153 @@ class BenchTwin:
         timebase_hz: float = 100e6,
         active_channels: Sequence[Channel] = CHANNELS,
     ) -> None:
-        _unfinished()
+        step_ticks = timebase_hz * simulation.STEP_S
+        if step_ticks != round(step_ticks) or step_ticks < 1.0:
+            raise InputError(f"timebase {timebase_hz} Hz", "a whole multiple of 1000 Hz")
+        self._parameters = parameters
+        self._sides = (parameters.input, parameters.output)
+        self._timebase_hz = timebase_hz
+        self._step_ticks = round(step_ticks)
+        self._tick = 0
+        self._steps = 0
+        streams = np.random.default_rng(seed).spawn(3 + len(CHANNELS))
+        self._process, self._loading, self._mounting_draws = streams[:3]
+        self._sources = {
+            channel: self._new_source(channel, streams[3 + k]) for k, channel in enumerate(CHANNELS)
+        }
+        self._mounting: Mounting = "nothing"
+        self._clamped = False
+        self._enabled = [False, False]
+        self._faults: list[Fault] = []
+        self._constants = self._gather((0.0, 0.0))
+        self._references = self._reference_set("calibrator")
+        self._tables = np.array([reference.error_table() for reference in self._references])
+        self._orders = simulation.Orders(
+            conversion=np.zeros(2, dtype=np.int64),
+            control=np.zeros(2, dtype=np.int64),
+            target=np.zeros(2),
+            held_speed_rad_s=np.zeros(2),
+            inertia_kgm2=np.ones(2),
+            plant=np.zeros(2, dtype=np.int64),
+            ambient_c=np.full(1, parameters.thermal.ambient_c),
+        )
+        self._state = simulation.fresh_state(parameters.thermal.ambient_c)
+        for k, channel in enumerate(CHANNELS):
+            self._state.raw_hz[k] = self._state.lagged_hz[k] = self._zero_hz(channel)
+        self._active: tuple[Channel, ...] = ()
+        self.set_active_channels(active_channels)
+        for channel in ("input_torque", "output_torque"):
+            self._sources[channel].begin(self._zero_hz(channel))
+        self._settle_plant()
 
     # What a bench may know -----------------------------------------------------------------
     @property
     def time_s(self) -> float:
         """Bench time: seconds of the counters' clock since the start."""
-        _unfinished()
+        return self._tick / self._timebase_hz
 
     @property
     def tick(self) -> int:
         """Bench time in ticks: where the next block starts."""
-        _unfinished()
+        return self._tick
 
     def nameplate(self, channel: Channel) -> Nameplate:
         """Nominal data of a transducer, as its data sheet gives them."""
-        _unfinished()
+        side = self._side(_side_of(channel))
+        nominal = side.transducer.nominal_torque_nm
+        return Nameplate(nominal, _NOMINAL_ZERO_HZ, _NOMINAL_SPAN_HZ / nominal, _MODULATION_HZ)
 
     def certificate(self, side: Side) -> Certificate:
         """Certificate of the calibrator's reference transducer of one side."""
-        _unfinished()
+        return self._side(side).calibrator.certificate()
 
     # Commands ------------------------------------------------------------------------------
     def set_active_channels(self, channels: Sequence[Channel]) -> None:
         """Make edges only of these channels from now on."""
-        _unfinished()
+        unknown = set(channels) - set(CHANNELS)
+        if unknown:
+            raise InputError(f"channels {sorted(unknown)}", f"some of {', '.join(CHANNELS)}")
+        self._active = tuple(channel for channel in CHANNELS if channel in channels)
 
     def set_mode(self, side: Side, mode: Mode) -> None:
         """Couple the drive ("driven"), let the flange turn freely ("free") or lock the shaft.
 
         A locked shaft is held behind the transducer, so the transducer reads the reaction.
         """
-        _unfinished()
+        index = _index(side)
+        if mode not in MODES:
+            raise InputError(f"mode {mode!r}", f"one of {', '.join(MODES)}")
+        conversion = _CONVERSION[mode]
+        if self._orders.conversion[index] == conversion:
+            return
+        self._orders.conversion[index] = conversion
+        row = self._state.shafts[index]
+        row[mechanism.RELAXED] = row[mechanism.MOTOR_ANGLE] - row[mechanism.FLANGE_ANGLE]
+        row[mechanism.SHAFT_TORQUE] = 0.0
+        self._settle_inertia()
 
     def set_clamped(self, clamped: bool) -> None:
         """Close or open the hydraulic clamp of the tested assembly."""
-        _unfinished()
+        if clamped != self._clamped:
+            self._clamped = clamped
+            self._settle_plant()
 
     def mount(self, what: Mounting) -> None:
         """Mount the calibrator, the verification standard, the reducer or nothing."""
-        _unfinished()
+        if what not in MOUNTINGS:
+            raise InputError(f"mounting {what!r}", f"one of {', '.join(MOUNTINGS)}")
+        if what == self._mounting:
+            return
+        self._mounting = what
+        if what in ("calibrator", "verification_standard"):
+            self._references = self._reference_set(what)
+            self._tables = np.array([reference.error_table() for reference in self._references])
+        spread = self._parameters.reseating * self._mounting_draws.standard_normal(2)
+        self._constants = self._gather((float(spread[0]), float(spread[1])))
+        for side in SIDES:
+            self._forget(side)
+        self._settle_plant()
 
     def enable(self, side: Side, enabled: bool) -> None:
         """Enable or disable a drive; a disabled drive gives no torque. Commands are forgotten."""
-        _unfinished()
+        self._enabled[_index(side)] = enabled
+        self._forget(side)
 
     def disable(self) -> None:
         """Emergency stop: both drives lose their torque at the next step."""
-        _unfinished()
+        for side in SIDES:
+            self.enable(side, enabled=False)
 
     def command_torque(self, side: Side, torque_nm: float) -> None:
         """Ask the drive for a torque; the loading accuracy decides what the flange gets."""
-        _unfinished()
+        index = _index(side)
+        torque = _finite(torque_nm, "torque", "N·m")
+        if not self._enabled[index]:
+            return
+        drive, chain = self._constants.drives[index], self._constants.chains[index]
+        wanted = torque + loading_error(drive, torque, self._loading)
+        angle = float(self._state.shafts[index, mechanism.FLANGE_ANGLE])
+        self._orders.control[index] = CONTROL_TORQUE
+        self._orders.target[index] = transducer_torque(chain, wanted, angle)
 
     def command_speed(self, side: Side, speed_rad_s: float) -> None:
         """Ask the drive for a speed."""
-        _unfinished()
+        index = _index(side)
+        speed = _finite(speed_rad_s, "speed", "rad/s")
+        if not self._enabled[index]:
+            return
+        if self._holds():
+            self._orders.held_speed_rad_s[index] = speed
+            if self._orders.control[index] == CONTROL_OFF:
+                self._orders.control[index] = CONTROL_TORQUE
+                self._orders.target[index] = 0.0
+        else:
+            self._orders.control[index] = CONTROL_SPEED
+            self._orders.target[index] = speed
 
     def set_ambient(self, temperature_c: float) -> None:
         """Set the hall's temperature; the parts follow with their own time constants."""
-        _unfinished()
+        self._orders.ambient_c[0] = _finite(temperature_c, "temperature", "°C")
 
     def inject_fault(
         self,
@@ -147,12 +260,52 @@ class BenchTwin:
         amount : float, optional
             See ``kind``.
         """
-        _unfinished()
+        start = self._tick if start_s is None else round(start_s * self._timebase_hz)
+        stop = start + round(duration_s * self._timebase_hz)
+        self._faults.append(make_fault(channel, kind, start, stop, amount))
 
     # Time ----------------------------------------------------------------------------------
     def advance(self, duration_s: float) -> TwinBlock:
         """Run the bench and deliver everything that its counters, encoders and probes saw."""
-        _unfinished()
+        if not duration_s > 0.0:
+            raise InputError(f"duration {duration_s} s", "a duration above 0 s")
+        start_tick = self._tick
+        self._tick += max(1, round(duration_s * self._timebase_hz))
+        first = self._steps
+        steps = -(-self._tick // self._step_ticks) - first
+        self._steps += steps
+        recording = simulation.record(steps)
+        if steps:
+            simulation.simulate(
+                first,
+                steps,
+                self._constants,
+                (self._references[0].constants, self._references[1].constants),
+                self._tables,
+                self._orders,
+                self._state,
+                self._process,
+                recording,
+            )
+        edges = {channel: self._edges(channel, first, recording) for channel in self._active}
+        ticks = np.arange(first, first + steps, dtype=np.int64) * self._step_ticks
+        temperature = dict(zip(heat.PLACES, self._state.temperature_c.tolist(), strict=True))
+        probe_error = dict(zip(heat.PLACES, self._parameters.thermal.probe_error_k, strict=True))
+        return TwinBlock(
+            start_tick=start_tick,
+            stop_tick=self._tick,
+            timebase_hz=self._timebase_hz,
+            edges=edges,
+            angles={side: self._angles(side, ticks, recording) for side in SIDES},
+            temperatures={name: temperature[name] + probe_error[name] for name in heat.PLACES},
+            truth=Truth(
+                ticks / self._timebase_hz,
+                {side: recording.torque_nm[k] for k, side in enumerate(SIDES)},
+                {side: recording.speed_rad_s[k] for k, side in enumerate(SIDES)},
+                {side: recording.angle_rad[k] for k, side in enumerate(SIDES)},
+                temperature,
+            ),
+        )
 
     def static_sweep(
         self,
@@ -186,8 +339,180 @@ class BenchTwin:
         StaticSweep
             Readings of the module and of the reference, in the path's order.
         """
-        _unfinished()
+        index = _index(side)
+        path = np.ascontiguousarray(true_torque_nm, dtype=np.float64)
+        if path.ndim != 1 or path.size == 0 or not np.isfinite(path).all():
+            raise InputError(
+                f"a path of shape {path.shape}", "one dimension, at least one point, all finite"
+            )
+        reference = self._references[index]
+        frequency, reference_hz = np.empty(path.size), np.empty(path.size)
+        state = fresh_transducer_state()
+
+        def run(points: FloatArray) -> None:
+            simulation.sweep(
+                self._constants.chains[index],
+                self._constants.transducers[index],
+                reference.constants,
+                self._tables[index],
+                points,
+                23.0 if temperature_c is None else temperature_c,
+                speed_rad_s,
+                float(self._state.shafts[index, mechanism.FLANGE_ANGLE]),
+                state,
+                frequency,
+                reference_hz,
+            )
+
+        if preload:
+            run(path)
+        run(np.zeros(1))
+        zero_hz, reference_zero_hz = float(frequency[0]), float(reference_hz[0])
+        run(path)
+        plate = self.nameplate("input_torque" if side == "input" else "output_torque")
+        growth = np.diff(np.abs(path), prepend=0.0)
+        return StaticSweep(
+            true_torque_nm=path,
+            reading_nm=(frequency - zero_hz) / plate.sensitivity_hz_per_nm,
+            frequency_hz=frequency,
+            reference_nm=(reference_hz - reference_zero_hz) / plate.sensitivity_hz_per_nm,
+            reference_frequency_hz=reference_hz,
+            branch=np.sign(growth).astype(np.int8),
+        )
+
+    # Inside --------------------------------------------------------------------------------
+    def _side(self, side: Side) -> SideParameters:
+        return self._sides[_index(side)]
+
+    def _reference_set(self, what: Mounting) -> tuple[ReferenceParameters, ReferenceParameters]:
+        first, second = self._sides
+        if what == "verification_standard":
+            return first.verification_standard, second.verification_standard
+        return first.calibrator, second.calibrator
+
+    def _new_source(self, channel: Channel, generator: np.random.Generator) -> EdgeSource:
+        side = self._side(_side_of(channel))
+        delay = side.transducer.delay_s
+        if channel.endswith("reference"):
+            delay = side.calibrator.constants.delay_s
+        counter = self._parameters.counter
+        return EdgeSource(generator, self._timebase_hz, self._step_ticks, counter, delay)
+
+    def _zero_hz(self, channel: Channel) -> float:
+        side = self._side(_side_of(channel))
+        if channel.endswith("torque"):
+            return side.transducer.zero_hz
+        return self._reference_set(self._mounting)[_index(_side_of(channel))].constants.zero_hz
+
+    def _gather(self, reseated: tuple[float, float]) -> simulation.Constants:
+        """Constants for the kernels; mounting anew changes the linear part of each chain a bit."""
+        chains = [
+            side.chain._replace(
+                linear=(side.chain.linear[0] + change, side.chain.linear[1] + change)
+            )
+            for side, change in zip(self._sides, reseated, strict=True)
+        ]
+        first, second = self._sides
+        return simulation.Constants(
+            (first.drive, second.drive),
+            (chains[0], chains[1]),
+            (first.transducer, second.transducer),
+            self._parameters.reducer,
+            self._parameters.thermal,
+        )
+
+    def _holds(self) -> bool:
+        return bool(self._orders.plant[0] == mechanism.FLANGE_HELD)
+
+    def _forget(self, side: Side) -> None:
+        """Forget a side's commands."""
+        index = _index(side)
+        self._orders.control[index] = CONTROL_OFF
+        self._orders.target[index] = 0.0
+        self._orders.held_speed_rad_s[index] = 0.0
+
+    def _settle_plant(self) -> None:
+        """Put the shafts at rest and without torque after what is mounted has changed."""
+        measured = self._mounting in ("calibrator", "verification_standard")
+        if not self._clamped or self._mounting == "nothing":
+            flange = mechanism.FLANGE_LOOSE
+        else:
+            flange = mechanism.FLANGE_HELD if measured else mechanism.FLANGE_COUPLED
+        self._orders.plant[:] = flange, int(measured)
+        shafts, reducer = self._state.shafts, self._parameters.reducer
+        shafts[:, mechanism.MOTOR_SPEED] = 0.0
+        shafts[:, mechanism.FLANGE_SPEED] = 0.0
+        shafts[:, mechanism.SHAFT_TORQUE] = 0.0
+        shafts[:, mechanism.INTERFACE_TORQUE] = 0.0
+        angle = shafts[:, mechanism.FLANGE_ANGLE]
+        shafts[:, mechanism.RELAXED] = shafts[:, mechanism.MOTOR_ANGLE] - angle
+        self._state.reducer[:] = 0.0
+        error, _ = red.transmission_error(reducer, float(angle[1]))
+        self._state.reducer[red.GEAR_OFFSET] = angle[1] - angle[0] / reducer.ratio - error
+        for k, channel in enumerate(CHANNELS[2:], start=2):
+            if not measured:
+                self._state.raw_hz[k] = self._state.lagged_hz[k] = self._zero_hz(channel)
+        self._settle_inertia()
+
+    def _settle_inertia(self) -> None:
+        """Tell the speed controls what they turn."""
+        drives, reducer = self._constants.drives, self._parameters.reducer
+        own = [drive.motor_inertia_kgm2 + drive.flange_inertia_kgm2 for drive in drives]
+        self._orders.inertia_kgm2[:] = own
+        if self._orders.plant[0] != mechanism.FLANGE_COUPLED:
+            return
+        behind = [drive.flange_inertia_kgm2 for drive in drives]
+        for k in range(2):
+            if self._orders.conversion[k] == mechanism.CONVERSION_DRIVEN:
+                behind[k] = own[k]
+        ahead_total = behind[0] + reducer.input_inertia_kgm2
+        behind_total = behind[1] + reducer.output_inertia_kgm2
+        square = reducer.ratio**2
+        self._orders.inertia_kgm2[0] = ahead_total + behind_total / square
+        self._orders.inertia_kgm2[1] = behind_total + ahead_total * square
+
+    def _edges(self, channel: Channel, first: int, recording: simulation.Recording) -> TickArray:
+        """Edges of one channel up to the present tick, with its faults."""
+        source = self._sources[channel]
+        faults = [fault for fault in self._faults if fault.channel == channel]
+        steps = recording.torque_nm.shape[1]
+        if steps and (channel.endswith("torque") or self._orders.plant[1]):
+            ticks = np.arange(first, first + steps + 1, dtype=np.int64) * self._step_ticks
+            frequency = recording.frequency_hz[CHANNELS.index(channel)]
+            source.run(first, broken_frequency(faults, frequency, ticks, self._zero_hz(channel)))
+        taken, number = source.take(self._tick)
+        return broken_edges(faults, taken, number, self._timebase_hz)
+
+    def _angles(
+        self, side: Side, ticks: TickArray, recording: simulation.Recording
+    ) -> AngleSamples:
+        encoder: EncoderConstants = self._side(side).encoder
+        angle = recording.encoder_rad[_index(side)]
+        shown = angle.copy()
+        for k in range(2):
+            shown += encoder.error_rad[k] * np.sin((k + 1) * angle + encoder.error_phase_rad[k])
+        counts = np.floor(shown * encoder.counts_per_revolution / (2.0 * np.pi)).astype(np.int64)
+        faults = [fault for fault in self._faults if fault.channel == side]
+        return AngleSamples(
+            ticks / self._timebase_hz,
+            broken_counts(faults, counts, ticks),
+            encoder.counts_per_revolution,
+        )
 
 
-def _unfinished() -> NoReturn:
-    raise NotImplementedError
+def _index(side: str) -> int:
+    if side not in SIDES:
+        raise InputError(f"side {side!r}", f"one of {', '.join(SIDES)}")
+    return SIDES.index(side)
+
+
+def _side_of(channel: str) -> Side:
+    if channel not in CHANNELS:
+        raise InputError(f"channel {channel!r}", f"one of {', '.join(CHANNELS)}")
+    return "input" if channel.startswith("input") else "output"
+
+
+def _finite(value: float, name: str, unit: str) -> float:
+    if not np.isfinite(value):
+        raise InputError(f"{name} {value} {unit}", "a finite number")
+    return float(value)

@@ -1,27 +1,178 @@
-"""Constants of the twin: presets, and drawing all of them by a seed."""
+"""Constants of the twin: all of them are drawn by a preset and a seed."""
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-__all__ = ["Preset", "TwinParameters"]
+import numpy as np
 
-Preset = Literal["nominal", "worn"]
+from torquebench.errors import InputError
+from torquebench.mechanics import Chain
+from torquebench.twin import presets
+from torquebench.twin.blocks import SIDES
+from torquebench.twin.calibrator import ReferenceParameters
+from torquebench.twin.chain import ChainConstants, chain_is_invertible
+from torquebench.twin.counter import CounterConstants
+from torquebench.twin.drive import DriveConstants
+from torquebench.twin.presets import DESIGNS, WEAR, Preset
+from torquebench.twin.reducer import ReducerConstants
+from torquebench.twin.reducers import ReducerName, draw_reducer
+from torquebench.twin.thermal import ThermalConstants
+from torquebench.twin.transducer import TransducerConstants
+
+__all__ = ["EncoderConstants", "SideParameters", "TwinParameters"]
+
+
+class EncoderConstants(NamedTuple):
+    """One encoder.
+
+    Attributes
+    ----------
+    counts_per_revolution : int
+        Lines times interpolation.
+    error_rad, error_phase_rad : pair of float
+        Graduation error at one and two periods per turn.
+    """
+
+    counts_per_revolution: int
+    error_rad: tuple[float, float]
+    error_phase_rad: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class SideParameters:
+    """Constants of one side of the bench.
+
+    Attributes
+    ----------
+    geometry : pair of Chain
+        The chain's design for clockwise and counterclockwise torque; its equations give the
+        coefficients in ``chain``.
+    chain, transducer, drive, encoder
+        Constants of the parts.
+    calibrator, verification_standard : ReferenceParameters
+        The reference transducers that can be mounted on this side.
+    """
+
+    geometry: tuple[Chain, Chain]
+    chain: ChainConstants
+    transducer: TransducerConstants
+    drive: DriveConstants
+    encoder: EncoderConstants
+    calibrator: ReferenceParameters
+    verification_standard: ReferenceParameters
 
 
 @dataclass(frozen=True)
 class TwinParameters:
     """Every constant of the simulated bench.
 
+    Attributes
+    ----------
+    preset : {"nominal", "worn"}
+        A healthy bench, or one with larger everything.
+    seed : int
+        What the constants were drawn with.
+    input, output : SideParameters
+        Both modules.
+    reducer : ReducerConstants
+        The reducer that ``mount("reducer")`` mounts.
+    thermal, counter
+        Temperatures and the counters' clock.
+    reseating : float
+        Relative spread of the chain's linear part from one mounting to the next.
+
     Examples
     --------
     >>> TwinParameters.draw("nominal", seed=3) == TwinParameters.draw("nominal", seed=3)
     True
+    >>> TwinParameters.draw("worn", seed=3).input.transducer.nominal_torque_nm
+    50.0
     """
 
     preset: Preset
     seed: int
+    input: SideParameters
+    output: SideParameters
+    reducer: ReducerConstants
+    thermal: ThermalConstants
+    counter: CounterConstants
+    reseating: float
 
     @classmethod
-    def draw(cls, preset: Preset = "nominal", seed: int = 0) -> "TwinParameters":
-        """Draw every constant: "nominal" is a healthy bench, "worn" has larger everything."""
-        return cls(preset, seed)
+    def draw(
+        cls, preset: Preset = "nominal", seed: int = 0, *, reducer: ReducerName = "standard"
+    ) -> "TwinParameters":
+        """Draw every constant.
+
+        Parameters
+        ----------
+        preset : {"nominal", "worn"}
+            "nominal": repeatability 0.01-0.02 % of the range, raw error 0.3-1 %. "worn": larger
+            everything.
+        seed : int
+            Same seed, same constants.
+        reducer : {"standard", "rv-40e", "harmonic-20"}
+            The reducer under test.
+
+        Returns
+        -------
+        TwinParameters
+            Drawn constants.
+
+        Raises
+        ------
+        InputError
+            If a name is unknown or the seed is negative.
+        """
+        if preset not in WEAR:
+            raise InputError(f"preset {preset!r}", f"one of {', '.join(WEAR)}")
+        if seed < 0:
+            raise InputError(f"seed {seed}", "a whole number of at least 0")
+        wear = WEAR[preset]
+        generators = np.random.default_rng(seed).spawn(5)
+        sides = [_draw_side(generators[k], preset, side) for k, side in enumerate(SIDES)]
+        return cls(
+            preset=preset,
+            seed=seed,
+            input=sides[0],
+            output=sides[1],
+            reducer=draw_reducer(generators[2], reducer, wear),
+            thermal=presets.draw_thermal(generators[3]),
+            counter=presets.draw_counter(generators[4]),
+            reseating=2e-5 * wear,
+        )
+
+    def with_reducer(self, reducer: ReducerConstants) -> "TwinParameters":
+        """Return the same bench with another reducer to test."""
+        return replace(self, reducer=reducer)
+
+
+def _draw_side(generator: np.random.Generator, preset: Preset, side: str) -> SideParameters:
+    """Draw a side; a chain that couldn't be inverted (a step too steep) is drawn again."""
+    design, wear = DESIGNS["input" if side == "input" else "output"], WEAR[preset]
+    while True:
+        geometry = presets.draw_geometry(generator, design, wear)
+        chain = presets.draw_chain(generator, design, geometry, wear)
+        if chain_is_invertible(chain):
+            break
+    calibrator, standard = presets.draw_references(generator, design, wear)
+    arcsec = np.pi / 180.0 / 3600.0
+    phase = generator.uniform(0.0, 2.0 * np.pi, 2)
+    largest = 4.0 if side == "input" else 0.8
+    encoder = EncoderConstants(
+        360_000 if side == "input" else 3_600_000,
+        (
+            generator.uniform(0.3, 1.0) * largest * arcsec,
+            generator.uniform(0.1, 0.4) * largest * arcsec,
+        ),
+        (float(phase[0]), float(phase[1])),
+    )
+    return SideParameters(
+        geometry=geometry,
+        chain=chain,
+        transducer=presets.draw_transducer(generator, design, wear),
+        drive=presets.draw_drive(generator, design, wear),
+        encoder=encoder,
+        calibrator=calibrator,
+        verification_standard=standard,
+    )

@@ -1,0 +1,115 @@
+"""What the chain between transducer and flange adds: from the transducer's torque to the true one.
+
+The quadratics per direction are the sources' equations (`torquebench.mechanics`); the rest is what
+no polynomial describes: the step at torque reversal, the spline's engagement and local bumps.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+__all__ = ["ChainConstants", "additional_torque", "rotation_torque", "transducer_torque"]
+
+
+class ChainConstants(NamedTuple):
+    """Constants of one module's chain; torque in N·m, relative quantities by ``range_nm``.
+
+    Pairs hold the value for positive (clockwise) torque first, for negative torque second.
+
+    Attributes
+    ----------
+    range_nm : float
+        Full scale.
+    constant_nm, linear, quadratic_per_nm : pair of float
+        c₀, c₁, c₂ of the sources' equations.
+    reversal_width : float
+        Width of the smoothed step at torque reversal, relative to the range.
+    ripple_nm, ripple_period, ripple_phase_rad : pair of float
+        Spline engagement: amplitude, period in relative torque, phase.
+    bump_nm, bump_centre, bump_width : tuple of 4 float
+        Local bumps: height, signed relative centre, relative standard width.
+    engagement_by_angle, engagement_phase_rad : float
+        Once-per-turn change of the span with the shaft's angle.
+    misalignment_nm_s2 : tuple of 3 float
+        Torque ripple per squared speed at one, two and three times the rotation frequency.
+    misalignment_phase_rad : tuple of 3 float
+        Their phases.
+    drag_nm, drag_viscous_nm_s : float
+        Drag of the bearings between transducer and flange while the shaft turns.
+    """
+
+    range_nm: float
+    constant_nm: tuple[float, float]
+    linear: tuple[float, float]
+    quadratic_per_nm: tuple[float, float]
+    reversal_width: float
+    ripple_nm: tuple[float, float]
+    ripple_period: tuple[float, float]
+    ripple_phase_rad: tuple[float, float]
+    bump_nm: tuple[float, float, float, float]
+    bump_centre: tuple[float, float, float, float]
+    bump_width: tuple[float, float, float, float]
+    engagement_by_angle: float
+    engagement_phase_rad: float
+    misalignment_nm_s2: tuple[float, float, float]
+    misalignment_phase_rad: tuple[float, float, float]
+    drag_nm: float
+    drag_viscous_nm_s: float
+
+
+@njit(cache=True)
+def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float) -> float:
+    """T′ at the transducer's torque, without rotation; true torque = torque + T′."""
+    direction = 0 if torque_nm >= 0.0 else 1
+    relative = torque_nm / chain.range_nm
+    magnitude = abs(relative)
+    result = chain.constant_nm[direction] * math.tanh(relative / chain.reversal_width)
+    result += chain.linear[direction] * torque_nm
+    result += chain.quadratic_per_nm[direction] * abs(torque_nm) * torque_nm
+    sign = 1.0 - 2.0 * direction
+    phase = chain.ripple_phase_rad[direction]
+    wave = math.sin(2.0 * math.pi * magnitude / chain.ripple_period[direction] + phase)
+    engaged = magnitude / (magnitude + 0.03)  # at no load the spline floats
+    result += sign * engaged * chain.ripple_nm[direction] * wave
+    for k in range(4):
+        distance = (relative - chain.bump_centre[k]) / chain.bump_width[k]
+        if abs(distance) < 6.0:
+            result += chain.bump_nm[k] * math.exp(-0.5 * distance * distance)
+    turn = math.sin(angle_rad + chain.engagement_phase_rad)
+    return result + chain.engagement_by_angle * torque_nm * turn
+
+
+@njit(cache=True)
+def rotation_torque(chain: ChainConstants, speed_rad_s: float, angle_rad: float) -> float:
+    """Torque that rotation adds to the true torque: misalignment ripple minus bearing drag."""
+    result = -chain.drag_nm * math.tanh(speed_rad_s / 0.05) - chain.drag_viscous_nm_s * speed_rad_s
+    square = speed_rad_s * speed_rad_s
+    if square > 1e-6:
+        for k in range(3):
+            wave = math.sin((k + 1) * angle_rad + chain.misalignment_phase_rad[k])
+            result += chain.misalignment_nm_s2[k] * square * wave
+    return result
+
+
+@njit(cache=True)
+def transducer_torque(chain: ChainConstants, true_torque_nm: float, angle_rad: float) -> float:
+    """Torque at the transducer that gives the true torque: inverse of torque + T′.
+
+    Fixed-point iteration; T′ has a slope of at most some 0.2, so 30 rounds reach rounding.
+    """
+    torque = true_torque_nm
+    for _ in range(30):
+        following = true_torque_nm - additional_torque(chain, torque, angle_rad)
+        if abs(following - torque) <= 1e-15 * chain.range_nm:
+            return float(following)
+        torque = following
+    return torque
+
+
+def chain_is_invertible(chain: ChainConstants) -> bool:
+    """Whether T + T′(T) grows everywhere with a slope of T′ below 0.5."""
+    torque = np.linspace(-1.2, 1.2, 4801) * chain.range_nm
+    added = np.array([additional_torque(chain, float(t), 0.0) for t in torque])
+    return bool(np.max(np.abs(np.diff(added) / np.diff(torque))) < 0.5)

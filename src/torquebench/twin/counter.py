@@ -1,0 +1,158 @@
+"""Pulse trains: edges on the counters' clock by integrating the phase of a frequency."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["CounterConstants", "EdgeSource", "edges_of_steps", "lagged"]
+
+FloatArray = NDArray[np.float64]
+TickArray = NDArray[np.int64]
+
+
+class CounterConstants(NamedTuple):
+    """The clock that times all edges.
+
+    Attributes
+    ----------
+    timebase_error : float
+        Relative error of the clock: it makes (1 + error) times its nominal ticks in a second.
+    jitter_s : float
+        Standard deviation of one edge's time.
+    """
+
+    timebase_error: float
+    jitter_s: float
+
+
+@njit(cache=True)
+def lagged(before: float, start: float, end: float, lag_s: float, step_s: float) -> float:
+    """First-order lag driven by a ramp from start to end over one step, exactly."""
+    trail = (end - start) * lag_s / step_s
+    return end - trail + (before - start + trail) * math.exp(-step_s / lag_s)
+
+
+@njit(cache=True)
+def edges_of_steps(
+    cycles_per_tick: FloatArray,
+    first_step: int,
+    step_ticks: int,
+    delay_ticks: float,
+    jitter_ticks: float,
+    phase: float,
+    generator: np.random.Generator,
+    ticks: TickArray,
+) -> tuple[int, float]:
+    """Rising edges of a frequency that is linear between the steps' borders.
+
+    Parameters
+    ----------
+    cycles_per_tick : float64[steps + 1]
+        Frequency at the borders.
+    first_step : int
+        Number of the first step.
+    step_ticks : int
+        Length of a step.
+    delay_ticks : float
+        Group delay.
+    jitter_ticks : float
+        Standard deviation of an edge's time.
+    phase : float
+        Cycles since the last edge at the first border, in [0, 1).
+    generator : numpy.random.Generator
+        Source of the jitter.
+    ticks : int64[n]
+        Written: the edges. Must be long enough.
+
+    Returns
+    -------
+    count : int
+        How many edges were written.
+    phase : float
+        Cycles since the last edge at the last border.
+    """
+    count = 0
+    for step in range(cycles_per_tick.size - 1):
+        start, end = cycles_per_tick[step], cycles_per_tick[step + 1]
+        border = float((first_step + step) * step_ticks) + delay_ticks
+        total = phase + 0.5 * (start + end) * step_ticks
+        slope = (end - start) / step_ticks
+        whole = int(total)
+        for k in range(1, whole + 1):
+            cycles = k - phase
+            # the quadratic's root in the form that doesn't cancel for a small slope
+            after = 2.0 * cycles / (start + math.sqrt(start * start + 2.0 * slope * cycles))
+            after += jitter_ticks * generator.standard_normal()
+            ticks[count] = math.floor(border + after)
+            count += 1
+        phase = total - whole
+    return count, phase
+
+
+class EdgeSource:
+    """Edges of one channel across blocks: phase, jitter, and edges that are still to be delivered.
+
+    Parameters
+    ----------
+    generator : numpy.random.Generator
+        Source of the jitter; belongs to this channel alone.
+    timebase_hz : float
+        Nominal ticks per second.
+    step_ticks : int
+        Ticks of one step.
+    counter : CounterConstants
+        Error and jitter of the clock.
+    delay_s : float
+        The edges show the frequency this much later.
+    """
+
+    def __init__(
+        self,
+        generator: np.random.Generator,
+        timebase_hz: float,
+        step_ticks: int,
+        counter: CounterConstants,
+        delay_s: float,
+    ) -> None:
+        self._generator = generator
+        self._step_ticks = step_ticks
+        self._scale = 1.0 / (timebase_hz * (1.0 + counter.timebase_error))
+        self._jitter_ticks = counter.jitter_s * timebase_hz
+        self._delay_ticks = delay_s * timebase_hz
+        self._phase = 0.0
+        self._waiting: TickArray = np.empty(0, dtype=np.int64)
+        self._delivered = 0
+
+    def run(self, first_step: int, frequency_hz: FloatArray) -> None:
+        """Make the edges of the steps between the given border frequencies."""
+        cycles = np.maximum(frequency_hz, 1.0) * self._scale
+        ticks = np.empty(int(cycles.sum() * self._step_ticks) + 8, dtype=np.int64)
+        count, self._phase = edges_of_steps(
+            cycles,
+            first_step,
+            self._step_ticks,
+            self._delay_ticks,
+            self._jitter_ticks,
+            self._phase,
+            self._generator,
+            ticks,
+        )
+        fresh = ticks[:count]
+        self._waiting = np.concatenate((self._waiting, fresh)) if self._waiting.size else fresh
+
+    def take(self, stop_tick: int) -> tuple[TickArray, int]:
+        """Hand out the edges before a tick, and the running number of the first of them."""
+        split = int(np.searchsorted(self._waiting, stop_tick))
+        taken, self._waiting = self._waiting[:split], self._waiting[split:].copy()
+        number = self._delivered
+        self._delivered += split
+        return taken, number
+
+    def begin(self, frequency_hz: float) -> None:
+        """Start as if the channel had always run, so that no gap opens the first block."""
+        self.run(-1, np.array([frequency_hz, frequency_hz]))
+        self.take(0)
+        self._delivered = 0

@@ -1,0 +1,176 @@
+"""The drives: torque and speed control, loading accuracy, cogging and ripple."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = [
+    "CONTROL_OFF",
+    "CONTROL_SPEED",
+    "CONTROL_TORQUE",
+    "DRIVE_STATES",
+    "DriveConstants",
+    "drive_torque",
+    "loading_error",
+]
+
+FloatArray = NDArray[np.float64]
+
+CONTROL_OFF = 0
+CONTROL_TORQUE = 1
+CONTROL_SPEED = 2
+
+# Places in the drive's state array.
+DEMAND = 0  # torque demand behind the slew limit
+CURRENT_TORQUE = 1  # torque behind the current loop's lag
+SPEED_REFERENCE = 2  # speed behind the acceleration limit
+INTEGRAL = 3  # integral part of the speed controller
+COGGING_MEAN = 4  # what the torque loop has taken out of the cogging
+WANDER = 5  # slow wander of the torque, units of its standard deviation
+DRIVE_STATES = 6
+
+
+class DriveConstants(NamedTuple):
+    """Constants of one drive and of the shaft between its motor and the flange.
+
+    Attributes
+    ----------
+    range_nm, torque_limit_nm, speed_limit_rad_s : float
+        Full scale and limits.
+    slew_nm_s, lag_s, acceleration_rad_s2 : float
+        Torque slew limit, lag of the current loop, acceleration limit of the speed control.
+    gain_error, offset_nm, curvature_nm, command_spread_nm : float
+        Loading accuracy: systematic parts, and the standard deviation of one command.
+    wander_nm, wander_time_s : float
+        Slow wander of the torque during a hold.
+    cogging_nm, cogging_per_turn, cogging_phase_rad : float
+        Cogging by the motor's angle.
+    ripple_nm, ripple_hz, ripple_phase_rad : float
+        Ripple of the power stage.
+    drag_nm, drag_viscous_nm_s : float
+        Bearing drag of the motor; the torque control makes up for it.
+    motor_inertia_kgm2, flange_inertia_kgm2 : float
+        Inertia before and behind the transducer.
+    stiffness_nm_rad, damping_nm_s : float
+        Transducer, shaft and spline in series.
+    encoder_compliance_rad_nm : float
+        Twist per torque between the encoder and the reducer's flange.
+    bandwidth_rad_s : float
+        Bandwidth of the speed control.
+    """
+
+    range_nm: float
+    torque_limit_nm: float
+    speed_limit_rad_s: float
+    slew_nm_s: float
+    lag_s: float
+    acceleration_rad_s2: float
+    gain_error: float
+    offset_nm: float
+    curvature_nm: float
+    command_spread_nm: float
+    wander_nm: float
+    wander_time_s: float
+    cogging_nm: float
+    cogging_per_turn: float
+    cogging_phase_rad: float
+    ripple_nm: float
+    ripple_hz: float
+    ripple_phase_rad: float
+    drag_nm: float
+    drag_viscous_nm_s: float
+    motor_inertia_kgm2: float
+    flange_inertia_kgm2: float
+    stiffness_nm_rad: float
+    damping_nm_s: float
+    encoder_compliance_rad_nm: float
+    bandwidth_rad_s: float
+
+
+def loading_error(drive: DriveConstants, torque_nm: float, generator: np.random.Generator) -> float:
+    """Deviation of the torque that a command gives, N·m; within 0.1 % of the range when healthy.
+
+    A drive that is commanded to zero gives no torque, apart from its wander.
+    """
+    spread = float(np.clip(generator.standard_normal(), -2.0, 2.0)) * drive.command_spread_nm
+    if torque_nm == 0.0:
+        return 0.0
+    relative = torque_nm / drive.range_nm
+    systematic = drive.gain_error * torque_nm + drive.offset_nm
+    return systematic + drive.curvature_nm * relative * abs(relative) + spread
+
+
+@njit(cache=True)
+def drive_torque(
+    drive: DriveConstants,
+    state: FloatArray,
+    control: int,
+    target: float,
+    inertia_kgm2: float,
+    motor_angle_rad: float,
+    motor_speed_rad_s: float,
+    time_s: float,
+    step_s: float,
+    normal: float,
+) -> float:
+    """Torque on the motor's shaft over the next step, N·m.
+
+    Parameters
+    ----------
+    drive : DriveConstants
+        The drive.
+    state : float64[DRIVE_STATES]
+        Its memory, changed in place.
+    control : int
+        CONTROL_OFF, CONTROL_TORQUE or CONTROL_SPEED.
+    target : float
+        Torque (N·m, error included) or speed (rad/s).
+    inertia_kgm2 : float
+        What the speed control believes to turn.
+    motor_angle_rad, motor_speed_rad_s, time_s, step_s : float
+        Present state of the motor, and the step.
+    normal : float
+        Standard normal number for the wander.
+    """
+    drag = drive.drag_nm * math.tanh(motor_speed_rad_s / 0.05)
+    drag += drive.drag_viscous_nm_s * motor_speed_rad_s
+    if control == CONTROL_OFF:
+        state[:WANDER] = 0.0
+        state[SPEED_REFERENCE] = motor_speed_rad_s
+        return -drag
+    rate = step_s / drive.wander_time_s
+    state[WANDER] += -rate * state[WANDER] + math.sqrt(2.0 * rate) * normal
+    angle = drive.cogging_per_turn * motor_angle_rad + drive.cogging_phase_rad
+    cogging = drive.cogging_nm * math.sin(angle)
+    state[COGGING_MEAN] += (cogging - state[COGGING_MEAN]) * step_s / 0.1
+    phase = 2.0 * math.pi * drive.ripple_hz * time_s + drive.ripple_phase_rad
+    ripple = drive.ripple_nm * (math.sin(phase) + 0.3 * math.sin(2.0 * phase))
+    disturbance = cogging - state[COGGING_MEAN] + ripple
+    if control == CONTROL_TORQUE:
+        demand = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, target))
+        largest = drive.slew_nm_s * step_s
+        state[DEMAND] += min(largest, max(-largest, demand - state[DEMAND]))
+        asked = state[DEMAND]
+        if abs(motor_speed_rad_s) > drive.speed_limit_rad_s and asked * motor_speed_rad_s > 0.0:
+            asked = 0.0
+        state[SPEED_REFERENCE] = motor_speed_rad_s
+        state[INTEGRAL] = asked
+        disturbance += drive.wander_nm * state[WANDER] * abs(asked) / drive.range_nm
+        drag = 0.0
+    else:
+        speed = min(drive.speed_limit_rad_s, max(-drive.speed_limit_rad_s, target))
+        largest = drive.acceleration_rad_s2 * step_s
+        state[SPEED_REFERENCE] += min(largest, max(-largest, speed - state[SPEED_REFERENCE]))
+        deviation = state[SPEED_REFERENCE] - motor_speed_rad_s
+        gain = inertia_kgm2 * drive.bandwidth_rad_s
+        integral = state[INTEGRAL] + 0.25 * gain * drive.bandwidth_rad_s * deviation * step_s
+        state[INTEGRAL] = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, integral))
+        asked = gain * deviation + state[INTEGRAL]
+        asked = min(drive.torque_limit_nm, max(-drive.torque_limit_nm, asked))
+        state[DEMAND] = asked
+    kept = math.exp(-step_s / drive.lag_s)
+    state[CURRENT_TORQUE] = asked + (state[CURRENT_TORQUE] - asked) * kept
+    return float(state[CURRENT_TORQUE] + disturbance - drag)

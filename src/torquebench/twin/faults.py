@@ -1,0 +1,115 @@
+"""Faults that tests inject: in frequencies, in pulse trains and in encoder counts."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from torquebench.errors import InputError
+from torquebench.twin.blocks import (
+    CHANNELS,
+    FAULT_KINDS,
+    SIDES,
+    Channel,
+    FaultKind,
+    FloatArray,
+    Side,
+    TickArray,
+)
+
+__all__ = ["Fault", "broken_counts", "broken_edges", "broken_frequency", "make_fault"]
+
+_DEFAULT_AMOUNT: dict[FaultKind, float] = {
+    "silent": 0.0,
+    "frozen": 0.0,
+    "missing_pulses": 100.0,
+    "doubled_pulses": 100.0,
+    "wild_value": 0.2,
+    "out_of_modulation": 0.1,
+    "encoder_slip": 1000.0,
+}
+
+
+@dataclass
+class Fault:
+    """One fault over a half-open interval of ticks."""
+
+    channel: Channel | Side
+    kind: FaultKind
+    start_tick: int
+    stop_tick: int
+    amount: float
+    held_hz: float | None = field(default=None)  # what "frozen" holds, once it has begun
+
+
+def make_fault(
+    channel: Channel | Side,
+    kind: FaultKind,
+    start_tick: int,
+    stop_tick: int,
+    amount: float | None,
+) -> Fault:
+    """Check and build a fault; ``amount`` None takes the kind's default."""
+    if kind not in FAULT_KINDS:
+        raise InputError(f"fault {kind!r}", f"one of {', '.join(FAULT_KINDS)}")
+    allowed: tuple[str, ...] = SIDES if kind == "encoder_slip" else CHANNELS
+    if channel not in allowed:
+        raise InputError(f"fault {kind!r} on {channel!r}", f"on one of {', '.join(allowed)}")
+    if stop_tick <= start_tick:
+        raise InputError("a fault of no duration", "a duration above 0 s")
+    amount = _DEFAULT_AMOUNT[kind] if amount is None else amount
+    if kind in ("missing_pulses", "doubled_pulses") and amount < 1.0:
+        raise InputError(f"every {amount:g}-th pulse", "a whole number of at least 1")
+    return Fault(channel, kind, start_tick, stop_tick, amount)
+
+
+def broken_frequency(
+    faults: Iterable[Fault], frequency_hz: FloatArray, ticks: TickArray, zero_hz: float
+) -> FloatArray:
+    """Frequencies at the steps' borders with the faults of the frequency in them."""
+    result = frequency_hz
+    for fault in faults:
+        if fault.kind not in ("frozen", "wild_value", "out_of_modulation"):
+            continue
+        hit = (ticks >= fault.start_tick) & (ticks < fault.stop_tick)
+        if not hit.any():
+            continue
+        result = result.copy()
+        if fault.kind == "frozen":
+            if fault.held_hz is None:
+                fault.held_hz = float(frequency_hz[int(np.argmax(hit))])
+            result[hit] = fault.held_hz
+        elif fault.kind == "wild_value":
+            result[hit] += fault.amount * zero_hz
+        else:
+            result[hit] = fault.amount * zero_hz
+    return result
+
+
+def broken_edges(
+    faults: Iterable[Fault], ticks: TickArray, first_number: int, timebase_hz: float
+) -> TickArray:
+    """Pulse train with lost, doubled or silenced edges; numbers count from the train's start."""
+    numbers = first_number + np.arange(ticks.size)
+    for fault in faults:
+        if fault.kind not in ("silent", "missing_pulses", "doubled_pulses"):
+            continue
+        hit = (ticks >= fault.start_tick) & (ticks < fault.stop_tick)
+        if fault.kind == "doubled_pulses":
+            second = ticks[hit & (numbers % int(fault.amount) == 0)] + round(200e-9 * timebase_hz)
+            order = np.argsort(np.concatenate((ticks, second)), kind="stable")
+            numbers = np.concatenate((numbers, np.zeros(second.size, dtype=np.int64)))[order]
+            ticks = np.concatenate((ticks, second))[order]
+            continue
+        if fault.kind == "missing_pulses":
+            hit &= numbers % int(fault.amount) == 0
+        ticks, numbers = ticks[~hit], numbers[~hit]
+    return ticks
+
+
+def broken_counts(faults: Iterable[Fault], counts: TickArray, ticks: TickArray) -> TickArray:
+    """Take what slipped off the encoder counts."""
+    for fault in faults:
+        if fault.kind == "encoder_slip":
+            counts = np.where(ticks >= fault.start_tick, counts - int(fault.amount), counts)
+    return counts

@@ -1,0 +1,260 @@
+"""The twin's two paths through the same operators: 1 ms steps in time, and static sweeps."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from torquebench.twin import calibrator, chain, counter, mechanism, thermal, transducer
+from torquebench.twin import drive as drv
+from torquebench.twin import reducer as red
+
+__all__ = [
+    "STEP_S",
+    "Constants",
+    "Orders",
+    "Recording",
+    "State",
+    "fresh_state",
+    "record",
+    "simulate",
+    "sweep",
+]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+STEP_S = 1e-3
+SUBSTEPS = 20  # 50 µs: a tenth of a radian of the stiffest mode, some 600 Hz
+_DRAWS = 16
+
+
+class Constants(NamedTuple):
+    """All constants that the kernels read, pairs for input and output."""
+
+    drives: tuple[drv.DriveConstants, drv.DriveConstants]
+    chains: tuple[chain.ChainConstants, chain.ChainConstants]
+    transducers: tuple[transducer.TransducerConstants, transducer.TransducerConstants]
+    reducer: red.ReducerConstants
+    thermal: thermal.ThermalConstants
+
+
+class State(NamedTuple):
+    """Everything that the kernels change: rows for input and output."""
+
+    shafts: FloatArray  # [2, SHAFT_STATES]
+    drives: FloatArray  # [2, DRIVE_STATES]
+    transducers: FloatArray  # [2, TRANSDUCER_STATES]
+    reducer: FloatArray  # [REDUCER_STATES]
+    temperature_c: FloatArray  # [5]
+    raw_hz: FloatArray  # [4] frequency before the bandwidth's lag
+    lagged_hz: FloatArray  # [4] and behind it
+
+
+class Orders(NamedTuple):
+    """What the commands have set: rows for input and output."""
+
+    conversion: IntArray  # [2]
+    control: IntArray  # [2]
+    target: FloatArray  # [2] torque in N·m or speed in rad/s
+    held_speed_rad_s: FloatArray  # [2]
+    inertia_kgm2: FloatArray  # [2] what the speed control believes to turn
+    plant: IntArray  # [2] flange state, and whether a reference is mounted
+    ambient_c: FloatArray  # [1]
+
+
+class Recording(NamedTuple):
+    """What a run of the kernel writes, on the 1 ms grid."""
+
+    frequency_hz: FloatArray  # [4, steps + 1]
+    torque_nm: FloatArray  # [2, steps]
+    speed_rad_s: FloatArray  # [2, steps]
+    angle_rad: FloatArray  # [2, steps]
+    encoder_rad: FloatArray  # [2, steps]
+
+
+def fresh_state(temperature_c: float) -> State:
+    """State of a bench that was never loaded."""
+    return State(
+        np.zeros((2, mechanism.SHAFT_STATES)),
+        np.zeros((2, drv.DRIVE_STATES)),
+        np.zeros((2, transducer.TRANSDUCER_STATES)),
+        np.zeros(red.REDUCER_STATES),
+        np.full(len(thermal.PLACES), temperature_c),
+        np.zeros(4),
+        np.zeros(4),
+    )
+
+
+def record(steps: int) -> Recording:
+    """Room for a run."""
+    return Recording(
+        np.empty((4, steps + 1)),
+        np.empty((2, steps)),
+        np.empty((2, steps)),
+        np.empty((2, steps)),
+        np.empty((2, steps)),
+    )
+
+
+@njit(cache=True)
+def _added_torque(constants: Constants, state: State, orders: Orders, side: int) -> float:
+    """Additional torque of a side's chain at its present torque, angle and speed."""
+    if orders.conversion[side] == mechanism.CONVERSION_FREE:
+        return 0.0
+    row = state.shafts[side]
+    angle, speed = row[mechanism.FLANGE_ANGLE], row[mechanism.FLANGE_SPEED]
+    shaft = row[mechanism.SHAFT_TORQUE]
+    added = chain.additional_torque(constants.chains[side], shaft, angle)
+    return float(added + chain.rotation_torque(constants.chains[side], speed, angle))
+
+
+@njit(cache=True)
+def _signals(
+    constants: Constants,
+    references: tuple[calibrator.ReferenceConstants, calibrator.ReferenceConstants],
+    tables: FloatArray,
+    state: State,
+    mounted: bool,
+    normal: FloatArray,
+) -> None:
+    """Frequencies of all four channels at the present state."""
+    for side in range(2):
+        row = state.shafts[side]
+        constant = constants.transducers[side]
+        signal = transducer.transducer_signal(
+            constant,
+            state.transducers[side],
+            row[mechanism.SHAFT_TORQUE],
+            state.temperature_c[thermal.INPUT_TRANSDUCER + side],
+            row[mechanism.FLANGE_SPEED],
+            STEP_S,
+            normal[5 * side : 5 * side + 5],
+        )
+        before = state.raw_hz[side]
+        state.raw_hz[side] = transducer.transducer_frequency(constant, signal)
+        state.lagged_hz[side] = counter.lagged(
+            state.lagged_hz[side], before, state.raw_hz[side], constant.lag_s, STEP_S
+        )
+        if mounted:
+            reference = references[side]
+            indication = calibrator.reference_indication(
+                reference,
+                tables[side],
+                row[mechanism.INTERFACE_TORQUE],
+                state.temperature_c[thermal.CALIBRATOR],
+                normal[10 + side],
+            )
+            before = state.raw_hz[2 + side]
+            sensitivity = reference.sensitivity_hz_per_nm
+            state.raw_hz[2 + side] = reference.zero_hz + sensitivity * indication
+            state.lagged_hz[2 + side] = counter.lagged(
+                state.lagged_hz[2 + side],
+                before,
+                state.raw_hz[2 + side],
+                reference.lag_s,
+                STEP_S,
+            )
+
+
+@njit(cache=True)
+def simulate(
+    first_step: int,
+    steps: int,
+    constants: Constants,
+    references: tuple[calibrator.ReferenceConstants, calibrator.ReferenceConstants],
+    tables: FloatArray,
+    orders: Orders,
+    state: State,
+    generator: np.random.Generator,
+    recording: Recording,
+) -> None:
+    """Run the bench for some steps; changes the state and fills the recording."""
+    motor, added, speed = np.zeros(2), np.zeros(2), np.zeros(2)
+    normal = np.zeros(_DRAWS)
+    for step in range(steps):
+        for k in range(_DRAWS):
+            normal[k] = generator.standard_normal()
+        for side in range(2):
+            row = state.shafts[side]
+            drive = constants.drives[side]
+            twist = drive.encoder_compliance_rad_nm * row[mechanism.SHAFT_TORQUE]
+            recording.torque_nm[side, step] = row[mechanism.INTERFACE_TORQUE]
+            recording.speed_rad_s[side, step] = row[mechanism.FLANGE_SPEED]
+            recording.angle_rad[side, step] = row[mechanism.FLANGE_ANGLE]
+            recording.encoder_rad[side, step] = row[mechanism.FLANGE_ANGLE] + twist
+            speed[side] = row[mechanism.FLANGE_SPEED]
+            added[side] = _added_torque(constants, state, orders, side)
+            control = orders.control[side]
+            if orders.conversion[side] != mechanism.CONVERSION_DRIVEN:
+                control = drv.CONTROL_OFF
+            motor[side] = drv.drive_torque(
+                drive,
+                state.drives[side],
+                control,
+                orders.target[side],
+                orders.inertia_kgm2[side],
+                row[mechanism.MOTOR_ANGLE],
+                row[mechanism.MOTOR_SPEED],
+                (first_step + step) * STEP_S,
+                STEP_S,
+                normal[12 + side],
+            )
+        recording.frequency_hz[:, step] = state.lagged_hz
+        mechanism.move(
+            constants.drives,
+            constants.reducer,
+            state.shafts,
+            state.reducer,
+            orders.conversion,
+            orders.plant[0],
+            motor,
+            added,
+            orders.held_speed_rad_s,
+            state.temperature_c[thermal.REDUCER],
+            STEP_S,
+            SUBSTEPS,
+        )
+        for side in range(2):  # the chain's part at the torque that belongs to the step's end
+            change = _added_torque(constants, state, orders, side) - added[side]
+            if orders.plant[0] != mechanism.FLANGE_LOOSE:
+                state.shafts[side, mechanism.INTERFACE_TORQUE] += change
+        thermal.warm(
+            constants.thermal,
+            state.temperature_c,
+            orders.ambient_c[0],
+            speed,
+            state.reducer[red.LOSS_J],
+            STEP_S,
+            normal[14],
+        )
+        state.reducer[red.LOSS_J] = 0.0
+        _signals(constants, references, tables, state, orders.plant[1] == 1, normal)
+    recording.frequency_hz[:, steps] = state.lagged_hz
+
+
+@njit(cache=True)
+def sweep(
+    chain_constants: chain.ChainConstants,
+    transducer_constants: transducer.TransducerConstants,
+    reference: calibrator.ReferenceConstants,
+    table: FloatArray,
+    path_nm: FloatArray,
+    temperature_c: float,
+    speed_rad_s: float,
+    angle_rad: float,
+    state: FloatArray,
+    frequency_hz: FloatArray,
+    reference_hz: FloatArray,
+) -> None:
+    """Noise-free frequencies along a path of true torques; changes the transducer's state."""
+    silent = np.zeros(transducer.NOISES)
+    for k in range(path_nm.size):
+        torque = chain.transducer_torque(chain_constants, path_nm[k], angle_rad)
+        signal = transducer.transducer_signal(
+            transducer_constants, state, torque, temperature_c, speed_rad_s, 0.0, silent
+        )
+        frequency_hz[k] = transducer.transducer_frequency(transducer_constants, signal)
+        indication = calibrator.reference_indication(reference, table, path_nm[k], 23.0, 0.0)
+        reference_hz[k] = reference.zero_hz + reference.sensitivity_hz_per_nm * indication

@@ -1,0 +1,73 @@
+"""Temperatures of the hall, the transducers, the reducer and the calibrator."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["PLACES", "ThermalConstants", "warm"]
+
+FloatArray = NDArray[np.float64]
+
+PLACES = ("ambient", "input_transducer", "output_transducer", "reducer", "calibrator")
+AMBIENT, INPUT_TRANSDUCER, OUTPUT_TRANSDUCER, REDUCER, CALIBRATOR = range(5)
+
+
+class ThermalConstants(NamedTuple):
+    """Constants of the temperatures.
+
+    Attributes
+    ----------
+    ambient_c : float
+        Mean of the hall's temperature.
+    ambient_spread_k, ambient_time_s : float
+        Slow change of the hall's temperature: standard deviation and correlation time.
+    transducer_time_s : pair of float
+        Time constants with which the transducers follow.
+    transducer_heating_k_s : pair of float
+        Warming per speed (K per rad/s) in the end.
+    calibrator_time_s : float
+        Time constant of the calibrator.
+    heat_capacity_j_k, cooling_w_k : float
+        Of the reducer and its housing.
+    probe_error_k : tuple of 5 float
+        Constant error of each probe, in the order of `PLACES`.
+    """
+
+    ambient_c: float
+    ambient_spread_k: float
+    ambient_time_s: float
+    transducer_time_s: tuple[float, float]
+    transducer_heating_k_s: tuple[float, float]
+    calibrator_time_s: float
+    heat_capacity_j_k: float
+    cooling_w_k: float
+    probe_error_k: tuple[float, float, float, float, float]
+
+
+@njit(cache=True)
+def warm(
+    thermal: ThermalConstants,
+    temperature_c: FloatArray,
+    ambient_target_c: float,
+    speed_rad_s: FloatArray,
+    loss_j: float,
+    step_s: float,
+    normal: float,
+) -> None:
+    """Move all temperatures by one step; ``temperature_c`` (in the order of PLACES) changes."""
+    rate = step_s / thermal.ambient_time_s
+    spread = thermal.ambient_spread_k * math.sqrt(2.0 * rate) * normal
+    temperature_c[AMBIENT] += rate * (ambient_target_c - temperature_c[AMBIENT]) + spread
+    ambient = temperature_c[AMBIENT]
+    for side in range(2):
+        place = INPUT_TRANSDUCER + side
+        target = ambient + thermal.transducer_heating_k_s[side] * abs(speed_rad_s[side])
+        rate = step_s / thermal.transducer_time_s[side]
+        temperature_c[place] += rate * (target - temperature_c[place])
+    cooling = thermal.cooling_w_k * (temperature_c[REDUCER] - ambient)
+    temperature_c[REDUCER] += (loss_j - cooling * step_s) / thermal.heat_capacity_j_k
+    rate = step_s / thermal.calibrator_time_s
+    temperature_c[CALIBRATOR] += rate * (ambient - temperature_c[CALIBRATOR])
