@@ -102,6 +102,7 @@ class Acquisition:
         self._latest_block: AcquiredBlock | None = None
         self._compensations: dict[Side, ActiveCompensation] = {}
         self._journal: JournalSink | None = None
+        self._journal_lock = threading.Lock()
         self._viewers: tuple[Viewer, ...] = ()
         self._stopping = threading.Event()
         self._wall_start = 0.0
@@ -220,26 +221,33 @@ class Acquisition:
         return found
 
     def _keep(self, block: AcquiredBlock) -> None:
-        journal = self._journal
-        if journal is None:
-            return
-        try:
-            journal.write(block)
-        except Exception as error:  # a full disk or a bug: either way nothing is recorded
-            self._journal = None
-            self._supervisor.trip(
-                AlarmKind.JOURNAL,
-                "journal",
-                f"{type(error).__name__}: {error}",
-                "every block kept",
-                "make room on the disk or repair it, then repeat the run",
-            )
+        with self._journal_lock:
+            if self._journal is None:
+                return
+            try:
+                self._journal.write(block)
+            except Exception as error:  # a full disk or a bug: either way nothing is recorded
+                self._journal = None
+                failure = error
+            else:
+                return
+        self._supervisor.trip(
+            AlarmKind.JOURNAL,
+            "journal",
+            f"{type(failure).__name__}: {failure}",
+            "every block kept",
+            "make room on the disk or repair it, then repeat the run",
+        )
 
     # -- who gets the blocks ----------------------------------------------------------------
 
     def set_journal(self, journal: JournalSink | None) -> None:
-        """Keep blocks here from the next one on; None ends it."""
-        self._journal = journal
+        """Keep blocks here from the next one on; None ends it.
+
+        When this returns, the journal before gets no further block.
+        """
+        with self._journal_lock:
+            self._journal = journal
 
     def add_viewer(self, maximum: int = 100) -> Viewer:
         """Hand every block to a new viewer that forgets the oldest when it can't keep up."""

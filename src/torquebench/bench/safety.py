@@ -231,7 +231,7 @@ class SafetySupervisor:
             if violation is not None:
                 self.trip(*violation)
         if not self._safe.is_set() and block.stop_s >= self._disable_at_s:
-            self._disable()
+            self.disable()
         if self._alarm is None or not self._safe.is_set():
             for drive in self._drivers.drives.values():
                 drive.feed_watchdog()
@@ -375,7 +375,8 @@ class SafetySupervisor:
                     drive.disable()
             self._commands.side(side).at_zero(self._clock.now())
 
-    def _disable(self) -> None:
+    def disable(self) -> None:
+        """Take the power off both drives; with an alarm latched this ends the way to safety."""
         for side, drive in self._drivers.drives.items():
             with contextlib.suppress(Exception):  # the other one must be disabled in any case
                 drive.disable()
@@ -408,7 +409,7 @@ class SafetySupervisor:
                     "check the counter's connection and the computer's load",
                 )
             if not self._safe.is_set() and time.monotonic() > self._disable_at_wall:
-                self._disable()
+                self.disable()
 
 
 def _faulty_time(

@@ -1,0 +1,492 @@
+"""The station: one open bench that commands and panel talk to."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import torquebench
+from torquebench.bench.acquisition import Acquisition
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.description import BenchDescription, default_bench, load_bench
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.drivers import open_drivers
+from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
+from torquebench.bench.interlocks import Interlocks
+from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor
+from torquebench.bench.state import CommandState
+from torquebench.compensation import load_model
+from torquebench.errors import BenchError, ModelMismatchError, TorquebenchError
+from torquebench.records import Instrument, Registry, RunFolder, RunSummary, RunWriter
+from torquebench.station.engine import BenchEngine, Plan
+from torquebench.station.journal import RunJournal
+from torquebench.station.runs import ProgressCallback, RunRecord
+
+__all__ = ["Station", "data_directory"]
+
+LOOP_TIMEOUT_S = 2.0
+"""How long the run engine's loop may not answer while it runs in real time, s."""
+
+OnPause = Callable[["Station"], Literal["resume", "abort"]]
+
+
+def data_directory(data_dir: Path | str | None = None) -> Path:
+    """Return where records are kept: as given, `$TORQUEBENCH_DATA`, or `./torquebench-data`."""
+    return Path(data_dir or os.environ.get("TORQUEBENCH_DATA") or "torquebench-data")
+
+
+class Station:
+    """An open bench.
+
+    Use as a context manager: leaving it brings the bench to zero torque, ends every thread and
+    closes the instruments::
+
+        with Station.open(None, "torquebench-data") as station:
+            record = station.run(plan(station.devices), kind="calibrate-output")
+
+    Commands that plans may use beside the usual ones: `Msg("sleep", None, seconds)` (what
+    `bps.sleep` sends) sleeps in bench time; `Msg("progress", None, done, total, message)`
+    reports progress to the callback given to `run`.
+
+    Attributes
+    ----------
+    description : BenchDescription
+    data_dir : pathlib.Path
+    drivers : DriverSet
+    clock : BenchClock
+    acquisition : Acquisition
+    supervisor : SafetySupervisor
+    interlocks : Interlocks
+    devices : BenchDevices
+    registry : Registry
+    interrupt_action : {"abort", "pause"}
+        What the first Ctrl-C during a run does; a second one always aborts.
+    """
+
+    def __init__(
+        self,
+        description: BenchDescription,
+        drivers: DriverSet,
+        data_dir: Path,
+        *,
+        real_time: bool = False,
+    ) -> None:
+        self.description = description
+        self.drivers = drivers
+        self.data_dir = data_dir
+        self.interrupt_action: Literal["abort", "pause"] = "abort"
+        self.clock = BenchClock(fast=drivers.simulated_time and not real_time)
+        commands = CommandState()
+        self.supervisor = SafetySupervisor(description, drivers, self.clock, commands)
+        self.acquisition = Acquisition(description, drivers, self.clock, self.supervisor, commands)
+        self.interlocks = Interlocks(
+            description, drivers, self.supervisor, commands, self.acquisition
+        )
+        self._commands = commands
+        context = BenchContext(
+            description,
+            drivers,
+            self.clock,
+            self.acquisition,
+            self.supervisor,
+            self.interlocks,
+            commands,
+        )
+        self.devices = BenchDevices(context)
+        self._ramp_s = description.safety.ramp_to_zero_s
+        self.engine = BenchEngine(self.clock, self.supervisor, self._ramp_s)
+        self.engine.on_interrupt = self._on_interrupt
+        self._run_lock = threading.Lock()
+        self._closed = False
+
+    # -- opening and closing ----------------------------------------------------------------
+
+    @classmethod
+    def open(
+        cls,
+        description: BenchDescription | Path | str | None = None,
+        data_dir: Path | str | None = None,
+        *,
+        real_time: bool = False,
+        operator: OperatorPrompts | None = None,
+    ) -> Self:
+        """Open the bench: drivers, acquisition, devices, run engine, registry.
+
+        Parameters
+        ----------
+        description : BenchDescription, path or None
+            None opens the packaged simulated bench.
+        data_dir : path, optional
+            Default: `$TORQUEBENCH_DATA`, else `./torquebench-data`.
+        real_time : bool
+            Simulated time follows the wall instead of running as fast as it computes.
+        operator : OperatorPrompts, optional
+            Who mounts things; the driver's own when not given.
+
+        Raises
+        ------
+        InputError
+            The description is wrong.
+        BenchError
+            An instrument doesn't answer.
+        """
+        if description is None:
+            description = default_bench()
+        elif not isinstance(description, BenchDescription):
+            description = load_bench(description)
+        drivers = open_drivers(description)
+        if operator is not None:
+            drivers = replace(drivers, operator=operator)
+        station = cls(description, drivers, data_directory(data_dir), real_time=real_time)
+        try:
+            station._start()
+        except BaseException:
+            station.close()
+            raise
+        return station
+
+    def _start(self) -> None:
+        self.data_dir.mkdir(parents=True, exist_ok=True)
+        self.registry = Registry.open(self.data_dir)
+        self._register_instruments()
+        self.supervisor.start()
+        self.acquisition.start()
+        self.engine.call(self.devices.connect())
+        self.clock.wait(self.description.counter.block_s)  # the first samples are in
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Zero torque, end every thread, close the instruments. A second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        if self.engine.running:
+            self.abort("the bench is being closed")
+        self._come_to_rest(disable=True)
+        self.acquisition.close()
+        self.supervisor.close()
+        self.engine.close()
+        self.drivers.close()
+        if hasattr(self, "registry"):
+            self.registry.close()
+
+    def _come_to_rest(self, *, disable: bool) -> None:
+        """Bring both drives to zero torque; never raises for a bench that has ended already."""
+        if not self._commands.any_enabled:
+            return
+        self.supervisor.command_zero(self._ramp_s)
+        with contextlib.suppress(TorquebenchError):
+            self.clock.wait(self._ramp_s)
+        if disable:
+            self.supervisor.disable()
+
+    def _register_instruments(self) -> None:
+        description = self.description
+        for side in SIDES:
+            module = description.module(side)
+            transducer = module.transducer
+            self.registry.add_instrument(
+                Instrument(
+                    "transducer",
+                    transducer.serial,
+                    transducer.manufacturer,
+                    transducer.model,
+                    module.range_nm,
+                    {"side": side, "bench": description.name, "option_khz": transducer.option_khz},
+                )
+            )
+        counter = description.counter
+        self.registry.add_instrument(
+            Instrument("counter", counter.identity, details={"timebase_hz": counter.timebase_hz})
+        )
+        for kind, standard in (
+            ("calibrator", description.calibrator),
+            ("verification-standard", description.verification_standard),
+        ):
+            self.registry.add_instrument(
+                Instrument(
+                    kind,  # type: ignore[arg-type] # both are kinds of instrument
+                    standard.serial,
+                    model=standard.model,
+                    details={
+                        "certificate_number": standard.certificate_number,
+                        "certificate_date": standard.certificate_date,
+                        "expanded_uncertainty_percent": standard.expanded_uncertainty_percent,
+                    },
+                )
+            )
+
+    # -- runs -------------------------------------------------------------------------------
+
+    def run(
+        self,
+        plan: Plan,
+        *,
+        kind: str,
+        metadata: Mapping[str, Any] | None = None,
+        progress: ProgressCallback | None = None,
+        on_pause: OnPause | None = None,
+    ) -> RunRecord:
+        """Run a plan to its end, with everything it emits kept in a run folder.
+
+        Blocks the caller; `pause`, `resume` and `abort` come from other threads or from Ctrl-C.
+        Whatever happens, the bench is at zero torque when this returns.
+
+        Parameters
+        ----------
+        plan : generator of Msg
+        kind : str
+            What the run does, such as "calibrate-output": letters, digits and hyphens.
+        metadata : mapping, optional
+            Kept with the run: operator, profile and whatever else is known before.
+        progress : callable, optional
+            Called with every `Progress` that the plan reports, on the engine's thread.
+        on_pause : callable, optional
+            Called on the calling thread when a pause is reached; says how to go on. Without it
+            the run waits for `resume` or `abort`.
+
+        Returns
+        -------
+        RunRecord
+            With `exit_status` "success" or "abort".
+
+        Raises
+        ------
+        BenchError
+            Another run is under way.
+        TorquebenchError
+            What made the plan fail, or the alarm that ended it. The folder is sealed as failed.
+        """
+        if not self._run_lock.acquire(blocking=False):
+            plan.close()
+            raise BenchError("a run is under way", "one run at a time", "wait or abort it")
+        try:
+            return self._run(plan, kind, dict(metadata or {}), progress, on_pause)
+        finally:
+            self._run_lock.release()
+
+    def _run(
+        self,
+        plan: Plan,
+        kind: str,
+        metadata: dict[str, Any],
+        progress: ProgressCallback | None,
+        on_pause: OnPause | None,
+    ) -> RunRecord:
+        self.supervisor.raise_if_latched()
+        known = {**self._run_metadata(), **metadata}
+        writer = RunFolder.create(self.data_dir / "runs", known, kind=kind)
+        started_s, before = self.clock.now(), self.devices.interruptions
+        alarms_before = len(self.supervisor.history)
+        self.registry.add_run(self._summary(writer, kind, known))
+        self.engine.progress = progress
+        self.engine.on_held = self._on_held
+        self.engine.attend = lambda: self._attend(on_pause)
+        self.acquisition.set_journal(RunJournal(writer))
+        if not self.clock.fast:
+            self._watch_loop()
+        try:
+            outcome = self.engine.run(plan, self._recorder(writer))
+        except Exception as error:
+            cause = self._cause(error, alarms_before)
+            self._finish(writer, "failed", str(cause))
+            if cause is error:
+                raise
+            raise cause from error
+        except BaseException:  # a second Ctrl-C: the folder is still sealed
+            self._finish(writer, "failed", "the program was interrupted")
+            raise
+        aborted = outcome.exit_status != "success"
+        reason = outcome.reason if aborted else ""
+        self._finish(writer, "aborted" if aborted else "completed", reason)
+        return RunRecord(
+            run_id=writer.run_id,
+            kind=kind,
+            folder=writer.path,
+            exit_status="abort" if aborted else "success",
+            result=None if aborted else outcome.plan_result,
+            reason=reason,
+            bench_seconds=self.clock.now() - started_s,
+            interruptions=self.devices.interruptions - before,
+            alarms=self.supervisor.history[alarms_before:],
+            metadata=known,
+        )
+
+    def _finish(
+        self, writer: RunWriter, status: Literal["completed", "aborted", "failed"], reason: str
+    ) -> None:
+        """Come to rest, end the recording, seal the folder, enter it into the registry."""
+        self.supervisor.release("run engine")
+        self._come_to_rest(disable=status != "completed")
+        self.acquisition.set_journal(None)
+        self.engine.progress = None
+        self.engine.attend = lambda: None
+        self.registry.finish_run(writer.seal(status, reason))
+
+    def _cause(self, error: Exception, alarms_before: int) -> Exception:
+        """Return the alarm that ended a run, or else the error itself."""
+        alarms = self.supervisor.history[alarms_before:]
+        return alarms[0].error() if alarms else error
+
+    def _recorder(self, writer: RunWriter) -> Callable[[str, dict[str, Any]], None]:
+        def record(name: str, document: dict[str, Any]) -> None:
+            try:
+                writer.document(name, document)
+            except Exception as error:
+                self.supervisor.trip(
+                    AlarmKind.JOURNAL,
+                    "documents",
+                    str(error),
+                    "every document kept",
+                    "make room on the disk or repair it, then repeat the run",
+                )
+                raise
+
+        return record
+
+    def _run_metadata(self) -> dict[str, Any]:
+        description = self.description
+        compensations = {side: self.acquisition.compensation(side) for side in SIDES}
+        return {
+            "bench": description.model_dump(mode="json"),
+            "bench_name": description.name,
+            "simulated": description.simulated,
+            "counter_identity": self.drivers.counter.clock_identity,
+            "identities": [asdict(identity) for identity in self.drivers.identities()],
+            "compensation": {
+                side: {"model_id": active.model_id, "kind": active.kind}
+                for side, active in compensations.items()
+                if active is not None
+            },
+            "real_time": not self.clock.fast,
+            "bench_time_s": self.clock.now(),
+        }
+
+    def _summary(self, writer: RunWriter, kind: str, known: Mapping[str, Any]) -> RunSummary:
+        return RunSummary(
+            run_id=writer.run_id,
+            kind=kind,
+            started=datetime.now(UTC),
+            simulated=self.description.simulated,
+            software_version=torquebench.__version__,
+            folder=writer.path,
+            side=str(known.get("side", "")),
+            operator=str(known.get("operator", "")),
+            bench=self.description.name,
+            profile_name=str(known.get("profile_name", "")),
+            profile_sha256=str(known.get("profile_sha256", "")),
+        )
+
+    def _watch_loop(self) -> None:
+        """Have the supervisor watch that the run engine's loop answers."""
+        loop = self.engine.loop
+
+        def beat() -> None:
+            self.supervisor.beat("run engine")
+
+        def ping() -> None:
+            loop.call_soon_threadsafe(beat)
+
+        self.supervisor.expect("run engine", LOOP_TIMEOUT_S, ping)
+
+    # -- pause, resume, abort ---------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Pause at the next point; the torque goes to zero there, the run stays open."""
+        self.engine.pause()
+
+    def resume(self) -> None:
+        """Go on with a paused run; `devices.interruptions` has grown by one meanwhile."""
+        self.engine.resume()
+
+    @property
+    def paused(self) -> bool:
+        """Whether a run is held in a pause."""
+        return self.engine.held
+
+    def abort(self, reason: str = "") -> None:
+        """End the run with zero torque.
+
+        The drives are told directly first, so this works while the event loop is blocked.
+        """
+        self.supervisor.command_zero(self._ramp_s)
+        self.engine.abort(reason)
+
+    def emergency_stop(self, reason: str) -> Alarm:
+        """Bring the bench to its safe state and latch an alarm, from any thread.
+
+        This is no emergency stop in the sense of machine safety: that one is a red button.
+        """
+        return self.supervisor.trip(
+            AlarmKind.STOP, "station", reason, "", "acknowledge when the cause is gone"
+        )
+
+    def _on_held(self) -> None:
+        self.devices.interruptions += 1
+
+    def _attend(self, on_pause: OnPause | None) -> None:
+        """Ask what to do about a pause, on the thread that called `run`."""
+        if on_pause is None or not self.engine.held:
+            return
+        if on_pause(self) == "resume":
+            self.resume()
+        else:
+            self.abort("ended in a pause")
+
+    def _on_interrupt(self) -> None:
+        """Act on Ctrl-C."""
+        if self.interrupt_action == "pause" and not self.engine.pausing:
+            self.pause()
+        else:
+            self.abort("interrupted from the keyboard")
+
+    # -- compensation -----------------------------------------------------------------------
+
+    def activate_compensation(self, side: Side) -> ActiveCompensation:
+        """Compensate a side by the registry's active model of its transducer and counter.
+
+        Raises
+        ------
+        ModelMismatchError
+            There is none for exactly this transducer serial and this counter.
+        RecordError
+            The model's file is missing or was changed.
+        """
+        serial = self.description.module(side).transducer.serial
+        counter = self.drivers.counter.clock_identity
+        entry = self.registry.active_model(serial, counter)
+        if entry is None:
+            raise ModelMismatchError(
+                f"no active model of transducer {serial} with counter {counter}",
+                "a model that was made with both",
+                f"calibrate the {side} module or activate one of its models",
+            )
+        stored = load_model(entry.check_file())
+        stored.check_fits(serial, counter, self.description.module(side).range_nm)
+        active = ActiveCompensation(stored.model, str(entry.model_id), entry.kind)
+        self.acquisition.set_compensation(side, active)
+        return active
+
+    def deactivate_compensation(self, side: Side) -> None:
+        """Measure a side without compensation from the next block on."""
+        self.acquisition.set_compensation(side, None)

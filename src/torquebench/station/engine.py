@@ -1,0 +1,226 @@
+"""The run engine of an open bench: bench time, pauses between points, no leaked loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Callable, Coroutine, Generator
+from typing import Any, TypeVar
+
+from bluesky.preprocessors import plan_mutator
+from bluesky.run_engine import RunEngine, RunEngineResult, set_bluesky_event_loop
+from bluesky.utils import (
+    DuringTask,
+    FailedStatus,
+    Msg,
+    RunEngineInterrupted,
+    TransitionError,
+    single_gen,
+)
+
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.safety import SafetySupervisor
+from torquebench.station.runs import Progress, ProgressCallback
+
+__all__ = ["BenchEngine", "Plan"]
+
+Plan = Generator[Msg, Any, Any]
+Result = TypeVar("Result")
+
+INTERRUPT_POLL_S = 0.1
+"""How often the waiting caller looks for Ctrl-C and pauses, s of wall time."""
+
+for _name in ("bluesky", "ophyd_async"):  # a failed run is reported by its error, not on stderr
+    logging.getLogger(_name).addHandler(logging.NullHandler())
+
+
+class _Waiting(DuringTask):
+    """Blocks the caller of a run, open to Ctrl-C and to pauses."""
+
+    def __init__(self, engine: BenchEngine) -> None:
+        super().__init__()
+        self._engine = engine
+
+    def block(self, blocking_event: threading.Event) -> None:
+        """Wait until the run is over."""
+        while True:
+            try:
+                while not blocking_event.wait(INTERRUPT_POLL_S):
+                    self._engine.attend()
+            except KeyboardInterrupt:
+                self._engine.on_interrupt()
+            else:
+                return
+
+
+class BenchEngine:
+    """A bluesky run engine on an event loop of its own, in bench time.
+
+    A pause is held at the next checkpoint, below the plan: the torque goes to zero, the plan
+    stays where it is and nothing is replayed.
+
+    Parameters
+    ----------
+    clock : BenchClock
+    supervisor : SafetySupervisor
+    ramp_s : float
+        How fast the torque goes to zero in a pause, s.
+    """
+
+    def __init__(self, clock: BenchClock, supervisor: SafetySupervisor, ramp_s: float) -> None:
+        self._clock = clock
+        self._supervisor = supervisor
+        self._ramp_s = ramp_s
+        self.progress: ProgressCallback | None = None
+        self.on_interrupt: Callable[[], None] = self.abort
+        self.on_held: Callable[[], None] = lambda: None
+        self.attend: Callable[[], None] = lambda: None
+        self._pausing = False
+        self._resumed: asyncio.Event | None = None
+        self.loop = asyncio.new_event_loop()
+        self._engine = RunEngine(
+            loop=self.loop,
+            context_managers=[],  # bluesky's own would take Ctrl-C away from us
+            during_task=_Waiting(self),
+            call_returns_result=True,
+        )
+        self._engine.preprocessors.append(_held_at_checkpoints)
+        self._engine.register_command("sleep", self._sleep)
+        self._engine.register_command("hold", self._hold)
+        self._engine.register_command("progress", self._report)
+
+    @property
+    def run_engine(self) -> RunEngine:
+        """The bluesky engine itself."""
+        return self._engine
+
+    @property
+    def running(self) -> bool:
+        """Whether a plan is under way, held ones included."""
+        return str(self._engine.state) != "idle"
+
+    @property
+    def pausing(self) -> bool:
+        """Whether a pause was asked for and not yet ended."""
+        return self._pausing
+
+    @property
+    def held(self) -> bool:
+        """Whether the plan under way is held in a pause."""
+        return self._resumed is not None
+
+    # -- running ----------------------------------------------------------------------------
+
+    def run(
+        self, plan: Plan, on_document: Callable[[str, dict[str, Any]], None]
+    ) -> RunEngineResult:
+        """Run a plan to its end; return how it ended.
+
+        Raises
+        ------
+        Exception
+            What made the plan fail, without the wrapping of bluesky.
+        """
+        self._pausing = False
+        try:
+            return self._engine(plan, on_document)
+        except RunEngineInterrupted:
+            return self._interrupted()
+        except FailedStatus as failed:
+            raise _cause(failed) from failed
+        finally:
+            self._resumed = None
+
+    def _interrupted(self) -> RunEngineResult:
+        """Finish a run that was aborted, or that paused itself by bluesky's own `pause`."""
+        if str(self._engine.state) == "paused":
+            with contextlib.suppress(RunEngineInterrupted):
+                self._engine.abort("bluesky's own pause: use Station.pause, which holds at points")
+        return RunEngineResult((), None, "abort", True, self._engine._reason, None)
+
+    def call(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
+        """Run a coroutine on the engine's loop and wait for it."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result()
+
+    # -- pause, resume, abort ---------------------------------------------------------------
+
+    def pause(self) -> None:
+        """Hold the plan at its next checkpoint."""
+        self._pausing = True
+
+    def resume(self) -> None:
+        """Let a held plan go on."""
+        self._pausing = False
+        resumed = self._resumed
+        if resumed is not None:
+            self.loop.call_soon_threadsafe(resumed.set)
+
+    def abort(self, reason: str = "") -> None:
+        """End the plan under way through its own clean-up."""
+        with contextlib.suppress(TransitionError):  # it has ended meanwhile
+            self._engine.abort(reason)
+
+    def close(self) -> None:
+        """End the loop and its thread. A second call does nothing."""
+        if self.loop.is_closed():
+            return
+        self.call(_finish_tasks())
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._engine._th.join()
+        self.loop.close()
+        set_bluesky_event_loop(None)
+
+    # -- commands that plans may use --------------------------------------------------------
+
+    async def _sleep(self, message: Msg) -> None:
+        """Sleep in bench time."""
+        self._supervisor.raise_if_latched()
+        await self._clock.sleep(float(message.args[0]))
+
+    async def _report(self, message: Msg) -> None:
+        """Report progress to whoever watches."""
+        if self.progress is not None:
+            self.progress(Progress(*message.args))
+
+    async def _hold(self, message: Msg) -> None:
+        """Hold at zero torque while a pause is wanted."""
+        del message
+        if not self._pausing:
+            return
+        self._supervisor.command_zero(self._ramp_s)
+        await self._clock.sleep(self._ramp_s)
+        resumed = asyncio.Event()
+        self._resumed = resumed
+        self.on_held()
+        if self._pausing:
+            await resumed.wait()
+        self._resumed = None
+
+
+def _held_at_checkpoints(plan: Plan) -> Plan:
+    """Let every checkpoint of a plan be a place where it can be held."""
+
+    def hold_after(message: Msg) -> tuple[None, Plan | None]:
+        if message.command == "checkpoint":
+            return None, single_gen(Msg("hold"))
+        return None, None
+
+    return (yield from plan_mutator(plan, hold_after))
+
+
+def _cause(failed: BaseException) -> BaseException:
+    """Return what made a status fail."""
+    found = failed
+    while isinstance(found, FailedStatus) and found.__cause__ is not None:
+        found = found.__cause__
+    return found
+
+
+async def _finish_tasks() -> None:
+    """Cancel and await what still runs on the loop."""
+    tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)

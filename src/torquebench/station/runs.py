@@ -1,0 +1,64 @@
+"""What a run is told, says meanwhile and leaves behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from torquebench.bench.safety import Alarm
+
+__all__ = ["ExitStatus", "Progress", "ProgressCallback", "RunRecord"]
+
+ExitStatus = Literal["success", "abort", "fail"]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a running plan is."""
+
+    done: int
+    total: int
+    message: str
+
+
+ProgressCallback = Callable[[Progress], None]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """What is left of a run: its folder and how it ended.
+
+    Parameters
+    ----------
+    run_id : str
+    kind : str
+    folder : pathlib.Path
+        The sealed run folder.
+    exit_status : {"success", "abort"}
+        A failed run raises instead.
+    result : object
+        What the plan returned; None unless it succeeded.
+    reason : str
+        Why it was aborted.
+    bench_seconds : float
+        Bench time that it took, s.
+    interruptions : int
+        How often it was paused.
+    alarms : tuple of Alarm
+        Alarms that came up meanwhile.
+    metadata : mapping
+        What was known when it started.
+    """
+
+    run_id: str
+    kind: str
+    folder: Path
+    exit_status: ExitStatus
+    result: Any = None
+    reason: str = ""
+    bench_seconds: float = 0.0
+    interruptions: int = 0
+    alarms: tuple[Alarm, ...] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
