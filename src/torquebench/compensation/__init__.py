@@ -24,6 +24,8 @@ from torquebench.compensation.model_file import (
 from torquebench.compensation.physics import PhysicsModel
 from torquebench.compensation.polynomial import PolynomialModel
 from torquebench.compensation.published_network import PublishedNetworkModel
+from torquebench.compensation.radial_basis import RadialBasisModel
+from torquebench.compensation.spline import SplineModel
 
 __all__ = [
     "FEATURES",
@@ -37,6 +39,8 @@ __all__ = [
     "PolynomialModel",
     "Provenance",
     "PublishedNetworkModel",
+    "RadialBasisModel",
+    "SplineModel",
     "StoredModel",
     "WildPoint",
     "feature_column",
