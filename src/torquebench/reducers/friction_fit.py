@@ -1,0 +1,284 @@
+"""Fit of Coulomb, viscous and Stribeck friction to mean torques, with uncertainties."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar, nnls
+
+from torquebench.errors import InputError
+
+__all__ = ["FORMS", "Estimate", "Form", "FrictionFit", "fit_friction"]
+
+RAD_S_PER_RPM = 2.0 * np.pi / 60.0
+
+Form = Literal["coulomb", "coulomb-viscous", "coulomb-stribeck", "coulomb-viscous-stribeck"]
+FORMS: dict[str, tuple[str, ...]] = {
+    "coulomb": ("coulomb",),
+    "coulomb-viscous": ("coulomb", "viscous"),
+    "coulomb-stribeck": ("coulomb", "stribeck", "stribeck_speed"),
+    "coulomb-viscous-stribeck": ("coulomb", "viscous", "stribeck", "stribeck_speed"),
+}
+"""Parameters of each form, the simplest first."""
+
+SUPPORTED = 3.0
+"""A part counts as supported where it exceeds this many standard uncertainties."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter and its standard uncertainty, in the unit of the field that holds it."""
+
+    value: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionFit:
+    """Parts of the friction torque in one direction of rotation.
+
+    Parameters
+    ----------
+    form : str
+        Which parts the fit has, one of `FORMS`.
+    coulomb_nm : Estimate
+        Torque that doesn't depend on speed, N·m.
+    viscous_nm_s_per_rad : Estimate
+        Torque per speed, N·m·s/rad; 0 where the form has none.
+    stribeck_nm : Estimate
+        What the torque at creeping speed is above the Coulomb torque, N·m; 0 where there is none.
+    stribeck_speed_rpm : Estimate or None
+        Speed over which the Stribeck part dies away, 1/min; None where the form has none.
+    exponent : int
+        Exponent δ of the Stribeck part.
+    residual_nm : float
+        Standard deviation of the mean torques about the fit, N·m (weighted by their points).
+    degrees_of_freedom : int
+        Of the residual.
+    speed_low_rpm, speed_high_rpm : float
+        Range of the speeds that were fitted.
+    covariance : array of float, shape (p, p)
+        Covariance of the parameters in the order of ``FORMS[form]``, units as above but the
+        Stribeck speed in rad/s.
+    """
+
+    form: Form
+    coulomb_nm: Estimate
+    viscous_nm_s_per_rad: Estimate
+    stribeck_nm: Estimate
+    stribeck_speed_rpm: Estimate | None
+    exponent: int
+    residual_nm: float
+    degrees_of_freedom: int
+    speed_low_rpm: float
+    speed_high_rpm: float
+    covariance: NDArray[np.float64]
+
+    def torque(self, speed_rpm: ArrayLike) -> NDArray[np.float64]:
+        """Return the friction torque at speeds in 1/min, N·m, with the sign of the speed."""
+        speed = np.asarray(speed_rpm, dtype=np.float64)
+        basis, _ = self._basis(np.abs(speed) * RAD_S_PER_RPM)
+        return np.asarray(np.sign(speed) * (basis @ self._linear()), dtype=np.float64)
+
+    def standard_uncertainty(self, speed_rpm: ArrayLike) -> NDArray[np.float64]:
+        """Return the standard uncertainty of the fitted curve at speeds in 1/min, N·m."""
+        speed = np.atleast_1d(np.asarray(speed_rpm, dtype=np.float64))
+        basis, slope = self._basis(np.abs(speed) * RAD_S_PER_RPM)
+        jacobian = basis[:, : len(self._names())]
+        if self.stribeck_speed_rpm is not None:
+            jacobian = np.column_stack([basis, self.stribeck_nm.value * slope])
+        variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
+        return np.asarray(np.sqrt(variance), dtype=np.float64)
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(name for name in FORMS[self.form] if name != "stribeck_speed")
+
+    def _linear(self) -> NDArray[np.float64]:
+        values = {
+            "coulomb": self.coulomb_nm.value,
+            "viscous": self.viscous_nm_s_per_rad.value,
+            "stribeck": self.stribeck_nm.value,
+        }
+        return np.array([values[name] for name in self._names()])
+
+    def _basis(
+        self, speed_rad_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        speed = 1.0
+        if self.stribeck_speed_rpm is not None:
+            speed = self.stribeck_speed_rpm.value * RAD_S_PER_RPM
+        return _basis(speed_rad_s, self._names(), speed, self.exponent)
+
+
+def fit_friction(
+    speed_rpm: NDArray[np.float64],
+    torque_nm: NDArray[np.float64],
+    points: NDArray[np.int64],
+    *,
+    exponent: Literal[1, 2] = 2,
+    form: Form | Literal["best"] = "best",
+) -> FrictionFit:
+    """Fit the parts of friction to mean torques of one direction.
+
+    All parts are at least 0, and a part that the points pull to 0 is not there: the fit's form
+    says which parts remain. For a given Stribeck speed the fit is linear and solved by
+    non-negative least squares; the Stribeck speed is searched between the smallest and the
+    largest speed. Uncertainties follow from the residual. ``"best"`` only chooses a form whose
+    Stribeck speed lies inside these limits and whose parts all exceed three standard
+    uncertainties: within a short range of speeds, large viscous and Stribeck parts can cancel.
+
+    Parameters
+    ----------
+    speed_rpm : array of float, shape (k,)
+        Speeds above 0, in 1/min.
+    torque_nm : array of float, shape (k,)
+        Mean torques that oppose the motion, in N·m.
+    points : array of int, shape (k,)
+        How many points each mean is of: its weight.
+    exponent : {1, 2}
+        Exponent of the Stribeck part.
+    form : str
+        One of `FORMS`, or ``"best"`` by the corrected Akaike information criterion.
+
+    Raises
+    ------
+    InputError
+        Where there are fewer speeds than a form has parameters, plus one.
+    """
+    names = list(FORMS) if form == "best" else [form]
+    names = [name for name in names if speed_rpm.size > len(FORMS[name])]
+    if not names:
+        raise InputError(
+            f"{speed_rpm.size} speeds", f"at least {len(FORMS[form]) + 1} for the form {form}"
+        )
+    speed = speed_rpm * RAD_S_PER_RPM
+    weight = points / points.mean()
+    solutions = [_solve(speed, torque_nm, weight, name, exponent) for name in names]
+    fits = [_described(solution, speed, weight, exponent) for solution in solutions]
+    candidates = [k for k, fit in enumerate(fits) if solutions[k].inside and _supported(fit)]
+    best = min(
+        candidates if form == "best" and candidates else [0],
+        key=lambda k: _information(solutions[k].squares, speed.size, len(FORMS[fits[k].form])),
+    )
+    return fits[best]
+
+
+def _supported(fit: FrictionFit) -> bool:
+    parts = {
+        "coulomb": fit.coulomb_nm,
+        "viscous": fit.viscous_nm_s_per_rad,
+        "stribeck": fit.stribeck_nm,
+    }
+    return all(
+        parts[name].value > SUPPORTED * parts[name].standard_uncertainty
+        for name in FORMS[fit.form]
+        if name in parts
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Parameters of one form: the linear ones, the Stribeck speed in rad/s, and what is left."""
+
+    form: str
+    linear: NDArray[np.float64]
+    stribeck_speed: float
+    squares: float
+    inside: bool
+
+
+def _basis(
+    speed: NDArray[np.float64], names: tuple[str, ...], stribeck_speed: float, exponent: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the columns of the linear parts, and the slope of the last in the Stribeck speed."""
+    ratio = (speed / stribeck_speed) ** exponent
+    decay = np.exp(-ratio)
+    columns = {"coulomb": np.ones_like(speed), "viscous": speed, "stribeck": decay}
+    slope = decay * exponent * ratio / stribeck_speed
+    return np.stack([columns[name] for name in names], axis=-1), slope
+
+
+def _solve(
+    speed: NDArray[np.float64],
+    torque: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    form: str,
+    exponent: int,
+) -> _Solution:
+    """Return the best fit of one form, or of the simpler one where a part of it vanishes."""
+    names = tuple(name for name in FORMS[form] if name != "stribeck_speed")
+    root = np.sqrt(weight)
+
+    def at(stribeck_speed: float) -> tuple[NDArray[np.float64], float]:
+        basis, _ = _basis(speed, names, stribeck_speed, exponent)
+        scale = np.abs(basis).max(axis=0)
+        solution, distance = nnls(basis / scale * root[:, None], torque * root)
+        return solution / scale, float(distance) ** 2
+
+    def distance(log_speed: float) -> float:
+        return at(float(np.exp(log_speed)))[1]
+
+    stribeck_speed, inside = 1.0, True
+    if "stribeck" in names:
+        grid = np.linspace(np.log(speed.min()), np.log(speed.max()), 80)
+        start = int(np.argmin([distance(value) for value in grid]))
+        inside = 0 < start < grid.size - 1
+        bounds = (grid[max(start - 1, 0)], grid[min(start + 1, grid.size - 1)])
+        found = minimize_scalar(distance, bounds=bounds, method="bounded", options={"xatol": 1e-9})
+        stribeck_speed = float(np.exp(found.x))
+    linear, squares = at(stribeck_speed)
+    there = {name for name, value in zip(names, linear, strict=True) if value > 0} | {"coulomb"}
+    if there != set(names):
+        simpler = next(
+            name for name, parts in FORMS.items() if set(parts) - {"stribeck_speed"} == there
+        )
+        return _solve(speed, torque, weight, simpler, exponent)
+    return _Solution(form, linear, stribeck_speed, squares, inside)
+
+
+def _information(squares: float, n: int, parameters: int) -> float:
+    """Corrected Akaike information criterion, up to a constant (Hurvich and Tsai, 1989)."""
+    k = parameters + 1  # and the variance
+    correction = 2.0 * k * (k + 1) / (n - k - 1) if n > k + 1 else np.inf
+    return float(n * np.log(max(squares, 1e-300) / n) + 2.0 * k + correction)
+
+
+def _described(
+    fit: _Solution, speed: NDArray[np.float64], weight: NDArray[np.float64], exponent: int
+) -> FrictionFit:
+    names = FORMS[fit.form]
+    linear_names = tuple(name for name in names if name != "stribeck_speed")
+    basis, slope = _basis(speed, linear_names, fit.stribeck_speed, exponent)
+    jacobian = basis
+    values = dict(zip(linear_names, fit.linear, strict=True))
+    if "stribeck_speed" in names:
+        jacobian = np.column_stack([basis, values["stribeck"] * slope])
+    freedom = speed.size - len(names)
+    variance = fit.squares / freedom
+    scale = np.abs(jacobian).max(axis=0)
+    scaled = jacobian / scale
+    normal = scaled.T @ (weight[:, None] * scaled)
+    covariance = variance * np.linalg.pinv(normal, hermitian=True) / np.outer(scale, scale)
+    sigma = dict(zip(names, np.sqrt(np.diag(covariance)), strict=True))
+
+    def estimate(name: str) -> Estimate:
+        return Estimate(float(values.get(name, 0.0)), float(sigma.get(name, 0.0)))
+
+    return FrictionFit(
+        form=fit.form,  # type: ignore[arg-type] # a key of FORMS
+        coulomb_nm=estimate("coulomb"),
+        viscous_nm_s_per_rad=estimate("viscous"),
+        stribeck_nm=estimate("stribeck"),
+        stribeck_speed_rpm=Estimate(
+            fit.stribeck_speed / RAD_S_PER_RPM, float(sigma["stribeck_speed"]) / RAD_S_PER_RPM
+        )
+        if "stribeck_speed" in names
+        else None,
+        exponent=exponent,
+        residual_nm=float(np.sqrt(variance)),
+        degrees_of_freedom=freedom,
+        speed_low_rpm=float(speed.min() / RAD_S_PER_RPM),
+        speed_high_rpm=float(speed.max() / RAD_S_PER_RPM),
+        covariance=covariance,
+    )
