@@ -26,6 +26,11 @@ class ActiveCompensation:
     model_id: str
     kind: str
 
+    @property
+    def _columns(self) -> int:
+        """How many of the known columns the model was fitted to."""
+        return int(self.model.n_features_in_)
+
     def value(
         self, reading_nm: float, speed_rpm: float, temperature_c: float
     ) -> tuple[float, float]:
@@ -37,7 +42,7 @@ class ActiveCompensation:
             The reading lies outside the calibrated range.
         """
         X = features([reading_nm], 0, 0, speed_rpm, temperature_c)
-        torque, uncertainty = self.model.predict(X, return_std=True)
+        torque, uncertainty = self.model.predict(X[:, : self._columns], return_std=True)
         return float(torque[0]), float(uncertainty[0])
 
     def samples(
@@ -52,7 +57,9 @@ class ActiveCompensation:
         if inside.any():
             X = features(reading_nm[inside], 0, 0, speed_rpm, temperature_c)
             try:
-                torque[inside], uncertainty[inside] = self.model.predict(X, return_std=True)
+                torque[inside], uncertainty[inside] = self.model.predict(
+                    X[:, : self._columns], return_std=True
+                )
             except InputError:  # a speed or temperature that the model refuses
                 torque[inside] = uncertainty[inside] = np.nan
         return CompensatedSamples(torque, uncertainty)
