@@ -177,16 +177,12 @@ class Acquisition:
         with self._lock:
             channels = list(self._channels.values())
         samples: dict[str, ChannelSamples] = {}
-        for channel in channels:
-            edges = raw.edges.get(channel.name)
-            if edges is not None:  # selected after this block was timed
-                samples[channel.name] = channel.push(edges)
         readout = self._drivers.reference
-        if readout is not None and self._description.standard(self._mounted) is not None:
-            for channel in channels:
-                if channel.standard:
-                    read = readout.read(channel.side, raw.stop_s)
-                    samples[channel.name] = channel.take(read)
+        for channel in channels:
+            if channel.standard and readout is not None:
+                samples[channel.name] = channel.take(readout.read(channel.side, raw.stop_s))
+            elif channel.name in raw.edges:  # else selected after this block was timed
+                samples[channel.name] = channel.push(raw.edges[channel.name])
         speeds: dict[Side, float] = {}
         for side, angle in raw.angles.items():
             self._angles[side].append(angle.time_s, angle.counts)
@@ -303,7 +299,8 @@ class Acquisition:
         for name, channel in self._channels.items():
             if name in self._zeros:
                 channel.zero_hz = self._zeros[name]
-        self._drivers.counter.select(frozenset(names))
+        timed = names if self._drivers.reference is None else names[: len(SIDES)]
+        self._drivers.counter.select(frozenset(timed))
 
     def channel(self, name: str) -> Channel:
         """Return a channel in use.

@@ -80,11 +80,15 @@ class Channel:
 
     def take(self, read: ReferenceSamples) -> ChannelSamples:
         """Take the samples of a standard that states torque itself."""
-        value = read.torque_nm
+        lost = ~np.isfinite(read.torque_nm)
+        fault = np.where(lost, np.uint8(SignalFaultKind.LOST_DATA), np.uint8(0))
+        # The frequency that would have stated this torque: a measured zero works on it.
+        frequency = self.transducer.scale().frequency(read.torque_nm)
+        value = np.full(frequency.shape, np.nan)
+        value[~lost] = self._scale.torque(frequency[~lost])
         if self.certificate is not None:
             value = self.certificate.correct(value)
-        fault = np.where(np.isfinite(value), 0, int(SignalFaultKind.LOST_DATA)).astype(np.uint8)
-        return self._kept(read.time_s, self._scale.frequency(value), value, fault)
+        return self._kept(read.time_s, frequency, value, fault)
 
     def _kept(
         self,

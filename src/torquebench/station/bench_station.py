@@ -409,6 +409,10 @@ class Station:
 
         self.supervisor.expect("run engine", LOOP_TIMEOUT_S, ping)
 
+    def acknowledge_alarm(self, who: str) -> Alarm | None:
+        """Clear the latched alarm once its cause is gone; see `SafetySupervisor.acknowledge`."""
+        return self.supervisor.acknowledge(who)
+
     # -- pause, resume, abort ---------------------------------------------------------------
 
     def pause(self) -> None:

@@ -153,7 +153,7 @@ class BenchEngine:
     def resume(self) -> None:
         """Let a held plan go on."""
         self._pausing = False
-        resumed = self._resumed
+        resumed, self._resumed = self._resumed, None
         if resumed is not None:
             self.loop.call_soon_threadsafe(resumed.set)
 
@@ -194,9 +194,11 @@ class BenchEngine:
         resumed = asyncio.Event()
         self._resumed = resumed
         self.on_held()
-        if self._pausing:
-            await resumed.wait()
-        self._resumed = None
+        try:
+            if self._pausing:  # else somebody has changed his mind meanwhile
+                await resumed.wait()
+        finally:
+            self._resumed = None
 
 
 def _held_at_checkpoints(plan: Plan) -> Plan:

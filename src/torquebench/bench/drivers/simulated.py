@@ -7,9 +7,8 @@ them is the same code for both. Drives ramp by themselves and have their own wat
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.certificate import ReferenceCertificate
-from torquebench.bench.description import BenchDescription
+from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import (
     SIDES,
@@ -28,16 +27,20 @@ from torquebench.bench.drivers.base import (
     Identity,
     Mode,
     Mounting,
+    ReferenceSamples,
     Side,
+    reference_channel,
 )
+from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
-from torquebench.signals import EdgeBlock
+from torquebench.signals import EdgeBlock, FrequencyCounter, TorqueSamples
 from torquebench.twin import CHANNELS, BenchTwin, TwinBlock, TwinParameters
 
 __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
 
 RAMP_STEP_S = 0.01
 TRUTH_KEPT_S = 120.0
+TRUTH_RATE_HZ = 1000.0
 
 
 class SimulatedOptions(BaseModel):
@@ -47,6 +50,7 @@ class SimulatedOptions(BaseModel):
 
     preset: Literal["nominal", "worn"] = "nominal"
     seed: Annotated[int, Field(ge=0, le=2**32 - 1, description="(any seed)")] = 1
+    reference: Literal["edges", "readout"] = "edges"
     ambient_c: Annotated[float, Field(ge=-10, le=50, description="°C")] | None = None
 
 
@@ -120,8 +124,10 @@ class SimulatedBench:
         self._clamped = False
         self._mounted: Mounting = "nothing"
         self._temperatures: dict[str, float] = {}
-        self._truth: deque[tuple[NDArray[np.float64], Mapping[Side, NDArray[np.float64]]]] = deque()
+        self._truth = SampleRing(columns=2, capacity=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
         self._closed = False
+        self._selected = frozenset(CHANNELS)
+        self.readout = SimulatedReadout(description) if options.reference == "readout" else None
         self.drives: dict[Side, SimulatedDrive] = {
             side: SimulatedDrive(self, side) for side in SIDES
         }
@@ -152,7 +158,13 @@ class SimulatedBench:
     def select(self, channels: frozenset[str]) -> None:
         """Make edges of these channels only."""
         with self._lock:
-            self._twin.set_active_channels([name for name in CHANNELS if name in channels])
+            self._selected = channels
+            self._activate()
+
+    def _activate(self) -> None:
+        """Make the edges that were selected, and those that the standard's read-out counts."""
+        wanted = self._selected | (self.readout.channels if self.readout else frozenset())
+        self._twin.set_active_channels([name for name in CHANNELS if name in wanted])
 
     def read_block(self, duration_s: float) -> CounterBlock:
         """Run the twin for a while, drives ramping and their watchdogs running."""
@@ -170,7 +182,10 @@ class SimulatedBench:
                 parts.append(self._twin.advance(step))
                 remaining -= step
             self._keep(parts)
-            return _joined(parts, start_s, self._twin.time_s)
+            block = _joined(parts, start_s, self._twin.time_s)
+            if self.readout is not None:
+                block = self.readout.take(block)
+            return block
 
     def close(self) -> None:
         """Release the bench."""
@@ -191,12 +206,10 @@ class SimulatedBench:
                 self._twin.command_speed(side, axes.speed.present)
 
     def _keep(self, parts: Sequence[TwinBlock]) -> None:
-        self._temperatures = dict(parts[-1].temperatures)
+        self._temperatures = {name: float(t) for name, t in parts[-1].temperatures.items()}
         for part in parts:
-            self._truth.append((part.truth.time_s, part.truth.torque_nm))
-        oldest = self._twin.time_s - TRUTH_KEPT_S
-        while self._truth and self._truth[0][0][-1] < oldest:
-            self._truth.popleft()
+            torque = part.truth.torque_nm
+            self._truth.append(part.truth.time_s, torque["input"], torque["output"])
 
     # -- drives (called by SimulatedDrive) --------------------------------------------------
 
@@ -266,6 +279,9 @@ class SimulatedBench:
         with self._lock:
             self._twin.mount(mounting)
             self._mounted = mounting
+            if self.readout is not None:
+                self.readout.connect(self.description.standard(mounting))
+                self._activate()
 
     def mounted(self) -> Mounting:
         """Tell what is between the flanges."""
@@ -275,13 +291,7 @@ class SimulatedBench:
 
     def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
         """Mean true torque at the flange over a window that was run already, N·m."""
-        with self._lock:
-            parts = [
-                torque[side][(time >= start_s) & (time < stop_s)]
-                for time, torque in self._truth
-                if time[-1] >= start_s and time[0] < stop_s
-            ]
-        values = np.concatenate(parts) if parts else np.empty(0)
+        values = self._truth.window(start_s, stop_s)[1 + SIDES.index(side)]
         if values.size == 0:
             raise BenchError(
                 f"true torque from {start_s:.3f} to {stop_s:.3f} s",
@@ -352,6 +362,64 @@ class SimulatedDrive:
         """Nothing to release."""
 
 
+class SimulatedReadout:
+    """A standard with its own counter: it states torque and keeps its edges to itself.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    """
+
+    def __init__(self, description: BenchDescription) -> None:
+        self._counting = description.counter
+        self._standard: StandardDescription | None = None
+        self._counters: dict[Side, FrequencyCounter] = {}
+        self._samples: dict[Side, list[TorqueSamples]] = {side: [] for side in SIDES}
+
+    def connect(self, standard: StandardDescription | None) -> None:
+        """Connect to the mounted standard."""
+        self._standard = standard
+        self._samples = {side: [] for side in SIDES}
+        counting = self._counting
+        self._counters = {
+            side: FrequencyCounter("regression", counting.window_s, counting.timebase_hz)
+            for side in SIDES
+        }
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """Channels whose edges it counts."""
+        return frozenset(reference_channel(side) for side in SIDES if self._standard is not None)
+
+    def take(self, block: CounterBlock) -> CounterBlock:
+        """Take the standard's edges out of a block and count them."""
+        edges = dict(block.edges)
+        if self._standard is not None:
+            for side in SIDES:
+                frequency = self._counters[side].push(edges.pop(reference_channel(side)))
+                scale = self._standard.transducer(side).scale()
+                self._samples[side].append(scale.torque_samples(frequency))
+        return replace(block, edges=edges)
+
+    def identity(self) -> Identity:
+        """Name plate of the mounted standard's read-out."""
+        serial = self._standard.serial if self._standard is not None else "none mounted"
+        return Identity("reference", "simulated", "read-out of the twin", serial)
+
+    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+        """Return the samples since the last call; NaN where it has no signal."""
+        del until_s  # what is later has not been simulated yet
+        samples, self._samples[side] = self._samples[side], []
+        return ReferenceSamples(
+            np.concatenate([part.time_s for part in samples] or [np.empty(0)]),
+            np.concatenate([part.torque_nm for part in samples] or [np.empty(0)]),
+        )
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.connect(None)
+
+
 def open_simulated(description: BenchDescription) -> DriverSet:
     """Open the simulated bench that a description describes.
 
@@ -369,6 +437,7 @@ def open_simulated(description: BenchDescription) -> DriverSet:
         clamp=bench,
         temperature=bench,
         operator=bench,
+        reference=bench.readout,
         truth=bench,
         certificates=bench.certificates(),
         simulated_time=True,
