@@ -25,14 +25,25 @@ from torquebench.compensation.physics import PhysicsModel
 from torquebench.compensation.polynomial import PolynomialModel
 from torquebench.compensation.published_network import PublishedNetworkModel
 from torquebench.compensation.radial_basis import RadialBasisModel
+from torquebench.compensation.repeats import NoiseFloor, noise_floor, repeat_groups
+from torquebench.compensation.selection import (
+    CANDIDATES,
+    Comparison,
+    ModelScore,
+    compare,
+)
 from torquebench.compensation.spline import SplineModel
 
 __all__ = [
+    "CANDIDATES",
     "FEATURES",
     "MODELS",
     "BayesianNetworkModel",
+    "Comparison",
     "CompensationModel",
     "HybridModel",
+    "ModelScore",
+    "NoiseFloor",
     "OutlierWarning",
     "PhysicsModel",
     "PointsReducedWarning",
@@ -43,9 +54,12 @@ __all__ = [
     "SplineModel",
     "StoredModel",
     "WildPoint",
+    "compare",
     "feature_column",
     "features",
     "load_model",
     "make_model",
+    "noise_floor",
+    "repeat_groups",
     "save_model",
 ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.compensation.columns import FEATURES, FloatArray
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
 
@@ -20,9 +21,8 @@ __all__ = [
     "find_wild_points",
     "point_weights",
     "reduce_points",
+    "trend_free",
 ]
-
-FloatArray = NDArray[np.float64]
 
 _WILD_SCALES = 6.0  # a point is wild this many local standard deviations beyond its neighbours
 _WILD_SHARE_OF_SPAN = 1e-4  # and at least this share of the standard's span: 0.01 %
@@ -218,7 +218,7 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
     for _ in range(5):
         if kept.size < _FEWEST_FOR_SCATTER:
             break
-        residual = _trend_free(points.X[kept], points.y[kept])
+        residual = trend_free(points.X[kept], points.y[kept])
         centre, excess = _against_neighbours(residual)
         scatter = _scatter(residual, centre)
         limit = max(_WILD_SCALES * scatter, _WILD_SHARE_OF_SPAN * span)
@@ -295,9 +295,8 @@ def reduce_points(
 
 def _strata(X: FloatArray, used_features: tuple[str, ...]) -> NDArray[np.intp]:
     """Give each point the number of the set within which points may be averaged."""
-    names = ("reading_nm", "branch", "series", "speed_rpm", "temperature_c")
     stratum = np.zeros(X.shape[0], dtype=np.intp)
-    for index, name in enumerate(names[: X.shape[1]]):
+    for index, name in enumerate(FEATURES[: X.shape[1]]):
         if index == 0 or name not in used_features:
             continue
         column = X[:, index]
@@ -321,7 +320,7 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
     span = float(np.ptp(points.y))
     limit = 1e-2 * span
     if points.y.size >= _FEWEST_FOR_SCATTER:
-        residual = _trend_free(points.X, points.y)
+        residual = trend_free(points.X, points.y)
         scatter = _scatter(residual, _against_neighbours(residual)[0])
         limit = max(_CONTRADICTION_SCALES * scatter, _CONTRADICTION_SHARE_OF_SPAN * span)
     order = np.lexsort([points.y, group])
@@ -344,8 +343,21 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
             )
 
 
-def _trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
-    """Residual of a robust quadratic per direction, with branch terms, sorted by reading."""
+def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
+    """Take a robust quadratic per direction, with branch terms, away from the standard's values.
+
+    Parameters
+    ----------
+    X : float64 array of shape (n, k)
+        Feature columns.
+    y : float64 array of shape (n,)
+        Torque of the standard in N·m.
+
+    Returns
+    -------
+    residual : float64 array of shape (n,)
+        What is left, in N·m.
+    """
     reading = X[:, 0]
     u = reading / np.max(np.abs(reading))
     columns = [np.ones_like(u), u]

@@ -1,0 +1,439 @@
+"""Choice among models by their errors at points that they were never fitted to."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import clone
+
+from torquebench.compensation.base import (
+    MODELS,
+    CompensationModel,
+    FloatArray,
+    Progress,
+    make_model,
+)
+from torquebench.compensation.checks import (
+    CalibrationPoints,
+    OutlierWarning,
+    PointsReducedWarning,
+    WildPoint,
+    find_wild_points,
+)
+from torquebench.compensation.repeats import (
+    IntArray,
+    NoiseFloor,
+    noise_floor,
+    repeat_groups,
+    spread_folds,
+)
+from torquebench.errors import InputError
+
+__all__ = [
+    "CANDIDATES",
+    "Comparison",
+    "ModelScore",
+    "compare",
+]
+
+CANDIDATES = (
+    "polynomial-1",
+    "polynomial-2",
+    "polynomial-3",
+    "physics",
+    "spline",
+    "published-network",
+    "bayesian-network",
+    "radial-basis",
+    "gaussian-process",
+    "hybrid",
+)
+"""What `compare` looks at when not told otherwise."""
+
+_PERCENT_OF_READING_FROM = 0.05  # of full scale; below it a share of the reading says nothing
+
+
+@dataclass(frozen=True)
+class ModelScore:
+    """Errors of one model at points left out, beside what it took.
+
+    Attributes
+    ----------
+    name : str
+        Name of the candidate.
+    worst_nm, rms_nm : float
+        Largest and root mean square error of single points left out, in N·m.
+    worst_averaged_nm : float
+        Largest error of the mean of the points of one step, in N·m: less of it is noise.
+    worst_percent_fs, rms_percent_fs : float
+        The same errors as the first two in % of full scale.
+    worst_percent_reading : float
+        Largest error in % of the torque, where that is at least 5 % of full scale.
+    effective_parameters : float
+        Parameters that all points together determine.
+    fit_time_s : float
+        Time of the fit to all points.
+    complexity : int
+        Rank of the kind: lower is simpler.
+    mean_square_difference, standard_error : float
+        Mean square error minus that of the best model, and its standard error over the steps, in
+        (N·m)².
+    selected : bool
+    reason : str
+        Why it was or wasn't selected.
+    """
+
+    name: str
+    worst_nm: float
+    rms_nm: float
+    worst_averaged_nm: float
+    worst_percent_fs: float
+    rms_percent_fs: float
+    worst_percent_reading: float
+    effective_parameters: float
+    fit_time_s: float
+    complexity: int
+    mean_square_difference: float = 0.0
+    standard_error: float = 0.0
+    selected: bool = False
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Table of models with the one that was selected.
+
+    Attributes
+    ----------
+    scores : tuple of ModelScore
+        From the simplest model to the most complex.
+    selected : str
+        Name of the simplest model within one standard error of the best.
+    models : mapping of str to CompensationModel
+        Every candidate, fitted to all points.
+    refused : mapping of str to str
+        Candidates that refused the data, with what they said.
+    noise : NoiseFloor or None
+        Scatter of repeats; None where no step was repeated.
+    selected_rms_nm : float
+        Root mean square error of the selection itself: in each fold the model is chosen by the
+        other folds, so that choosing the luckiest of many doesn't count as merit.
+    full_scale_nm : float
+    folds, steps, points : int
+        Number of folds, of steps (groups of points) and of points that were scored.
+    wild_points : tuple of WildPoint
+        Points that were found wild; they aren't scored.
+    """
+
+    scores: tuple[ModelScore, ...]
+    selected: str
+    models: Mapping[str, CompensationModel]
+    refused: Mapping[str, str]
+    noise: NoiseFloor | None
+    selected_rms_nm: float
+    full_scale_nm: float
+    folds: int
+    steps: int
+    points: int
+    wild_points: tuple[WildPoint, ...]
+
+    @property
+    def model(self) -> CompensationModel:
+        """The selected model, fitted to all points."""
+        return self.models[self.selected]
+
+    def score(self, name: str) -> ModelScore:
+        """Return the row of one candidate."""
+        return next(score for score in self.scores if score.name == name)
+
+
+def compare(
+    X: ArrayLike,
+    y: ArrayLike,
+    models: Sequence[str] | Mapping[str, CompensationModel] | None = None,
+    *,
+    range_nm: float | None = None,
+    groups: ArrayLike | None = None,
+    folds: int = 10,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Compare models by cross-validation and select the simplest that is as good as the best.
+
+    Points of one step (repeats, both branches) are always left out together. A fold holds every
+    k-th step, so neighbours on both sides stay in; the outermost steps always stay in and aren't
+    scored, because a model never has to extrapolate. What a model chooses for itself
+    (regularisation, smoothing) it chooses anew in every fold.
+
+    Parameters
+    ----------
+    X : array of shape (n, k)
+        Feature columns, see `features`.
+    y : array of shape (n,)
+        Torque of the standard in N·m.
+    models : sequence of names, or mapping of names to unfitted models, optional
+        Candidates; `CANDIDATES` when None.
+    range_nm : float, optional
+        Full scale in N·m; largest reading when None.
+    groups : array of shape (n,), optional
+        Step of each point where known better than by `repeat_groups`.
+    folds : int, default 10
+        Number of folds; one for every step where there are fewer than twice as many steps.
+    progress : callable, optional
+        Called with the fraction done and a sentence.
+
+    Returns
+    -------
+    comparison : Comparison
+
+    Raises
+    ------
+    InputError
+        When there are too few steps, or no candidate takes the data.
+
+    Notes
+    -----
+    The one-standard-error rule (L. Breiman et al., Classification and Regression Trees, 1984) on
+    differences: of the models whose mean square error exceeds that of the best by at most one
+    standard error of the difference over the steps, the one with the lowest complexity, then with
+    the fewest effective parameters, is taken.
+
+    Examples
+    --------
+    >>> generator = np.random.default_rng(1)
+    >>> reading = np.tile(np.linspace(-2000.0, 2000.0, 21), 2)
+    >>> standard = reading + 1e-3 * reading + 1e-6 * reading**2
+    >>> standard += generator.normal(0.0, 0.2, reading.size)
+    >>> comparison = compare(reading[:, None], standard, ["polynomial-2", "spline"])
+    >>> comparison.selected
+    'polynomial-2'
+    """
+    features, torque = _checked(X, y)
+    full_scale = float(np.max(np.abs(features[:, 0]))) if range_nm is None else float(range_nm)
+    step = repeat_groups(features[:, 0]) if groups is None else _consecutive(groups, torque.size)
+    points = CalibrationPoints(features, torque, np.arange(torque.size)).sorted()
+    wild = find_wild_points(points)[1]
+    wild_rows = [point.row for point in wild]
+    fold_of_point, fold_count = spread_folds(step, folds)
+    scored = fold_of_point >= 0
+    scored[wild_rows] = False
+    candidates = {
+        name: clone(model).set_params(range_nm=model.range_nm or full_scale)
+        for name, model in _candidates(models).items()
+    }
+    errors, fitted, times, refused = {}, {}, {}, {}
+    for number, (name, model) in enumerate(candidates.items()):
+
+        def report(fraction: float, text: str, number: int = number, name: str = name) -> None:
+            if progress is not None:
+                progress((number + fraction) / len(candidates), f"{name}, {text}")
+
+        try:
+            fitted[name], times[name] = _timed_fit(model, features, torque)
+            errors[name] = _left_out_errors(
+                model, features, torque, fold_of_point, fold_count, report
+            )
+        except InputError as refusal:
+            refused[name] = str(refusal)
+            fitted.pop(name, None)
+    if not errors:
+        raise InputError(
+            f"no candidate takes the data ({'; '.join(refused.values())})",
+            remedy="record more points",
+        )
+    left_out = {name: error[scored] for name, error in errors.items()}
+    tally = _Tally(left_out, step[scored], fold_of_point[scored], fitted)
+    selected = tally.select(np.ones(np.count_nonzero(scored), dtype=bool))
+    scores = [
+        _score(name, left_out[name], torque[scored], step[scored], full_scale, fitted[name])
+        for name in tally.order
+    ]
+    scores = [replace(score, fit_time_s=times[score.name]) for score in scores]
+    return Comparison(
+        scores=tally.explained(scores, selected),
+        selected=selected,
+        models=fitted,
+        refused=refused,
+        noise=noise_floor(
+            np.delete(features, wild_rows, axis=0),
+            np.delete(torque, wild_rows),
+            np.delete(step, wild_rows),
+        ),
+        selected_rms_nm=tally.rms_of_selection(),
+        full_scale_nm=full_scale,
+        folds=fold_count,
+        steps=int(step.max()) + 1,
+        points=int(np.count_nonzero(scored)),
+        wild_points=tuple(wild),
+    )
+
+
+class _Tally:
+    """Errors of all candidates at the same points, and the rule that selects by them."""
+
+    def __init__(
+        self,
+        errors: Mapping[str, FloatArray],
+        step: IntArray,
+        fold: IntArray,
+        fitted: Mapping[str, CompensationModel],
+    ) -> None:
+        self.errors, self.step, self.fold = errors, step, fold
+        self.order = sorted(
+            errors, key=lambda name: (fitted[name].complexity, fitted[name].effective_parameters_)
+        )
+
+    def differences(self, points: NDArray[np.bool_]) -> tuple[str, dict[str, tuple[float, float]]]:
+        """Return the best candidate and every other's excess of mean square with its error."""
+        squares = {name: error[points] ** 2 for name, error in self.errors.items()}
+        best = min(self.order, key=lambda name: float(np.mean(squares[name])))
+        groups = np.unique(self.step[points], return_inverse=True)[1]
+        count = int(groups.max()) + 1
+        result = {}
+        for name in self.order:
+            sums = np.bincount(groups, squares[name] - squares[best])
+            # Sums over steps are independent; their spread gives the error of the overall mean.
+            spread = float(np.std(sums, ddof=1)) if count > 1 else 0.0
+            total = groups.size
+            result[name] = (float(np.sum(sums)) / total, spread * np.sqrt(count) / total)
+        return best, result
+
+    def select(self, points: NDArray[np.bool_]) -> str:
+        """Return the simplest candidate within one standard error of the best."""
+        _, differences = self.differences(points)
+        return next(name for name in self.order if differences[name][0] <= differences[name][1])
+
+    def rms_of_selection(self) -> float:
+        """Root mean square error where each fold's model is selected by the other folds."""
+        total = 0.0
+        for fold in np.unique(self.fold):
+            here = self.fold == fold
+            others = ~here if np.any(~here) else here
+            total += float(np.sum(self.errors[self.select(others)][here] ** 2))
+        return float(np.sqrt(total / self.fold.size))
+
+    def explained(self, scores: Sequence[ModelScore], selected: str) -> tuple[ModelScore, ...]:
+        """Add to every row its distance from the best and why it was or wasn't selected."""
+        best, differences = self.differences(np.ones(self.fold.size, dtype=bool))
+        rows = []
+        for score in scores:
+            difference, error = differences[score.name]
+            if score.name == selected:
+                reason = (
+                    "least error at points left out"
+                    if score.name == best
+                    else f"simplest model within one standard error of {best}"
+                )
+            elif difference <= error:
+                reason = f"as good, but not simpler than {selected}"
+            else:
+                excess = difference / error if error > 0 else np.inf
+                reason = f"{excess:.1f} standard errors worse than {best}"
+            rows.append(
+                replace(
+                    score,
+                    mean_square_difference=difference,
+                    standard_error=error,
+                    selected=score.name == selected,
+                    reason=reason,
+                )
+            )
+        return tuple(rows)
+
+
+def _score(
+    name: str,
+    error: FloatArray,
+    torque: FloatArray,
+    step: IntArray,
+    full_scale: float,
+    model: CompensationModel,
+) -> ModelScore:
+    groups = np.unique(step, return_inverse=True)[1]
+    means = np.bincount(groups, error) / np.bincount(groups)
+    large = np.abs(torque) >= _PERCENT_OF_READING_FROM * full_scale
+    worst, rms = float(np.max(np.abs(error))), float(np.sqrt(np.mean(error**2)))
+    of_reading = np.abs(error[large] / torque[large])
+    return ModelScore(
+        name=name,
+        worst_nm=worst,
+        rms_nm=rms,
+        worst_averaged_nm=float(np.max(np.abs(means))),
+        worst_percent_fs=100 * worst / full_scale,
+        rms_percent_fs=100 * rms / full_scale,
+        worst_percent_reading=100 * float(np.max(of_reading)) if of_reading.size else float("nan"),
+        effective_parameters=model.effective_parameters_,
+        fit_time_s=0.0,
+        complexity=model.complexity,
+    )
+
+
+def _checked(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    features = np.asarray(X, dtype=np.float64)
+    torque = np.asarray(y, dtype=np.float64).ravel()
+    if features.ndim != 2 or features.shape[0] != torque.size:
+        raise InputError(
+            f"features of shape {features.shape} with {torque.size} standard values",
+            "one row of features for each standard value",
+        )
+    for what, values in (("features", features), ("standard", torque)):
+        if not np.all(np.isfinite(values)):
+            row = int(np.argmin(np.isfinite(values.reshape(torque.size, -1)).all(axis=1)))
+            raise InputError(f"NaN or infinity in the {what}, row {row}", "numbers")
+    return features, torque
+
+
+def _consecutive(groups: ArrayLike, count: int) -> IntArray:
+    values = np.asarray(groups)
+    if values.shape != (count,):
+        raise InputError(f"groups of shape {values.shape}", f"one for each of the {count} points")
+    return np.unique(values, return_inverse=True)[1].astype(np.intp)
+
+
+def _candidates(
+    models: Sequence[str] | Mapping[str, CompensationModel] | None,
+) -> dict[str, CompensationModel]:
+    if isinstance(models, Mapping):
+        return dict(models)
+    names = models
+    if names is None:
+        names = [name for name in CANDIDATES if name.startswith("polynomial") or name in MODELS]
+    return {name: make_model(name) for name in names}
+
+
+def _timed_fit(
+    model: CompensationModel, X: FloatArray, y: FloatArray
+) -> tuple[CompensationModel, float]:
+    started = time.perf_counter()
+    fitted = _quiet_fit(model, X, y)
+    return fitted, time.perf_counter() - started
+
+
+def _quiet_fit(model: CompensationModel, X: FloatArray, y: FloatArray) -> CompensationModel:
+    """Fit a copy; what every fit would warn of again is part of the comparison already."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OutlierWarning)
+        warnings.simplefilter("ignore", PointsReducedWarning)
+        fitted: CompensationModel = clone(model).fit(X, y)
+    return fitted
+
+
+def _left_out_errors(
+    model: CompensationModel,
+    X: FloatArray,
+    y: FloatArray,
+    fold_of_point: IntArray,
+    folds: int,
+    report: Progress,
+) -> FloatArray:
+    """Error at each point of a model that was fitted without its fold; NaN where never left out."""
+    error = np.full(y.size, np.nan)
+    for fold in range(folds):
+        here = fold_of_point == fold
+        error[here] = _quiet_fit(model, X[~here], y[~here]).predict(X[here]) - y[here]
+        report((fold + 1) / folds, f"fold {fold + 1} of {folds}")
+    return error
