@@ -6,13 +6,11 @@ import contextlib
 import os
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
 
-import torquebench
 from torquebench.bench.acquisition import Acquisition
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.compensating import ActiveCompensation
@@ -22,14 +20,19 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
 from torquebench.bench.interlocks import Interlocks
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.roles import Side
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor
 from torquebench.bench.state import CommandState
 from torquebench.compensation import load_model
 from torquebench.errors import BenchError, ModelMismatchError, TorquebenchError
-from torquebench.records import Instrument, Registry, RunFolder, RunSummary, RunWriter
+from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.journal import RunJournal
+from torquebench.station.registration import (
+    register_instruments,
+    run_metadata,
+    run_summary,
+)
 from torquebench.station.runs import ProgressCallback, RunRecord
 
 __all__ = ["Station", "data_directory"]
@@ -158,7 +161,7 @@ class Station:
     def _start(self) -> None:
         self.data_dir.mkdir(parents=True, exist_ok=True)
         self.registry = Registry.open(self.data_dir)
-        self._register_instruments()
+        register_instruments(self.registry, self.description)
         self.supervisor.start()
         self.acquisition.start()
         self.engine.call(self.devices.connect())
@@ -199,42 +202,6 @@ class Station:
             self.clock.wait(self._ramp_s)
         if disable:
             self.supervisor.disable()
-
-    def _register_instruments(self) -> None:
-        description = self.description
-        for side in SIDES:
-            module = description.module(side)
-            transducer = module.transducer
-            self.registry.add_instrument(
-                Instrument(
-                    "transducer",
-                    transducer.serial,
-                    transducer.manufacturer,
-                    transducer.model,
-                    module.range_nm,
-                    {"side": side, "bench": description.name, "option_khz": transducer.option_khz},
-                )
-            )
-        counter = description.counter
-        self.registry.add_instrument(
-            Instrument("counter", counter.identity, details={"timebase_hz": counter.timebase_hz})
-        )
-        for kind, standard in (
-            ("calibrator", description.calibrator),
-            ("verification-standard", description.verification_standard),
-        ):
-            self.registry.add_instrument(
-                Instrument(
-                    kind,  # type: ignore[arg-type] # both are kinds of instrument
-                    standard.serial,
-                    model=standard.model,
-                    details={
-                        "certificate_number": standard.certificate_number,
-                        "certificate_date": standard.certificate_date,
-                        "expanded_uncertainty_percent": standard.expanded_uncertainty_percent,
-                    },
-                )
-            )
 
     # -- runs -------------------------------------------------------------------------------
 
@@ -294,11 +261,11 @@ class Station:
         on_pause: OnPause | None,
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
-        known = {**self._run_metadata(), **metadata}
+        known = {**run_metadata(self.devices.context), **metadata}
         writer = RunFolder.create(self.data_dir / "runs", known, kind=kind)
         started_s, before = self.clock.now(), self.devices.interruptions
         alarms_before = len(self.supervisor.history)
-        self.registry.add_run(self._summary(writer, kind, known))
+        self.registry.add_run(run_summary(writer, kind, known))
         self.engine.progress = progress
         self.engine.on_held = self._on_held
         self.engine.attend = lambda: self._attend(on_pause)
@@ -363,39 +330,6 @@ class Station:
                 raise
 
         return record
-
-    def _run_metadata(self) -> dict[str, Any]:
-        description = self.description
-        compensations = {side: self.acquisition.compensation(side) for side in SIDES}
-        return {
-            "bench": description.model_dump(mode="json"),
-            "bench_name": description.name,
-            "simulated": description.simulated,
-            "counter_identity": self.drivers.counter.clock_identity,
-            "identities": [asdict(identity) for identity in self.drivers.identities()],
-            "compensation": {
-                side: {"model_id": active.model_id, "kind": active.kind}
-                for side, active in compensations.items()
-                if active is not None
-            },
-            "real_time": not self.clock.fast,
-            "bench_time_s": self.clock.now(),
-        }
-
-    def _summary(self, writer: RunWriter, kind: str, known: Mapping[str, Any]) -> RunSummary:
-        return RunSummary(
-            run_id=writer.run_id,
-            kind=kind,
-            started=datetime.now(UTC),
-            simulated=self.description.simulated,
-            software_version=torquebench.__version__,
-            folder=writer.path,
-            side=str(known.get("side", "")),
-            operator=str(known.get("operator", "")),
-            bench=self.description.name,
-            profile_name=str(known.get("profile_name", "")),
-            profile_sha256=str(known.get("profile_sha256", "")),
-        )
 
     def _watch_loop(self) -> None:
         """Have the supervisor watch that the run engine's loop answers."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.certificate import ReferenceCertificate
-from torquebench.bench.description import BenchDescription, StandardDescription
+from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import (
     SIDES,
@@ -27,13 +27,12 @@ from torquebench.bench.drivers.base import (
     Identity,
     Mode,
     Mounting,
-    ReferenceSamples,
     Side,
-    reference_channel,
 )
+from torquebench.bench.drivers.simulated_readout import SimulatedReadout
 from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
-from torquebench.signals import EdgeBlock, FrequencyCounter, TorqueSamples
+from torquebench.signals import EdgeBlock
 from torquebench.twin import CHANNELS, BenchTwin, TwinBlock, TwinParameters
 
 __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
@@ -126,7 +125,7 @@ class SimulatedBench:
         self._temperatures: dict[str, float] = {}
         self._truth = SampleRing(columns=2, capacity=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
         self._closed = False
-        self._selected = frozenset(CHANNELS)
+        self._selected: frozenset[str] = frozenset(CHANNELS)
         self.readout = SimulatedReadout(description) if options.reference == "readout" else None
         self.drives: dict[Side, SimulatedDrive] = {
             side: SimulatedDrive(self, side) for side in SIDES
@@ -360,64 +359,6 @@ class SimulatedDrive:
 
     def close(self) -> None:
         """Nothing to release."""
-
-
-class SimulatedReadout:
-    """A standard with its own counter: it states torque and keeps its edges to itself.
-
-    Parameters
-    ----------
-    description : BenchDescription
-    """
-
-    def __init__(self, description: BenchDescription) -> None:
-        self._counting = description.counter
-        self._standard: StandardDescription | None = None
-        self._counters: dict[Side, FrequencyCounter] = {}
-        self._samples: dict[Side, list[TorqueSamples]] = {side: [] for side in SIDES}
-
-    def connect(self, standard: StandardDescription | None) -> None:
-        """Connect to the mounted standard."""
-        self._standard = standard
-        self._samples = {side: [] for side in SIDES}
-        counting = self._counting
-        self._counters = {
-            side: FrequencyCounter("regression", counting.window_s, counting.timebase_hz)
-            for side in SIDES
-        }
-
-    @property
-    def channels(self) -> frozenset[str]:
-        """Channels whose edges it counts."""
-        return frozenset(reference_channel(side) for side in SIDES if self._standard is not None)
-
-    def take(self, block: CounterBlock) -> CounterBlock:
-        """Take the standard's edges out of a block and count them."""
-        edges = dict(block.edges)
-        if self._standard is not None:
-            for side in SIDES:
-                frequency = self._counters[side].push(edges.pop(reference_channel(side)))
-                scale = self._standard.transducer(side).scale()
-                self._samples[side].append(scale.torque_samples(frequency))
-        return replace(block, edges=edges)
-
-    def identity(self) -> Identity:
-        """Name plate of the mounted standard's read-out."""
-        serial = self._standard.serial if self._standard is not None else "none mounted"
-        return Identity("reference", "simulated", "read-out of the twin", serial)
-
-    def read(self, side: Side, until_s: float) -> ReferenceSamples:
-        """Return the samples since the last call; NaN where it has no signal."""
-        del until_s  # what is later has not been simulated yet
-        samples, self._samples[side] = self._samples[side], []
-        return ReferenceSamples(
-            np.concatenate([part.time_s for part in samples] or [np.empty(0)]),
-            np.concatenate([part.torque_nm for part in samples] or [np.empty(0)]),
-        )
-
-    def close(self) -> None:
-        """Disconnect."""
-        self.connect(None)
 
 
 def open_simulated(description: BenchDescription) -> DriverSet:

@@ -1,0 +1,72 @@
+"""The read-out of a simulated standard that states torque itself, as one on a bus does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from torquebench.bench.description import BenchDescription, StandardDescription
+from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples
+from torquebench.bench.roles import SIDES, Side, reference_channel
+from torquebench.signals import FrequencyCounter, TorqueSamples
+
+__all__ = ["SimulatedReadout"]
+
+
+class SimulatedReadout:
+    """A standard with its own counter: it states torque and keeps its edges to itself.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    """
+
+    def __init__(self, description: BenchDescription) -> None:
+        self._counting = description.counter
+        self._standard: StandardDescription | None = None
+        self._counters: dict[Side, FrequencyCounter] = {}
+        self._samples: dict[Side, list[TorqueSamples]] = {side: [] for side in SIDES}
+
+    def connect(self, standard: StandardDescription | None) -> None:
+        """Connect to the mounted standard."""
+        self._standard = standard
+        self._samples = {side: [] for side in SIDES}
+        counting = self._counting
+        self._counters = {
+            side: FrequencyCounter("regression", counting.window_s, counting.timebase_hz)
+            for side in SIDES
+        }
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """Channels whose edges it counts."""
+        return frozenset(reference_channel(side) for side in SIDES if self._standard is not None)
+
+    def take(self, block: CounterBlock) -> CounterBlock:
+        """Take the standard's edges out of a block and count them."""
+        edges = dict(block.edges)
+        if self._standard is not None:
+            for side in SIDES:
+                frequency = self._counters[side].push(edges.pop(reference_channel(side)))
+                scale = self._standard.transducer(side).scale()
+                self._samples[side].append(scale.torque_samples(frequency))
+        return replace(block, edges=edges)
+
+    def identity(self) -> Identity:
+        """Name plate of the mounted standard's read-out."""
+        serial = self._standard.serial if self._standard is not None else "none mounted"
+        return Identity("reference", "simulated", "read-out of the twin", serial)
+
+    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+        """Return the samples since the last call; NaN where it has no signal."""
+        del until_s  # what is later has not been simulated yet
+        samples, self._samples[side] = self._samples[side], []
+        return ReferenceSamples(
+            np.concatenate([part.time_s for part in samples] or [np.empty(0)]),
+            np.concatenate([part.torque_nm for part in samples] or [np.empty(0)]),
+        )
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.connect(None)
