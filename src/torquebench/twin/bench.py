@@ -149,6 +149,8 @@ class BenchTwin:
         unknown = set(channels) - set(CHANNELS)
         if unknown:
             raise InputError(f"channels {sorted(unknown)}", f"some of {', '.join(CHANNELS)}")
+        for channel in set(channels) - set(self._active):
+            self._sources[channel].forget()
         self._active = tuple(channel for channel in CHANNELS if channel in channels)
 
     def set_mode(self, side: Side, mode: Mode) -> None:

@@ -151,6 +151,10 @@ class EdgeSource:
         self._delivered += split
         return taken, number
 
+    def forget(self) -> None:
+        """Drop the edges that wait: the channel was idle, and their time has passed."""
+        self._waiting = np.empty(0, dtype=np.int64)
+
     def begin(self, frequency_hz: float) -> None:
         """Start as if the channel had always run, so that no gap opens the first block."""
         self.run(-1, np.array([frequency_hz, frequency_hz]))
