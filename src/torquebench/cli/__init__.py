@@ -1,1 +1,71 @@
-"""The command line: one file a group of commands, gathered by `main`."""
+"""The command line: one file a group of commands, gathered by `main`.
+
+Commands import what they need when they run, so that `torquebench --help` answers at once.
+"""
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from torquebench.cli import calibrate, demo, doctor, measure, models, records
+from torquebench.cli.failure import guarded
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="torquebench",
+    help="Torque measurement for test benches of industrial-robot reducers: calibrate in "
+    "place, compensate, state the uncertainty. The simulated bench is the default.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for _group in (demo, calibrate, models, measure, doctor):
+    _group.register(app)
+app.add_typer(records.app)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from torquebench import __version__
+
+        typer.echo(f"torquebench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[  # noqa: ARG001 - its callback prints it
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
+    ] = False,
+    debug: Annotated[
+        bool,
+        typer.Option("--debug", envvar="TORQUEBENCH_DEBUG", help="Show the traceback of an error."),
+    ] = False,
+) -> None:
+    """Keep what holds for every command."""
+    global _debug
+    _debug = debug
+
+
+_debug = False
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        app(args=arguments, prog_name="torquebench")
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    return 0
+
+
+def main() -> None:
+    """Run the command line and leave with 0 (done), 1 (a check failed) or 2 (bad input)."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    sys.exit(guarded(lambda: _run(sys.argv[1:]), debug=lambda: _debug))

@@ -13,7 +13,7 @@ from torquebench.procedures.friction import (
 )
 from torquebench.procedures.rehearsal import Move, Rehearsal, rehearse
 from torquebench.procedures.setup import Plan
-from torquebench.procedures.zeroing import ZeroResult, preload, zero
+from torquebench.procedures.zeroing import ZeroResult, preload, zero, zero_modules
 
 __all__ = [
     "FrictionPoint",
@@ -30,4 +30,5 @@ __all__ = [
     "rehearse",
     "verify",
     "zero",
+    "zero_modules",
 ]

@@ -215,16 +215,8 @@ def _point(
     yield from bps.prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
     stamp = Point(series=point.series, step=point.number, branch=point.branch, group=point.repeat)
     yield from bps.mv(devices.point, stamp)
-    while True:
-        before = devices.interruptions
-        yield from bps.mv(module.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
-        yield from bps.trigger(module.steady, wait=True)
-        if devices.interruptions == before:
-            break
-    yield from bps.create(name="points")
-    reading = yield from bps.read(module.steady)
-    yield from bps.read(devices.point)
-    yield from bps.save()
+    yield from bps.mv(module.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
+    reading = yield from bps.trigger_and_read([module.steady, devices.point], name="points")
     prefix = module.steady.key("")
     return {key.removeprefix(prefix): entry["value"] for key, entry in reading.items()}
 

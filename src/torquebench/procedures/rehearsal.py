@@ -273,7 +273,8 @@ class _Stage:
 
     def _torque(self, side: Side, value: float) -> None:
         state, module = self.sides[side], self.description.module(side)
-        self._refuse_undriven(side, "torque")
+        if value != 0.0:
+            self._refuse_undriven(side, "torque")
         if abs(value) > module.limits.torque_nm:
             raise LimitError(
                 f"{value:g} N·m at the {side}", f"at most {module.limits.torque_nm:g} N·m"
@@ -283,7 +284,8 @@ class _Stage:
 
     def _speed(self, side: Side, value: float) -> None:
         state, module = self.sides[side], self.description.module(side)
-        self._refuse_undriven(side, "speed")
+        if value != 0.0:
+            self._refuse_undriven(side, "speed")
         rpm = abs(value) * RPM_PER_RAD_S
         if rpm > module.limits.speed_rpm * (1 + 1e-9):
             raise LimitError(

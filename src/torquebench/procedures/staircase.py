@@ -10,7 +10,7 @@ import bluesky.plan_stubs as bps
 
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.calibration import Step
-from torquebench.procedures.setup import Plan, Setup, progress, reseat
+from torquebench.procedures.setup import Plan, Setup, power_on, progress, reseat
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["SETTLE_SHARE", "Row", "describe_step", "load_staircase", "steady_settings"]
@@ -69,12 +69,14 @@ class _Loader:
 
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
         self.seen = self.devices.interruptions
+        yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
             yield from progress(number, len(self.steps), describe_step(step))
             yield from bps.checkpoint()
             yield from self._return_to_branch(number)
             if step.change != "none":
                 yield from reseat(self.devices, self.setup)
+                yield from power_on(self.devices, self.setup.side)
             if step.kind == "zero":
                 yield from self._zero(step)
             elif step.recorded:
@@ -104,23 +106,15 @@ class _Loader:
         yield from bps.mv(self.devices.point, point)
 
     def _point(self, number: int) -> Plan[Row]:
-        """Take one point; again from the start of its branch where a pause took the load off."""
+        """Load one step and take its steady value."""
         step, steady = self.steps[number], self._module.steady
         wanted = steady_settings(step, standard=True)
         if wanted != self.settings:
             yield from bps.prepare(steady, wanted, wait=True)
             self.settings = wanted
         yield from self._stamp(step)
-        while True:
-            yield from self._load(step)
-            yield from bps.trigger(steady, wait=True)
-            if self.devices.interruptions == self.seen:
-                break
-            yield from self._return_to_branch(number)
-        yield from bps.create(name="points")
-        reading = yield from bps.read(steady)
-        yield from bps.read(self.devices.point)
-        yield from bps.save()
+        yield from self._load(step)
+        reading = yield from bps.trigger_and_read([steady, self.devices.point], name="points")
         prefix = steady.key("")
         return {key.removeprefix(prefix): entry["value"] for key, entry in reading.items()}
 
@@ -130,12 +124,13 @@ class _Loader:
         Going up from zero meets the same branch as before the pause; a falling branch starts at
         the turning point that its series has passed.
         """
-        while self.devices.interruptions != self.seen:
-            self.seen = self.devices.interruptions
-            step = self.steps[number]
-            if step.kind == "point" and step.branch < 0:
-                yield from bps.mv(self._module.drive.torque, self._turning_point(number))
-                yield from bps.sleep(step.duration_s)
+        if self.devices.interruptions == self.seen:
+            return
+        self.seen = self.devices.interruptions
+        step = self.steps[number]
+        if step.kind == "point" and step.branch < 0:
+            yield from bps.mv(self._module.drive.torque, self._turning_point(number))
+            yield from bps.sleep(step.duration_s)
 
     def _turning_point(self, number: int) -> float:
         """Torque at which the falling branch of a step began."""

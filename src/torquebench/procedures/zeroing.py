@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
 
+from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
-from torquebench.bench.drivers.base import Side
-from torquebench.procedures.setup import REST_S, Plan, power_off, power_on, set_mode
+from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    power_off,
+    power_on,
+    set_mode,
+    unloaded_after,
+)
 
-__all__ = ["ZeroResult", "preload", "zero"]
+__all__ = ["ZeroResult", "preload", "zero", "zero_modules"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +62,16 @@ def zero(
     -------
     ZeroResult
     """
+    found = yield from measure_zero(devices, side, duration_s=duration_s, standard=standard)
+    yield from set_mode(devices, side, "driven")
+    yield from power_on(devices, side)
+    return found
+
+
+def measure_zero(
+    devices: BenchDevices, side: Side, *, duration_s: float, standard: bool = False
+) -> Plan[ZeroResult]:
+    """Power off, set free, measure the zero and take it; the module stays free."""
     module = devices.module(side)
     yield from power_off(devices)
     yield from set_mode(devices, side, "free")
@@ -67,9 +87,28 @@ def zero(
     if standard and standard_key in reading:
         standard_frequency = float(reading[standard_key]["value"])
         yield from bps.mv(getattr(devices.reference, f"{side}_zero"), standard_frequency)
-    yield from set_mode(devices, side, "driven")
-    yield from power_on(devices, side)
     return ZeroResult(frequency, standard_frequency)
+
+
+def zero_modules(
+    devices: BenchDevices, sides: Sequence[Side] = SIDES, *, duration_s: float = 1.0
+) -> Plan[dict[Side, ZeroResult]]:
+    """Zero modules as they stand, both set free and unloaded; drives are off afterwards.
+
+    Returns
+    -------
+    dict of side to ZeroResult
+    """
+    found: dict[Side, ZeroResult] = {}
+    metadata = {"plan_name": "zero_modules", "sides": list(sides), "software_version": __version__}
+
+    def measured() -> Plan[None]:
+        for side in sides:
+            yield from bps.checkpoint()
+            found[side] = yield from measure_zero(devices, side, duration_s=duration_s)
+
+    yield from unloaded_after(devices, lambda: bpp.run_wrapper(measured(), md=metadata))
+    return found
 
 
 def preload(

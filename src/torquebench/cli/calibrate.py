@@ -1,0 +1,236 @@
+"""`torquebench calibrate`: one or both modules against the calibrator, fitted and put into use."""
+
+from __future__ import annotations
+
+import signal
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.console import note, out, say, warn
+from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.drivers.base import Side
+    from torquebench.calibration import Profile
+    from torquebench.campaign.fitting import FittedModel
+    from torquebench.campaign.measuring import Measured
+    from torquebench.campaign.modules import RegisteredCalibration
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.procedures import StaircaseResult
+    from torquebench.station import Station
+
+__all__ = ["register"]
+
+
+class Sides(StrEnum):
+    """Which module."""
+
+    input = "input"
+    output = "output"
+    both = "both"
+
+    @property
+    def chosen(self) -> tuple[Side, ...]:
+        """The sides, input first."""
+        if self is Sides.both:
+            return ("input", "output")
+        return ("input",) if self is Sides.input else ("output",)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("calibrate")(calibrate)
+
+
+def calibrate(
+    side: Annotated[Sides, typer.Argument(help="Which module.")],
+    bench: BenchOption = None,
+    profile: Annotated[
+        str, typer.Option(help="A profile's name, or the path of an own profile (.toml).")
+    ] = "rapid-in-situ",
+    rising_only: Annotated[
+        bool, typer.Option("--rising-only", help="Load rising series only, as the sources do.")
+    ] = False,
+    repeats: Annotated[
+        int | None, typer.Option(min=1, help="How often every series is loaded.")
+    ] = None,
+    step_percent: Annotated[
+        float | None, typer.Option(min=0.1, max=100, help="Width of the steps, % of range.")
+    ] = None,
+    model: Annotated[
+        str | None, typer.Option(help="Kind of model; without it the recommended one.")
+    ] = None,
+    data: DataOption = DEFAULT_DATA,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Print the staircase and check it; nothing moves."),
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Start without asking.")] = False,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Calibrate modules against the calibrator, fit the compensation and put it into use.
+
+    Zero, preload and the profile's staircase, each point a checkpoint: Ctrl-C pauses at the next
+    point. Limits and interlocks are checked for the whole sequence before anything moves.
+    """
+    from torquebench.bench.description import default_bench, load_bench
+    from torquebench.calibration import load_profile
+
+    chosen = load_profile(profile).with_options(
+        rising_only=rising_only or None, repeats=repeats, step_percent=step_percent
+    )
+    if chosen.loading.pattern == "random":
+        raise InputError(
+            f"profile {chosen.name} for a calibration",
+            "a profile of steps",
+            "give rapid-in-situ, staircase, reversing or an own one",
+        )
+    description = default_bench() if bench is None else load_bench(bench)
+    _check_model(model)
+    if dry_run:
+        _dry_run(description, side.chosen, chosen)
+        return
+    _confirm(description, side, chosen, yes)
+    _calibrate(description, side.chosen, chosen, model, data, real_time)
+
+
+def _check_model(name: str | None) -> None:
+    from torquebench.compensation import make_model
+
+    if name is not None:
+        make_model(name)
+
+
+def _confirm(description: Any, side: Sides, profile: Profile, yes: bool) -> None:
+    """Ask before torque is applied, where somebody is there and the bench is a real one."""
+    import sys
+
+    if yes or description.simulated:
+        return
+    if not sys.stdin.isatty():
+        raise InputError(
+            f"{description.name} is a real bench and nobody is there to confirm",
+            "a person at the terminal, or --yes",
+            "check that nobody is at the bench, then give --yes",
+        )
+    note(f"{description.name}: {side.value} will be loaded to its full range by {profile.name}.")
+    if not typer.confirm("Is the bench clear and may it be loaded?"):
+        raise typer.Exit(1)
+
+
+def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> None:
+    """Rehearse the very plans that would run, and print what they would load."""
+    import tempfile
+
+    from torquebench.campaign.measuring import rehearse_calibration
+    from torquebench.cli.staircase import staircase_tables
+    from torquebench.station import Station
+
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        Station.open(description, Path(scratch)) as station,
+    ):
+        for side in sides:
+            rehearsal = rehearse_calibration(station, side, profile)
+            for part in staircase_tables(description, side, profile, rehearsal):
+                out().print(part)
+    say("Limits and interlocks checked; nothing was moved.")
+
+
+def _calibrate(
+    description: Any,
+    sides: tuple[Side, ...],
+    profile: Profile,
+    model: str | None,
+    data: Path,
+    real_time: bool,
+) -> None:
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.compensation import RECOMMENDED
+    from torquebench.station import Station
+
+    if description.simulated:
+        note("simulated bench")
+    with Station.open(description, data, real_time=real_time) as station:
+        for side in sides:
+            progress = TerminalProgress()
+            interrupts = BenchInterrupts(station, progress)
+            try:
+                with progress, interrupts.watching():
+                    outcome = _one_side(
+                        station, side, profile, model or RECOMMENDED, progress, interrupts
+                    )
+            except RunAbortedError as aborted:
+                warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
+                note(f"The bench is without torque. Kept so far: {aborted.record.folder}")
+                by_key = interrupts.signal == signal.SIGINT
+                raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
+            _report(outcome)
+
+
+def _one_side(
+    station: Station,
+    side: Side,
+    profile: Profile,
+    kind: str,
+    progress: TerminalProgress,
+    interrupts: BenchInterrupts,
+) -> _Outcome:
+    from torquebench.campaign.fitting import ModelChoice, fit_models
+    from torquebench.campaign.measuring import measure_calibration
+    from torquebench.campaign.modules import register_calibration
+
+    measured = measure_calibration(
+        station, side, profile, progress=progress, on_pause=interrupts.ask
+    )
+    fitted = fit_models(
+        measured.result.data, [ModelChoice(kind)], progress, title=f"Fitting the {side} module"
+    )
+    registered = register_calibration(station, measured, profile, fitted, active=kind)
+    return _Outcome(measured, fitted[0], registered)
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    measured: Measured[StaircaseResult]
+    fitted: FittedModel
+    registered: RegisteredCalibration
+
+
+def _report(outcome: _Outcome) -> None:
+    """Print what the calibration found, on its own points: that is no verification."""
+    from torquebench.calibration import summarise_errors
+    from torquebench.campaign.fitting import feature_columns
+    from torquebench.cli.tables import error_blocks
+
+    result, fitted = outcome.measured.result, outcome.fitted
+    data, model = result.data, fitted.model
+    torque = model.predict(data.features(feature_columns(model)))
+    simulated = " - simulated" if data.simulated else ""
+    say(
+        f"[bold]{data.side.capitalize()} module, {data.range_nm:g} N·m, "
+        f"transducer {data.transducer_serial}{simulated}[/bold]"
+    )
+    rows = [
+        ("raw reading", summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)),
+        (f"*{fitted.title}", summarise_errors(torque, data.standard_nm, data.range_nm)),
+    ]
+    title = f"{len(data)} points that it was fitted to, against the standard"
+    for part in error_blocks([(title, rows)]):
+        out().print(part)
+    entry = outcome.registered.models[fitted.name]
+    say(f"In use: model-{entry.model_id} of calibration-{entry.calibration_id}.")
+    say(f"Run: {outcome.measured.record.run_id}")
+    if result.unsettled:
+        warn(f"{result.unsettled} points still drifted when their waiting time was over")
+    for remark in fitted.remarks:
+        warn(remark)

@@ -1,0 +1,140 @@
+"""`torquebench demo`: the whole story on the simulated bench."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import note, out, say
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.campaign.results import DemoResult
+    from torquebench.campaign.story import StorySettings
+
+__all__ = ["register"]
+
+
+class Preset(StrEnum):
+    """Which twin."""
+
+    nominal = "nominal"
+    worn = "worn"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("demo")(demo)
+
+
+def demo(
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Redraws every constant of the simulated bench.")
+    ] = None,
+    preset: Annotated[Preset | None, typer.Option(help="How good the simulated bench is.")] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer points and groups: a look in a few seconds.")
+    ] = False,
+    report: Annotated[Path, typer.Option("--out", help="The HTML report to write.")] = Path(
+        "torquebench-demo.html"
+    ),
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Zero, calibrate, compensate and verify both modules and test a reducer, simulated.
+
+    Both modules are calibrated in both directions, up and down, four models are fitted and
+    verified in ten groups of 50 fresh points against the standard and the twin's true torque, and
+    the no-load friction of the simulated standard reducer is swept three times.
+    """
+    from torquebench.cli.options import check_output
+
+    check_output(report)
+    description = _description(bench, seed, preset)
+    result = _tell(description, _settings(description, quick), data, real_time)
+    _write_report(report, result)
+    _print(result)
+    say(f"Report: {report}")
+    say(f"Records: torquebench records list --data {data}")
+
+
+def _description(bench: Path | None, seed: int | None, preset: Preset | None) -> BenchDescription:
+    """Return the simulated bench with the options that the command line changes."""
+    from torquebench.bench.description import default_bench, load_bench
+
+    description = default_bench() if bench is None else load_bench(bench)
+    if not description.simulated:
+        raise InputError(
+            f"{bench} describes a real bench",
+            'a bench with driver = "simulated"',
+            "use `torquebench calibrate` on a real bench",
+        )
+    driver = dict(description.driver)
+    if seed is not None:
+        driver["seed"] = seed
+    if preset is not None:
+        driver["preset"] = preset.value
+    return description.model_copy(update={"driver": driver})
+
+
+def _settings(description: BenchDescription, quick: bool) -> StorySettings:
+    from torquebench.calibration import load_profile
+    from torquebench.campaign.story import StorySettings
+    from torquebench.procedures import FrictionSettings
+
+    seed = int(description.driver.get("seed", 1))
+    if not quick:
+        return StorySettings(seed=seed)
+    return StorySettings(
+        calibration=load_profile("rapid-in-situ").with_options(step_percent=10.0),
+        verification=load_profile("verification").with_options(groups=2, points=8),
+        friction=FrictionSettings(speeds_rpm=(100.0, 400.0, 1200.0), repeats=1),
+        seed=seed,
+    )
+
+
+def _tell(
+    description: BenchDescription, settings: StorySettings, data: Path, real_time: bool
+) -> DemoResult:
+    from torquebench.campaign.story import tell_story
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.station import Station
+
+    note(f"simulated bench: preset {description.driver.get('preset')}, seed {settings.seed}")
+    progress = TerminalProgress()
+    with Station.open(description, data, real_time=real_time) as station:
+        interrupts = BenchInterrupts(station, progress)
+        with progress, interrupts.watching():
+            return tell_story(station, settings, progress)
+
+
+def _write_report(path: Path, result: DemoResult) -> None:
+    from torquebench.reports.demo_report import demo_page
+    from torquebench.reports.page import write_page
+
+    write_page(demo_page(result), path)
+
+
+def _print(result: DemoResult) -> None:
+    from torquebench.cli.tables import friction_blocks, module_blocks
+
+    console = out()
+    for module in result.modules:
+        console.print()
+        for part in module_blocks(module):
+            console.print(part)
+    if result.friction is not None:
+        console.print()
+        for part in friction_blocks(result.friction, simulated=result.simulated):
+            console.print(part)
+    console.print()
+    console.print(
+        f"{result.bench_seconds:.0f} s of simulated bench time in {result.elapsed_seconds:.0f} s."
+    )

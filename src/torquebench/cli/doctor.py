@@ -1,0 +1,220 @@
+"""`torquebench doctor`: what is installed, configured and reachable, and what to do about it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import typer
+
+from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
+from torquebench.errors import TorquebenchError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.station import Station
+
+__all__ = ["register"]
+
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "scikit-learn",
+    "numba",
+    "bluesky",
+    "ophyd-async",
+    "pydantic",
+    "sqlalchemy",
+    "pyarrow",
+    "matplotlib",
+)
+FREE_DISK_GB = 1.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Parameters
+    ----------
+    what : str
+    state : {"ok", "note", "problem"}
+        A note needs nothing to be done before working.
+    found : str
+    remedy : str
+        What to do, where something is to be done.
+    """
+
+    what: str
+    state: Literal["ok", "note", "problem"]
+    found: str
+    remedy: str = ""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("doctor")(doctor)
+
+
+def doctor(bench: BenchOption = None, data: DataOption = DEFAULT_DATA) -> None:
+    """Look at the installation, the bench description, the instruments and the records.
+
+    Nothing is moved. Ends with 1 where something is to be done before working.
+    """
+    findings: list[Finding] = []
+    for title, examine in (
+        ("Installed", installation),
+        ("Configured", lambda: configuration(bench, data)),
+        ("Reachable", lambda: instruments(bench, data)),
+    ):
+        found = list(_guarded(examine))
+        _print(title, found)
+        findings += found
+    problems = sum(finding.state == "problem" for finding in findings)
+    if problems:
+        say(f"{problems} thing{'s' if problems > 1 else ''} to do before working.")
+        raise typer.Exit(CHECK_FAILED)
+    say("Ready.")
+
+
+def installation() -> Iterator[Finding]:
+    """Look at Python, the libraries and the terminal."""
+    from torquebench import __version__
+
+    yield Finding("torquebench", "ok", __version__)
+    python = platform.python_version()
+    recent = sys.version_info >= (3, 11)
+    yield Finding(
+        "Python", "ok" if recent else "problem", python, "" if recent else "install 3.11 or newer"
+    )
+    versions, missing = [], []
+    for name in LIBRARIES:
+        try:
+            versions.append(f"{name} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:
+            missing.append(name)
+    if missing:
+        yield Finding("libraries", "problem", f"missing: {', '.join(missing)}", "pip install .")
+    else:
+        yield Finding("libraries", "ok", ", ".join(versions))
+    yield Finding("machine", "ok", f"{os.cpu_count()} cores, {platform.system()}")
+    encoding = (sys.stdout.encoding or "").lower()
+    if "utf" not in encoding:
+        yield Finding(
+            "terminal",
+            "note",
+            f"encoding {encoding or 'unknown'}",
+            "set PYTHONUTF8=1 for N·m and ±",
+        )
+
+
+def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
+    """Look at the bench description and at the folder of the records."""
+    description = _description(bench)
+    name = f"{description.name} ({bench or 'the packaged simulated bench'})"
+    yield Finding("bench", "ok", name)
+    for side in ("input", "output"):
+        module = description.module(side)  # type: ignore[arg-type]
+        yield Finding(
+            side,
+            "ok",
+            f"{module.range_nm:g} N·m, transducer {module.transducer.serial}, "
+            f"{module.transducer.option_khz} kHz",
+        )
+    yield Finding("counter", "ok", description.counter.identity)
+    yield from _records(data)
+
+
+def _records(data: Path) -> Iterator[Finding]:
+    from torquebench.records import Registry
+
+    parent = data if data.is_dir() else data.resolve().parent
+    if not os.access(parent, os.W_OK):
+        yield Finding("records", "problem", f"{parent} can't be written", "choose another --data")
+        return
+    free_gb = shutil.disk_usage(parent).free / 1e9
+    if free_gb < FREE_DISK_GB:
+        yield Finding("disk", "problem", f"{free_gb:.1f} GB free", "make room for the raw data")
+    else:
+        yield Finding("disk", "ok", f"{free_gb:.0f} GB free")
+    if not (data / "registry.sqlite").is_file():
+        yield Finding("records", "note", f"none in {data} yet", "the first run creates them")
+        return
+    with Registry.open(data) as registry:
+        runs, models = len(registry.runs(limit=1_000_000)), len(registry.models())
+        yield Finding("records", "ok", f"{runs} runs and {models} models in {data}")
+
+
+def instruments(bench: Path | None, data: Path) -> Iterator[Finding]:
+    """Open the bench without moving it and look at who answers and whether pulses come."""
+    import tempfile
+
+    from torquebench.station import Station
+
+    with tempfile.TemporaryDirectory() as scratch:
+        known = (data / "registry.sqlite").is_file()
+        with Station.open(_description(bench), data if known else Path(scratch)) as station:
+            for identity in station.devices.context.drivers.identities():
+                name = f"{identity.manufacturer} {identity.model}, serial {identity.serial}"
+                yield Finding(identity.role, "ok", name)
+            station.clock.wait(0.2)
+            yield from _signals(station)
+
+
+def _signals(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES, torque_channel
+
+    for side in SIDES:
+        try:
+            latest = station.acquisition.latest(torque_channel(side))
+        except TorquebenchError as error:
+            yield Finding(f"{side} pulses", "problem", error.found, error.remedy)
+            continue
+        yield Finding(f"{side} pulses", "ok", f"{latest.frequency_hz:.2f} Hz")
+    for side in SIDES:
+        try:
+            station.activate_compensation(side)
+        except TorquebenchError as error:
+            remedy = error.remedy or f"torquebench calibrate {side}"
+            yield Finding(f"{side} model", "note", error.found, remedy)
+            continue
+        active = station.acquisition.compensation(side)
+        yield Finding(f"{side} model", "ok", "none" if active is None else active.name)
+
+
+def _description(bench: Path | None) -> BenchDescription:
+    from torquebench.bench.description import default_bench, load_bench
+
+    return default_bench() if bench is None else load_bench(bench)
+
+
+def _guarded(examine: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    """Turn an error of a part into its last finding, so that the other parts are still seen."""
+    try:
+        yield from examine()
+    except TorquebenchError as error:
+        remedy = "; ".join(part for part in (error.allowed, error.remedy) if part)
+        yield Finding("stopped", "problem", error.found, remedy)
+
+
+def _print(title: str, findings: list[Finding]) -> None:
+    table = narrow_table(title)
+    table.show_header = False
+    table.add_column(width=8)
+    table.add_column(width=14, overflow="fold")
+    table.add_column(overflow="fold")
+    marks = {"ok": "[green]ok[/green]", "note": "[yellow]note[/yellow]"}
+    for finding in findings:
+        text = finding.found + (f"\n-> {finding.remedy}" if finding.remedy else "")
+        table.add_row(marks.get(finding.state, "[red]problem[/red]"), finding.what, text)
+    out().print(table)
+    out().print()

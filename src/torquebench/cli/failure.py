@@ -1,0 +1,85 @@
+"""From errors to exit codes: 0 done, 1 a check or the bench failed, 2 unusable input."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from torquebench.errors import (
+    InputError,
+    ModelMismatchError,
+    TorquebenchError,
+)
+
+__all__ = ["CHECK_FAILED", "INTERRUPTED", "OK", "UNUSABLE_INPUT", "exit_code", "guarded"]
+
+OK = 0
+CHECK_FAILED = 1
+"""A verification out of tolerance, or a bench that failed while it worked."""
+UNUSABLE_INPUT = 2
+"""The same code that the option parser gives for an unknown option."""
+INTERRUPTED = 130
+"""Ctrl-C, as shells count it (128 + SIGINT)."""
+
+
+def exit_code(error: TorquebenchError) -> int:
+    """Return the exit code of an error: 2 for what the user handed in, 1 for the rest.
+
+    Examples
+    --------
+    >>> exit_code(InputError("an empty table"))
+    2
+    """
+    return UNUSABLE_INPUT if isinstance(error, InputError | ModelMismatchError) else CHECK_FAILED
+
+
+def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
+    """Run a command and turn every error into one message and an exit code.
+
+    Parameters
+    ----------
+    run : callable
+        Runs the command; its return value is the exit code (None counts as 0).
+    debug : callable
+        Asked after an error: True lets the traceback through.
+
+    Returns
+    -------
+    int
+        The exit code of the process.
+    """
+    from torquebench.cli.console import stderr_console, write_error
+
+    try:
+        return run() or OK
+    except KeyboardInterrupt:
+        stderr_console().print("stopped by Ctrl-C")
+        return INTERRUPTED
+    except TorquebenchError as error:
+        if debug():
+            raise
+        write_error(error)
+        return exit_code(error)
+    except OSError as error:
+        if debug():
+            raise
+        write_error(_file_error(error))
+        return UNUSABLE_INPUT
+    except Exception as error:
+        if debug():
+            raise
+        write_error(
+            TorquebenchError(
+                f"an unforeseen {type(error).__name__}: {error}",
+                remedy="run again as `torquebench --debug …` and report what it prints",
+            )
+        )
+        return CHECK_FAILED
+
+
+def _file_error(error: OSError) -> InputError:
+    """Word a file system's refusal as found, allowed and remedy."""
+    where = f"{error.filename}: " if error.filename else ""
+    return InputError(
+        f"{where}{error.strerror or error}",
+        remedy="check the path, its permissions and the space on the disk",
+    )

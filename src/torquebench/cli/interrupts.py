@@ -1,0 +1,96 @@
+"""Ctrl-C while the bench works: pause at the next point, ask, resume or abort."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import TYPE_CHECKING, Literal, NoReturn
+
+from torquebench.cli.console import note
+
+if TYPE_CHECKING:
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.station import Station
+
+__all__ = ["BenchInterrupts"]
+
+
+class BenchInterrupts:
+    """What signals do while a plan runs on a station.
+
+    At a terminal, the first Ctrl-C pauses at the next point (the torque goes to zero) and asks;
+    a second one aborts at once. Without a terminal there is nobody to ask: Ctrl-C aborts. A
+    request to terminate and a closed terminal abort always. The bench is without torque before
+    the process ends.
+
+    Parameters
+    ----------
+    station : Station
+        Its Ctrl-C action is set.
+    progress : TerminalProgress
+        Its bars stand still while a question is asked.
+
+    Attributes
+    ----------
+    signal : signal.Signals or None
+        The last signal that came.
+    """
+
+    def __init__(self, station: Station, progress: TerminalProgress) -> None:
+        self._station = station
+        self._progress = progress
+        self.signal: signal.Signals | None = None
+        station.interrupt_action = "pause" if self.interactive else "abort"
+
+    @property
+    def interactive(self) -> bool:
+        """Whether somebody is there to answer."""
+        return sys.stdin.isatty() and sys.stderr.isatty()
+
+    @contextlib.contextmanager
+    def watching(self) -> Iterator[None]:
+        """Take over the signals until the block ends."""
+        wanted = {signal.SIGINT: self._on_interrupt, signal.SIGTERM: self._on_termination}
+        if hasattr(signal, "SIGHUP"):
+            wanted[signal.SIGHUP] = self._on_termination
+        before = {number: signal.signal(number, handler) for number, handler in wanted.items()}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def ask(self, _station: Station) -> Literal["resume", "abort"]:
+        """Ask whether a paused run goes on; no answer at all aborts."""
+        self._progress.pause()
+        try:
+            while True:
+                sys.stderr.write("Paused without torque. [r]esume or [a]bort? ")
+                sys.stderr.flush()
+                answer = sys.stdin.readline()
+                if answer.strip().lower() in ("r", "resume"):
+                    return "resume"
+                if not answer or answer.strip().lower() in ("a", "abort"):
+                    return "abort"
+        finally:
+            self._progress.resume()
+
+    def _on_interrupt(self, _number: int, _frame: FrameType | None) -> NoReturn:
+        if self._station.interrupt_action == "pause" and self.signal is None:
+            note("Pausing at the next point; Ctrl-C again aborts.")
+        self.signal = signal.SIGINT
+        raise KeyboardInterrupt
+
+    def _on_termination(self, number: int, _frame: FrameType | None) -> None:
+        self.signal = signal.Signals(number)
+        # Beside the main thread, which may hold the run engine's locks right now.
+        threading.Thread(
+            target=self._station.abort,
+            args=(f"{self.signal.name} from the system",),
+            name="torquebench-termination",
+            daemon=True,
+        ).start()

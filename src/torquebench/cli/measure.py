@@ -1,0 +1,145 @@
+"""`torquebench measure`: a live line of torque, speed, temperature and compensation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import note, out
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
+
+if TYPE_CHECKING:
+    from torquebench.bench.drivers.base import Side
+    from torquebench.bench.samples import AcquiredBlock, Viewer
+    from torquebench.station import Station
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("measure")(measure)
+
+
+def measure(
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    interval: Annotated[
+        float, typer.Option(min=0.1, max=60, help="Seconds of measuring that a line averages.")
+    ] = 0.5,
+    count: Annotated[
+        int | None, typer.Option(min=1, help="End after so many lines; without it by Ctrl-C.")
+    ] = None,
+    zero: Annotated[
+        bool, typer.Option("--zero", help="First take the unloaded bench's reading for zero.")
+    ] = False,
+) -> None:
+    """Show torque ± U (k = 2) of both sides, speed, temperature and compensation, live.
+
+    Nothing is moved. A line that averages `--interval` seconds is rewritten in place; into a pipe
+    it is written line by line.
+    """
+    from torquebench.station import Station
+
+    with Station.open(bench, data, real_time=True) as station:
+        states = {side: _activate(station, side) for side in ("input", "output")}
+        if zero:
+            _take_zero(station)
+        if station.description.simulated:
+            note("simulated bench")
+        for side, state in states.items():
+            note(f"{side}: {state}")
+        try:
+            _show(station, interval, count)
+        except KeyboardInterrupt:
+            out().print()
+        note("measuring ended; nothing was moved")
+
+
+def _activate(station: Station, side: Side) -> str:
+    """Use the side's active model where there is one, and say which."""
+    from torquebench.errors import ModelMismatchError
+
+    try:
+        station.activate_compensation(side)
+    except ModelMismatchError as error:
+        return f"not compensated: {error.found}"
+    active = station.acquisition.compensation(side)
+    return "not compensated" if active is None else f"compensated by {active.name}"
+
+
+def _take_zero(station: Station) -> None:
+    from torquebench.procedures import zero_modules
+
+    station.run(zero_modules(station.devices), kind="zero")
+
+
+def _show(station: Station, interval_s: float, count: int | None) -> None:
+    viewer = station.acquisition.add_viewer()
+    console = out()
+    shown = 0
+    try:
+        while count is None or shown < count:
+            line = measured_line(station, _blocks(viewer, interval_s))
+            shown += 1
+            if console.is_terminal:
+                console.file.write("\r\x1b[2K" + line)
+                console.file.flush()
+            else:
+                console.print(line, soft_wrap=True)
+        if console.is_terminal:
+            console.print()
+    finally:
+        station.acquisition.remove_viewer(viewer)
+
+
+def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
+    """Collect blocks that cover an interval of bench time."""
+    from torquebench.errors import BenchError
+
+    blocks: list[AcquiredBlock] = []
+    covered_s = 0.0
+    while covered_s < interval_s - 1e-9:
+        block = viewer.get(timeout_s=5.0)
+        if block is None:
+            raise BenchError(
+                "no samples for 5 s", "an uninterrupted stream", "run `torquebench doctor`"
+            )
+        blocks.append(block)
+        covered_s += block.stop_s - block.start_s
+    return blocks
+
+
+def measured_line(station: Station, blocks: list[AcquiredBlock]) -> str:
+    """Return one line of at most 80 columns about an interval."""
+    parts = [f"{blocks[-1].stop_s:8.1f} s"]
+    for side, short in (("input", "in"), ("output", "out")):
+        parts.append(f"{short} {_torque(side, blocks)}")
+    newest = blocks[-1]
+    rpm = newest.speed_rad_s["input"] * 60.0 / 6.283185307179586
+    probe = station.description.input.temperature_probe
+    parts.append(f"{rpm:7.1f} rpm")
+    parts.append(f"{newest.temperatures[probe]:.1f} °C")
+    return "  ".join(parts)
+
+
+def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
+    """Return mean torque ± U (k = 2), with what it is: compensated, raw or a fault."""
+    import numpy as np
+
+    from torquebench.bench.drivers.base import torque_channel
+
+    samples = [block.channels[torque_channel(side)] for block in blocks]
+    fault = next((each.fault_kind for each in samples if each.fault.any()), None)
+    if fault is not None:
+        return f"{fault.name.lower().replace('_', ' '):>22}"
+    compensated = [block.compensated[side] for block in blocks if side in block.compensated]
+    if len(compensated) == len(blocks):
+        torque = np.concatenate([each.torque_nm for each in compensated])
+        uncertainty = np.concatenate([each.standard_uncertainty_nm for each in compensated])
+        if not np.all(np.isfinite(torque)):
+            return f"{'beyond the range':>22}"
+        return f"{np.mean(torque):9.3f} ± {2.0 * np.mean(uncertainty):.3f} N·m"
+    torque = np.concatenate([each.torque_nm for each in samples])
+    return f"{np.mean(torque):9.3f} N·m raw "

@@ -1,0 +1,139 @@
+"""`torquebench fit`, `apply` and `verify`: compensation models from files and for files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import out, say, warn
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import RangeOption, check_output
+from torquebench.errors import ModelMismatchError
+
+if TYPE_CHECKING:
+    from torquebench.calibration import CalibrationData
+    from torquebench.compensation import StoredModel
+
+__all__ = ["register"]
+
+ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
+SOURCES_TOLERANCE_PERCENT_FS = 0.1
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("fit")(fit)
+    app.command("apply")(apply)
+    app.command("verify")(verify)
+
+
+def fit() -> None:
+    """."""
+
+
+def apply(
+    model: ModelArgument,
+    readings: Annotated[Path, typer.Argument(help="A CSV file with a column reading_nm.")],
+    result: Annotated[Path, typer.Option("--out", help="The CSV file to write.")],
+) -> None:
+    """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
+
+    The uncertainty is that of a single compensated reading: the model's curve and the scatter of
+    the calibration's points about it. That of the standard isn't in it.
+    """
+    import numpy as np
+
+    from torquebench.compensation import load_model
+    from torquebench.records import read_readings_csv, write_torque_csv
+
+    check_output(result, model, readings)
+    stored = load_model(model)
+    table = read_readings_csv(readings)
+    estimator = stored.model
+    table.check_range(estimator.reading_low_nm_, estimator.reading_high_nm_)
+    X = table.features(estimator.n_features_in_)
+    torque = estimator.predict(X)
+    additional = torque - table.reading_nm
+    expanded = 2.0 * estimator.single_reading_std(X)
+    write_torque_csv(result, table, torque, additional, expanded)
+    simulated = " (simulated)" if table.simulated else ""
+    say(f"{len(table)} readings compensated{simulated}, written to {result}")
+    say(
+        f"additional torque {np.min(additional):.4g} to {np.max(additional):.4g} N·m, "
+        f"U (k = 2) up to {np.max(expanded):.3g} N·m"
+    )
+
+
+def verify(
+    model: ModelArgument,
+    data: Annotated[
+        Path, typer.Argument(help="A CSV file with reading_nm and standard_nm; series = group.")
+    ],
+    tolerance: Annotated[
+        float,
+        typer.Option(min=0, help="Largest allowed error of a single reading, % of full scale."),
+    ] = SOURCES_TOLERANCE_PERCENT_FS,
+) -> None:
+    """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance."""
+    from torquebench.calibration import verify as verify_models
+    from torquebench.campaign.fitting import model_title
+    from torquebench.cli.tables import error_blocks
+    from torquebench.compensation import load_model
+    from torquebench.records import read_calibration_csv
+
+    stored = load_model(model)
+    points = read_calibration_csv(data, range_nm=stored.provenance.range_nm)
+    _check_chain(stored, points)
+    result = verify_models(points, {"model": stored.model})
+    title = model_title(stored.model.kind, stored.model.get_params(deep=False))
+    raw, compensated = result.models
+    rows = (("raw reading", raw), (f"*{title}", compensated))
+    simulated = " - simulated" if result.simulated else ""
+    say(
+        f"[bold]{result.points} readings in {result.groups} group"
+        f"{'s' if result.groups > 1 else ''}, range {result.range_nm:g} N·m{simulated}[/bold]"
+    )
+    blocks = [
+        ("against the standard", [(name, found.against_standard) for name, found in rows]),
+        (
+            "against the true torque",
+            [(name, found.against_truth) for name, found in rows if found.against_truth],
+        ),
+        (
+            "averaged over the groups",
+            [(name, found.averaged) for name, found in rows if found.averaged],
+        ),
+    ]
+    for part in error_blocks(blocks):
+        out().print(part)
+    if compensated.repeatability is not None:
+        found = compensated.repeatability
+        say(
+            f"repeatability over the groups: {found.pooled_nm:.3g} N·m "
+            f"({found.pooled_percent_fs:.3g} % FS)"
+        )
+    worst = compensated.against_standard.worst_percent_fs
+    passed = worst <= tolerance
+    verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
+    say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
+    if not passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _check_chain(stored: StoredModel, points: CalibrationData) -> None:
+    """Refuse points of another chain, and say where they are the model's own."""
+    made_with = stored.provenance
+    for what, present, wanted in (
+        ("transducer", points.transducer_serial, made_with.transducer_serial),
+        ("counter", points.counter_identity, made_with.counter_identity),
+    ):
+        if present and wanted and present != wanted:
+            raise ModelMismatchError(
+                f"points of {what} {present!r}, model of {what} {wanted!r}",
+                f"points of the {what} that was calibrated",
+                "take the model of this chain, or calibrate it",
+            )
+    if points.sha256() == made_with.training_data_sha256:
+        warn("these are the points that the model was fitted to: this verifies nothing")

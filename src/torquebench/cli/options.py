@@ -1,0 +1,86 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from torquebench.errors import InputError
+
+__all__ = [
+    "BenchOption",
+    "DataOption",
+    "RangeOption",
+    "RealTimeOption",
+    "check_output",
+    "data_directory",
+]
+
+DEFAULT_DATA = Path("torquebench-data")
+
+DataOption = Annotated[
+    Path,
+    typer.Option(
+        "--data",
+        envvar="TORQUEBENCH_DATA",
+        help="Folder of the registry and of all runs.",
+    ),
+]
+BenchOption = Annotated[
+    Path | None,
+    typer.Option("--bench", help="Bench description; without it the simulated bench."),
+]
+RangeOption = Annotated[
+    float | None, typer.Option("--range", help="Full scale in N·m: what % FS refers to.")
+]
+RealTimeOption = Annotated[
+    bool, typer.Option("--real-time", help="Simulated time follows the wall clock.")
+]
+
+
+def data_directory(path: Path) -> Path:
+    """Return an existing data directory that holds a registry.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
+    if not (path / "registry.sqlite").is_file():
+        raise InputError(
+            f"no records in {path}",
+            "a folder in which torquebench has worked before",
+            "name it with --data, or run `torquebench demo` or `torquebench calibrate` first",
+        )
+    return path
+
+
+def check_output(path: Path, *inputs: Path) -> Path:
+    """Refuse an output file that can't be written, before any work is done for it.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file that will be written.
+    *inputs : pathlib.Path
+        Files that must not be overwritten by it.
+
+    Raises
+    ------
+    InputError
+        Where its folder doesn't exist, it is a folder, or it is one of the inputs.
+    """
+    if path.is_dir():
+        raise InputError(f"{path} is a folder", "a file name", "name a file in it")
+    if not path.resolve().parent.is_dir():
+        raise InputError(
+            f"{path}: there is no folder {path.parent}", "a folder that exists", "create it first"
+        )
+    for source in inputs:
+        if path.resolve() == source.resolve():
+            raise InputError(
+                f"{path} is both input and output", "two different files", "name another --out"
+            )
+    return path

@@ -1,0 +1,97 @@
+"""Progress in the terminal: bars where somebody looks, one line a stage where nobody does."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.progress import Progress as Bars
+
+from torquebench.cli.console import stderr_console
+
+__all__ = ["TerminalProgress"]
+
+TITLE_COLUMNS = 38
+
+
+class TerminalProgress:
+    """Show the stages of a campaign on standard error, within 80 columns.
+
+    Use it as a context manager: leaving it, also by an error, gives the terminal back.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or stderr_console()
+        self._bars = Bars(
+            TextColumn(f"{{task.description:<{TITLE_COLUMNS}}}"),
+            BarColumn(bar_width=16),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            console=self._console,
+            disable=not self._console.is_terminal,
+        )
+        self._task: TaskID | None = None
+        self._title = ""
+        self._total: int | None = None
+        self._since = 0.0
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.finish()
+        self._bars.stop()
+
+    def start(self, title: str, total: int | None = None) -> None:
+        """Begin a stage of `total` steps (None where nobody can tell); ends the stage before."""
+        self.finish()
+        self._title, self._total, self._since = title, total, time.monotonic()
+        if self._console.is_terminal:
+            self._task = self._bars.add_task(title, total=total)
+        else:
+            self._console.print(title + (f" ({total})" if total else ""))
+
+    def advance(self, steps: int = 1, detail: str = "") -> None:
+        """Count finished steps and say what is at work."""
+        if self._task is not None:
+            title = f"{self._title}: {detail}" if detail else self._title
+            self._bars.update(self._task, advance=steps, description=title[:TITLE_COLUMNS])
+
+    def finish(self, detail: str = "") -> None:
+        """End the stage, with what came out of it in a few words."""
+        if not self._title:
+            return
+        title = f"{self._title}: {detail}" if detail else self._title
+        if self._task is not None:
+            completed = self._bars.tasks[self._bars.task_ids.index(self._task)].completed
+            total = self._total or max(int(completed), 1)
+            self._bars.update(
+                self._task, description=title[:TITLE_COLUMNS], total=total, completed=total
+            )
+        elif detail:
+            self._console.print(f"{title} ({time.monotonic() - self._since:.1f} s)")
+        self._task, self._title, self._total = None, "", None
+
+    def pause(self) -> None:
+        """Stop redrawing, so that a question can be asked."""
+        self._bars.stop()
+
+    def resume(self) -> None:
+        """Go on redrawing."""
+        self._bars.start()

@@ -1,0 +1,282 @@
+"""`torquebench records`: what was measured, fitted and verified, and whether it is intact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.errors import InputError, RecordError
+
+if TYPE_CHECKING:
+    from torquebench.records import ModelEntry, Registry, RunSummary
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="records", help="List and show what the registry holds.", no_args_is_help=True
+)
+
+
+class Kind(StrEnum):
+    """What can be listed."""
+
+    all = "all"
+    runs = "runs"
+    calibrations = "calibrations"
+    models = "models"
+    instruments = "instruments"
+
+
+@app.command("list")
+def list_records(
+    kind: Annotated[Kind, typer.Argument(help="What to list.")] = Kind.all,
+    limit: Annotated[int, typer.Option(min=1, help="At most so many of each, newest first.")] = 20,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """List runs, calibrations, models and instruments, the newest first."""
+    from torquebench.records import Registry
+
+    with Registry.open(data_directory(data)) as registry:
+        wanted = [item for item in Kind if item is not Kind.all and kind in (item, Kind.all)]
+        for number, item in enumerate(wanted):
+            if number:
+                say("")
+            _LISTS[item](registry, limit)
+
+
+@app.command("show")
+def show_record(
+    name: Annotated[
+        str,
+        typer.Argument(help="A run's id or its beginning, `latest`, `model-3`, `calibration-2`."),
+    ],
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Show one record with its files checked against their hashes."""
+    from torquebench.records import Registry
+
+    with Registry.open(data_directory(data)) as registry:
+        kind, _, number = name.partition("-")
+        if kind == "model" and number.isdigit():
+            _show_model(registry, int(number))
+        elif kind == "calibration" and number.isdigit():
+            _show_calibration(registry, int(number))
+        else:
+            _show_run(_find_run(registry, name))
+
+
+def _list_runs(registry: Registry, limit: int) -> None:
+    table = narrow_table("Runs")
+    for heading in ("run", "started (UTC)", "status", "bench"):
+        table.add_column(heading, overflow="fold")
+    for run in registry.runs(limit=limit):
+        where = "simulated" if run.simulated else run.bench
+        table.add_row(run.run_id, _moment(run.started), run.status, where)
+    out().print(table)
+
+
+def _list_calibrations(registry: Registry, limit: int) -> None:
+    table = narrow_table("Calibrations")
+    for heading in ("name", "performed (UTC)", "transducer", "points", "range", "profile"):
+        table.add_column(heading, overflow="fold")
+    for entry in registry.calibrations()[:limit]:
+        table.add_row(
+            f"calibration-{entry.calibration_id}",
+            _moment(entry.performed),
+            entry.transducer_serial,
+            str(entry.points),
+            f"{entry.range_nm:g} N·m",
+            entry.profile_name,
+        )
+    out().print(table)
+
+
+def _list_models(registry: Registry, limit: int) -> None:
+    table = narrow_table("Models")
+    for heading in ("name", "created (UTC)", "kind", "transducer", "range", "in use"):
+        table.add_column(heading, overflow="fold")
+    for entry in registry.models()[:limit]:
+        table.add_row(
+            f"model-{entry.model_id}",
+            _moment(entry.created),
+            entry.kind,
+            entry.transducer_serial,
+            f"{entry.range_nm:g} N·m",
+            "yes" if _in_use(registry, entry) else "",
+        )
+    out().print(table)
+
+
+def _list_instruments(registry: Registry, limit: int) -> None:
+    table = narrow_table("Instruments")
+    for heading in ("kind", "serial", "manufacturer", "model", "range"):
+        table.add_column(heading, overflow="fold")
+    for entry in registry.instruments()[:limit]:
+        span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
+        table.add_row(entry.kind, entry.serial, entry.manufacturer, entry.model, span)
+    out().print(table)
+
+
+_LISTS = {
+    Kind.runs: _list_runs,
+    Kind.calibrations: _list_calibrations,
+    Kind.models: _list_models,
+    Kind.instruments: _list_instruments,
+}
+
+
+def _find_run(registry: Registry, name: str) -> RunSummary:
+    runs = registry.runs(limit=1_000_000)
+    if name == "latest" and runs:
+        return runs[0]
+    found = [run for run in runs if run.run_id.startswith(name)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise InputError(
+            f"{name!r} is the beginning of {len(found)} runs", "one run", "give more of its id"
+        )
+    raise InputError(f"no record {name!r}", "a name from `torquebench records list`")
+
+
+def _show_run(run: RunSummary) -> None:
+    from torquebench.records import RunFolder
+
+    folder = RunFolder.open(run.folder)
+    _facts(
+        run.run_id,
+        {
+            "kind": run.kind,
+            "status": run.status + (f" ({run.reason})" if run.reason else ""),
+            "bench": run.bench + (" (simulated)" if run.simulated else ""),
+            "side": run.side,
+            "operator": run.operator,
+            "started": _moment(run.started),
+            "finished": _moment(run.finished),
+            "profile": run.profile_name,
+            "profile SHA-256": run.profile_sha256,
+            "software": run.software_version,
+            "events": str(sum(1 for _ in folder.documents("event"))),
+            "raw samples": str(folder.raw().rows),
+            "files": _state_of(folder),
+            "folder": str(run.folder),
+        },
+    )
+    results = folder.results
+    if isinstance(results, dict):
+        _facts("Results", {key: _short(value) for key, value in results.items()})
+
+
+def _state_of(folder: Any) -> str:
+    if not folder.sealed:
+        return "not sealed: the run is open, or was interrupted"
+    try:
+        folder.verify()
+    except RecordError as error:
+        return f"NOT INTACT: {error}"
+    return "intact (every SHA-256 as in the manifest)"
+
+
+def _show_model(registry: Registry, model_id: int) -> None:
+    entry = registry.model(model_id)
+    try:
+        state = f"intact, {entry.check_file()}"
+    except RecordError as error:
+        state = f"NOT INTACT: {error}"
+    _facts(
+        f"model-{entry.model_id}",
+        {
+            "kind": entry.kind,
+            "fitted to": f"calibration-{entry.calibration_id}",
+            "side": entry.side,
+            "transducer": entry.transducer_serial,
+            "counter": entry.counter_identity,
+            "range": f"{entry.range_nm:g} N·m",
+            "created": _moment(entry.created),
+            "in use": "yes" if _in_use(registry, entry) else "no",
+            "data": "simulated" if entry.simulated else "measured",
+            "file": state,
+            **{key: _short(value) for key, value in entry.metrics.items()},
+        },
+    )
+    for verification in registry.verifications(model_id):
+        title = f"Verification {_moment(verification.performed)}"
+        title += " (simulated)" if verification.simulated else ""
+        facts = {"run": verification.run_id or ""}
+        _facts(title, {**facts, **_flat(verification.summary)})
+
+
+def _show_calibration(registry: Registry, calibration_id: int) -> None:
+    found = [e for e in registry.calibrations() if e.calibration_id == calibration_id]
+    if not found:
+        raise InputError(
+            f"no record 'calibration-{calibration_id}'", "a name from `torquebench records list`"
+        )
+    entry = found[0]
+    models = [m for m in registry.models() if m.calibration_id == calibration_id]
+    _facts(
+        f"calibration-{entry.calibration_id}",
+        {
+            "performed": _moment(entry.performed),
+            "transducer": entry.transducer_serial,
+            "counter": entry.counter_identity,
+            "range": f"{entry.range_nm:g} N·m",
+            "points": str(entry.points),
+            "profile": entry.profile_name,
+            "profile SHA-256": entry.profile_sha256,
+            "data": "simulated" if entry.simulated else "measured",
+            "data SHA-256": entry.data_sha256,
+            "run": entry.run_id or "a table from elsewhere",
+            "models": ", ".join(f"model-{m.model_id} ({m.kind})" for m in models),
+            **{key: _short(value) for key, value in entry.summary.items()},
+        },
+    )
+
+
+def _in_use(registry: Registry, entry: ModelEntry) -> bool:
+    latest = [
+        activation.model_id
+        for activation in registry.activations(entry.transducer_serial)
+        if activation.counter_identity == entry.counter_identity
+    ]
+    return bool(latest) and latest[-1] == entry.model_id
+
+
+def _facts(title: str, facts: Mapping[str, str]) -> None:
+    table = narrow_table(title)
+    table.show_header = False
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for key, value in facts.items():
+        if value:
+            table.add_row(key, value)
+    out().print(table)
+
+
+def _flat(summary: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return nested results as lines; arrays and long lists are counted, not shown."""
+    lines: dict[str, str] = {}
+    for key, value in summary.items():
+        if isinstance(value, Mapping):
+            lines.update(_flat(value, f"{prefix}{key} "))
+        else:
+            lines[f"{prefix}{key}"] = _short(value)
+    return lines
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list) and len(value) > 4:
+        return f"{len(value)} values"
+    return str(value)
+
+
+def _moment(moment: datetime | None) -> str:
+    return "" if moment is None else f"{moment:%Y-%m-%d %H:%M:%S}"

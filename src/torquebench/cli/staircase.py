@@ -1,0 +1,132 @@
+"""A staircase before it is loaded: what, in which order, for how long; within 80 columns."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from torquebench.cli.console import narrow_table
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.drivers.base import Side
+    from torquebench.calibration import Profile, Step
+    from torquebench.procedures import Rehearsal
+
+__all__ = ["staircase_tables"]
+
+
+def staircase_tables(
+    description: BenchDescription, side: Side, profile: Profile, rehearsal: Rehearsal[Any]
+) -> Iterable[RenderableType]:
+    """Yield what a rehearsed calibration will load.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    side : {"input", "output"}
+    profile : Profile
+    rehearsal : Rehearsal
+        Of the plan that will run.
+    """
+    module = description.module(side)
+    steps = profile.staircase(module.range_nm)
+    simulated = " - simulated" if description.simulated else ""
+    yield Text(
+        f"{side.capitalize()} module, {module.range_nm:g} N·m, "
+        f"transducer {module.transducer.serial}{simulated}",
+        style="bold",
+    )
+    checked = "" if profile.verified else ", not checked against a licensed text"
+    yield Text(f"profile {profile.name} (SHA-256 {profile.sha256[:12]}…{checked})")
+    yield Text(f"setup    {_setup(rehearsal)}")
+    table = narrow_table()
+    table.add_column("series", justify="right")
+    table.add_column("what")
+    table.add_column("steps", justify="right")
+    for heading in ("from N·m", "to N·m", "each s", "in all s"):
+        table.add_column(heading, justify="right")
+    for group in _groups(steps):
+        table.add_row(*_row(group))
+    yield table
+    largest = max(abs(step.target_nm) for step in steps)
+    yield Text(
+        f"{rehearsal.points} points in {_minutes(rehearsal.duration_s)} without waiting longer "
+        f"to settle;\nlargest torque {largest:g} N·m, limit {module.limits.torque_nm:g} N·m"
+    )
+    yield Text("")
+
+
+def _setup(rehearsal: Rehearsal[Any]) -> str:
+    """Return what is commanded before the first zero, in words."""
+    words = []
+    for move in itertools.takewhile(lambda move: not move.device.endswith("zero"), rehearsal.moves):
+        if move.device == "mounting":
+            words.append(f"mount the {str(move.value).replace('_', ' ')}")
+        elif move.device == "clamp":
+            words.append("close the clamp" if move.value else "open the clamp")
+        elif move.device.endswith("mode"):
+            words.append(f"{move.device.removesuffix(' mode')} {move.value}")
+    return ", ".join(words)
+
+
+def _groups(steps: Sequence[Step]) -> Iterable[list[Step]]:
+    """Yield neighbouring steps of one kind on one branch of one series."""
+
+    def key(step: Step) -> tuple[object, ...]:
+        if step.kind in ("preload", "turn"):
+            return (step.kind, step.series)
+        return (step.kind, step.series, step.branch, step.duration_s)
+
+    for _, group in itertools.groupby(steps, key):
+        yield from _by_direction(list(group))
+
+
+def _by_direction(group: list[Step]) -> Iterable[list[Step]]:
+    """Split points where they change from one direction to the other."""
+    if group[0].kind != "point":
+        yield group
+        return
+    start = 0
+    for number, (before, after) in enumerate(itertools.pairwise(group), start=1):
+        if before.target_nm * after.target_nm < 0:
+            yield group[start:number]
+            start = number
+    yield group[start:]
+
+
+def _row(group: list[Step]) -> list[str]:
+    first, last = group[0], group[-1]
+    series = str(first.series) if first.series else ""
+    total = f"{sum(step.duration_s for step in group):.1f}"
+    if first.kind == "zero":
+        return [series, "zero, unloaded", "", "0", "0", f"{first.duration_s:g}", total]
+    if first.kind == "point":
+        what = "points " + ("up" if first.branch > 0 else "down")
+    else:
+        what = first.kind
+    return [
+        series,
+        what,
+        str(len(group)),
+        f"{first.target_nm:g}",
+        f"{last.target_nm:g}",
+        f"{first.duration_s:g}",
+        total,
+    ]
+
+
+def _minutes(seconds: float) -> str:
+    """Return a duration in words.
+
+    Examples
+    --------
+    >>> _minutes(47.2), _minutes(600.0)
+    ('47 s', '10 min 0 s')
+    """
+    whole = round(seconds)
+    return f"{whole} s" if whole < 120 else f"{whole // 60} min {whole % 60} s"
