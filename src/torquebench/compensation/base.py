@@ -166,7 +166,14 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         self._set_range(points.reading)
         weights, self.wild_points_ = point_weights(points, self.outliers)
         points, weights = reduce_points(points, weights, self.maximum_points, self.used_features)
-        self._fit(points.X, points.y, weights, progress)
+        try:
+            self._fit(points.X, points.y, weights, progress)
+        except np.linalg.LinAlgError as problem:
+            raise InputError(
+                f"equations of {type(self).__name__} without a solution for these points",
+                "readings and standard values of the same order, in N·m",
+                "check units and columns, or take a simpler model",
+            ) from problem
         return self
 
     @overload
