@@ -66,7 +66,7 @@ def read_calibration_csv(
     path : pathlib.Path
         The file.
     range_nm : float, optional
-        Full scale in N·m; without it, that of the file, or the largest \|standard\|.
+        Full scale in N·m; without it, that of the file, or the largest torque in it.
     both_directions : bool, default False
         Whether clockwise and counter-clockwise torque must both occur.
     side, transducer_serial, counter_identity : str
@@ -88,7 +88,7 @@ def read_calibration_csv(
     if numbers is None:
         numbers = np.ones(reading.size, dtype=np.int64)
     branch = branches(table)
-    scale = _range(table, range_nm, standard)
+    scale = _range(table, range_nm, reading, standard)
     for key, values in (("reading_nm", reading), ("standard_nm", standard)):
         _check_range(table, columns[key][0], values, scale)
     noted = table.remarks
@@ -355,7 +355,12 @@ def _simulated(remarks: Mapping[str, str]) -> bool:
     return remarks.get("simulated", "").lower() in ("true", "yes", "1")
 
 
-def _range(table: CsvTable, given: float | None, standard: NDArray[np.float64]) -> float:
+def _range(
+    table: CsvTable,
+    given: float | None,
+    reading: NDArray[np.float64],
+    standard: NDArray[np.float64],
+) -> float:
     if given is not None:
         return given
     noted = table.remarks.get("range_nm")
@@ -366,10 +371,9 @@ def _range(table: CsvTable, given: float | None, standard: NDArray[np.float64]) 
             raise InputError(
                 f"{table.origin}: the comment says range_nm = {noted!r}", "a number in N·m"
             ) from error
-    largest = float(np.max(np.abs(standard)))
-    if largest == 0:
+    if not np.any(standard):
         raise InputError(f"{table.origin}: all standard values are 0 N·m", "a loaded chain")
-    return largest
+    return float(np.max(np.abs([reading, standard])))
 
 
 def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_nm: float) -> None:
