@@ -31,6 +31,7 @@ _FIRST_DAMPING = 5e-3  # MATLAB's trainbr
 _LARGEST_DAMPING = 1e10
 _LEAST_NOISE_VARIANCE = 1e-12  # in scaled units: data without noise must not divide by zero
 _NEGLIGIBLE_EVIDENCE = -20.0  # nats below the best start
+_START_SIZES = (1.0, 0.25)  # of Nguyen and Widrow's: from fine to smooth
 
 
 @storable
@@ -239,15 +240,17 @@ def train_member(
 class BayesianNetworkModel(CompensationModel):
     """The sources' network 1-50-1, trained as well as fifty points allow.
 
-    Levenberg-Marquardt with an analytic Jacobian, Bayesian regularisation, and the mean of a few
-    starts. More neurons than points do no harm: the effective number of parameters is inferred.
+    Levenberg-Marquardt with an analytic Jacobian, Bayesian regularisation, and a few starts of
+    different smoothness, averaged by their evidence. More neurons than points do no harm: the
+    effective number of parameters is inferred.
 
     Parameters
     ----------
     ensemble : int, default 3
         Number of starts whose curves are averaged.
     start : {"nguyen-widrow", "small-uniform"}, default "nguyen-widrow"
-        Start weights: evenly spread neurons as Nguyen and Widrow published them, or within ±0.5.
+        Start weights: evenly spread neurons, with input weights from Nguyen and Widrow's size down
+        to a quarter of it over the ensemble; or all within ±0.5.
     hidden : int, default 50
         Hidden neurons.
     iterations : int, default 30
@@ -263,6 +266,8 @@ class BayesianNetworkModel(CompensationModel):
     ----------
     members_ : list of NetworkMember
         The trained networks; starts whose evidence is negligible beside the best aren't kept.
+    shares_ : float64 array
+        Share of each member, in proportion to its evidence.
     log_evidence_ : float
         Largest log evidence of the members.
 
@@ -271,7 +276,7 @@ class BayesianNetworkModel(CompensationModel):
     D. J. C. MacKay, Neural Computation 4 (1992) 415-472; F. D. Foresee, M. T. Hagan, ICNN 1997,
     1930-1935; M. T. Hagan, M. B. Menhaj, IEEE Trans. Neural Networks 5 (1994) 989-993. With fewer
     points than parameters every system is solved in the dimension of the points. The curve's
-    variance is gᵀH⁻¹g of each member plus the members' spread.
+    variance is gᵀH⁻¹g of each member plus the members' spread about their mean.
 
     Examples
     --------
@@ -332,11 +337,8 @@ class BayesianNetworkModel(CompensationModel):
         self.training_inputs_ = self.input_scaling_.to_unit(reading)
         self.training_weights_ = weights
         target = self.output_scaling_.to_unit(y - reading)
-        draw = nguyen_widrow_start if self.start == "nguyen-widrow" else small_uniform_start
-        generator = np.random.default_rng(self.random_state)
         members = []
-        for number in range(self.ensemble):
-            start = draw(generator, self.hidden)
+        for number, start in enumerate(self._starts()):
             members.append(
                 train_member(
                     self.training_inputs_, target, weights, start, self.iterations, self.tolerance
@@ -350,12 +352,24 @@ class BayesianNetworkModel(CompensationModel):
             for member in members
             if member.log_evidence - self.log_evidence_ >= _NEGLIGIBLE_EVIDENCE
         ]
-        self.effective_parameters_ = float(
-            np.mean([member.effective_parameters for member in self.members_])
+        odds = np.exp([member.log_evidence - self.log_evidence_ for member in self.members_])
+        self.shares_ = odds / np.sum(odds)
+        gamma = np.array([member.effective_parameters for member in self.members_])
+        noise_variance = np.array([member.noise_variance for member in self.members_])
+        self.effective_parameters_ = float(self.shares_ @ gamma)
+        self.noise_nm_ = float(
+            np.sqrt(self.shares_ @ noise_variance) * self.output_scaling_.half_span
         )
-        noise_variance = float(np.mean([member.noise_variance for member in self.members_]))
-        self.noise_nm_ = float(np.sqrt(noise_variance) * self.output_scaling_.half_span)
         self._after_restore()
+
+    def _starts(self) -> list[NetworkParameters]:
+        generator = np.random.default_rng(self.random_state)
+        if self.start == "small-uniform":
+            return [small_uniform_start(generator, self.hidden) for _ in range(self.ensemble)]
+        sizes = np.geomspace(*_START_SIZES, self.ensemble)
+        if self.ensemble == 1:
+            sizes = np.sqrt(np.prod(_START_SIZES, keepdims=True))
+        return [nguyen_widrow_start(generator, self.hidden, float(size)) for size in sizes]
 
     def _after_restore(self) -> None:
         self._factors = [
@@ -373,12 +387,15 @@ class BayesianNetworkModel(CompensationModel):
         reading = X[:, 0]
         x = self.input_scaling_.to_unit(reading)
         curves = np.array([network_values(member.parameters, x) for member in self.members_])
-        torque = reading + self.output_scaling_.from_unit(np.mean(curves, axis=0))
+        curve = np.sum(curves * self.shares_[:, None], axis=0)
+        torque = reading + self.output_scaling_.from_unit(curve)
         if not return_std:
             return torque, None
-        variances = [
-            posterior_variance(member.parameters, factor, x)
-            for member, factor in zip(self.members_, self._factors, strict=True)
-        ]
-        variance = np.mean(variances, axis=0) + np.var(curves, axis=0)
+        variances = np.array(
+            [
+                posterior_variance(member.parameters, factor, x)
+                for member, factor in zip(self.members_, self._factors, strict=True)
+            ]
+        )
+        variance = self.shares_ @ (variances + (curves - curve) ** 2)
         return torque, np.sqrt(variance) * self.output_scaling_.half_span

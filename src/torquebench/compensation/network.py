@@ -107,7 +107,7 @@ class NetworkParameters:
 
 
 def nguyen_widrow_start(
-    generator: np.random.Generator, hidden: int, active_half_span: float = 1.0
+    generator: np.random.Generator, hidden: int, size: float = 1.0
 ) -> NetworkParameters:
     """Draw start weights that spread the hidden neurons evenly over the input from -1 to 1.
 
@@ -120,19 +120,19 @@ def nguyen_widrow_start(
         Source of the signs and output weights.
     hidden : int
         Number of hidden neurons.
-    active_half_span : float, default 1
-        2 for what MATLAB does.
+    size : float, default 1
+        Factor on the input weights: 2 for what MATLAB does, below 1 for a smoother start.
 
     Returns
     -------
     start : NetworkParameters
     """
-    size = 0.7 * hidden * active_half_span
+    slope = 0.7 * hidden * size
     signs = generator.choice([-1.0, 1.0], hidden)
     positions = np.linspace(-1.0, 1.0, hidden) if hidden > 1 else np.zeros(1)
     output_weights = generator.uniform(-1.0, 1.0, hidden)
     output_bias = float(generator.uniform(-1.0, 1.0))
-    return NetworkParameters(size * signs, size * positions * signs, output_weights, output_bias)
+    return NetworkParameters(slope * signs, slope * positions * signs, output_weights, output_bias)
 
 
 def small_uniform_start(
