@@ -56,29 +56,26 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def]
     return high > 1 and 2 * (stop - ticks[high - 1]) > 3 * (ticks[high - 1] - ticks[high - 2])
 
 
+# Slices are taken inside these functions: handing one over would count references, which costs
+# as much as the sum over a short window. Weights add up to zero, so the absolute ticks need no
+# base, and sums that overflow on the way come back right: 64-bit integers wrap around.
 @njit(cache=True)
-def _quotient(ticks, base, stop, method):  # type: ignore[no-untyped-def]
-    n = ticks.size
-    if method == REGRESSION:
-        first_moment = int64(0)
-        total = int64(0)
-        for i in range(n):
-            offset = ticks[i] - base
-            total += offset
-            first_moment += offset * i
-        return 2 * first_moment - (n - 1) * total, n * (n * n - 1)
-    if method == TRIANGULAR:
-        half = n // 2
-        early = int64(0)
-        late = int64(0)
-        for i in range(half):
-            early += ticks[i] - base
-        for i in range(n - half, n):
-            late += ticks[i] - base
-        return late - early, half * (n - half)
-    if method == RECIPROCAL:
-        return ticks[n - 1] - ticks[0], n - 1
-    return stop - base, n
+def _sum(ticks, low, high):  # type: ignore[no-untyped-def]
+    window = ticks[low:high]
+    total = int64(0)
+    for i in range(window.size):
+        total += window[i]
+    return total
+
+
+@njit(cache=True)
+def _slope_sum(ticks, low, high):  # type: ignore[no-untyped-def]
+    window = ticks[low:high]
+    first_weight = 1 - (high - low)
+    total = int64(0)
+    for i in range(window.size):
+        total += window[i] * (first_weight + 2 * i)
+    return total
 
 
 @njit(cache=True)
@@ -101,8 +98,14 @@ def count(ticks, starts, stops, method, edges, numerator, denominator, fault):  
 
     Returns
     -------
-    int
+    wrong : int
         Index of the first edge that isn't later than the one before it, or -1.
+    suspects : int
+        How many windows are SUSPECT.
+    most : int
+        Most edges in a window.
+    longest : int
+        Length of the longest window in ticks.
     """
     fewest = 1 if method == GATED else 2
     low = 0
@@ -112,6 +115,9 @@ def count(ticks, starts, stops, method, edges, numerator, denominator, fault):  
     last_stop = int64(-(2**62))
     looked = 0
     irregular_until = 0
+    suspects = 0
+    most = 0
+    longest_window = int64(0)
     for k in range(starts.size):
         base = starts[k]
         stop = stops[k]
@@ -133,32 +139,61 @@ def count(ticks, starts, stops, method, edges, numerator, denominator, fault):  
             if shortest <= 0:
                 for i in range(max(looked - 1, 1), until):
                     if ticks[i] <= ticks[i - 1]:
-                        return i
+                        return i, 0, 0, 0
             if 2 * longest > 3 * shortest:
                 irregular_until = until
             looked = until
         edges[k] = n
+        most = max(most, n)
+        longest_window = max(longest_window, stop - base)
         code = 0
         if n < fewest:
             code = 1 if n == 0 else 2
         else:
-            numerator[k], denominator[k] = _quotient(ticks[low:high], base, stop, method)
-            tail = ticks[max(high - 2, 0) : high]
-            short = tail.size == 2 and 2 * (stop - tail[1]) > 3 * (tail[1] - tail[0])
+            if method == REGRESSION:
+                numerator[k] = _slope_sum(ticks, low, high)
+                denominator[k] = n * (n * n - 1)
+            elif method == TRIANGULAR:
+                half = n // 2
+                late = _sum(ticks, high - half, high)
+                numerator[k] = late - _sum(ticks, low, low + half)
+                denominator[k] = half * (n - half)
+            elif method == RECIPROCAL:
+                numerator[k] = ticks[high - 1] - ticks[low]
+                denominator[k] = n - 1
+            else:
+                numerator[k] = stop - base
+                denominator[k] = n
+            last = ticks[high - 1]
+            short = high > 1 and 2 * (stop - last) > 3 * (last - ticks[high - 2])
             if (low < irregular_until or short) and _irregular(ticks, low, high, stop):
                 code = SUSPECT
+                suspects += 1
         fault[k] = code
-    return -1
+    return -1, suspects, most, longest_window
 
 
 @njit(cache=True, error_model="numpy")
 def frequencies(  # type: ignore[no-untyped-def]
-    numerator, denominator, fault, method, trains, timebase, edge_noise, frequency, uncertainty
+    starts,
+    stops,
+    numerator,
+    denominator,
+    fault,
+    method,
+    trains,
+    timebase,
+    edge_noise,
+    time,
+    frequency,
+    uncertainty,
 ):
     """Turn quotients into frequency and standard uncertainty; NaN where there is a fault.
 
     Parameters
     ----------
+    starts, stops : int64 arrays, shape (n,)
+        Windows in ticks.
     numerator, denominator : int64 arrays, shape (n,)
         From `count`, or summed over several trains of edges.
     fault : uint8 array, shape (n,)
@@ -171,11 +206,12 @@ def frequencies(  # type: ignore[no-untyped-def]
         Timebase in Hz.
     edge_noise : float
         Standard deviation of one edge's time in ticks.
-    frequency, uncertainty : float64 arrays, shape (n,)
-        Results in Hz.
+    time, frequency, uncertainty : float64 arrays, shape (n,)
+        Results: the windows' centres in seconds, and Hz.
     """
     scale = timebase / 6.0 if method == REGRESSION else timebase
     for k in range(numerator.size):
+        time[k] = (float(starts[k]) + float(stops[k])) / (2.0 * timebase)
         if fault[k] != 0:
             frequency[k] = np.nan
             uncertainty[k] = np.nan
@@ -193,3 +229,33 @@ def frequencies(  # type: ignore[no-untyped-def]
             uncertainty[k] = value * edge_noise * np.sqrt(2.0 * trains) / span
         else:
             uncertainty[k] = timebase * trains / (np.sqrt(6.0) * span)
+
+
+@njit(cache=True)
+def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no-untyped-def]
+    """Mark windows whose number repeats the one before it for the `longest`th time or more.
+
+    Parameters
+    ----------
+    frequency : float64 array, shape (n,)
+        Frequencies; NaN repeats nothing.
+    fault : uint8 array, shape (n,)
+        Result: `code` at such windows; others stay.
+    longest, code : int
+        Limit and fault code.
+    last, run : float, int
+        Number before the first window, and how often in a row it came.
+
+    Returns
+    -------
+    last, run, marked
+        The same for the next call, and how many windows were marked.
+    """
+    marked = 0
+    for k in range(frequency.size):
+        run = run + 1 if frequency[k] == last else 1
+        last = frequency[k]
+        if run >= longest:
+            fault[k] = code
+            marked += 1
+    return last, run, marked

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.signals._kernels import mark_repeats
 from torquebench.signals.edges import EdgeBlock
 from torquebench.signals.faults import SignalFaultKind
 from torquebench.signals.samples import FrequencySamples
@@ -67,30 +68,6 @@ class _Train:
         self._kept = self._kept[:0]
 
 
-class _StuckCheck:
-    """Counts how often in a row a stream has delivered the same number."""
-
-    def __init__(self, windows: int | None) -> None:
-        self._windows = windows
-        self._last = np.nan
-        self._run = 0
-
-    def stuck(self, frequency: NDArray[np.float64]) -> NDArray[np.bool_] | None:
-        if self._windows is None or not frequency.size:
-            return None
-        with_last = np.concatenate(([self._last], frequency))
-        same = with_last[1:] == with_last[:-1]
-        self._last = float(frequency[-1])
-        if not same.any():
-            self._run = 1
-            return None
-        places = np.arange(frequency.size)
-        last_change = np.maximum.accumulate(np.where(same, -1, places))
-        run = np.where(last_change < 0, self._run + places + 1, places - last_change + 1)
-        self._run = int(run[-1])
-        return np.asarray(run >= self._windows)
-
-
 class WindowStream:
     """Counter over windows of a stream of edge blocks; the windows come from the caller.
 
@@ -137,7 +114,9 @@ class WindowStream:
         self._rising = _Train()
         self._falling = _Train()
         # A gate's counts repeat by nature.
-        self._stuck = _StuckCheck(None if method == "gated" else stuck_windows)
+        self._stuck_windows = None if method == "gated" else stuck_windows
+        self._last_frequency = np.nan
+        self._repeats = 0
         self._stop_tick: int | None = None
         self._lost_until: int | None = None
 
@@ -200,8 +179,24 @@ class WindowStream:
             timebase_hz=self.timebase_hz,
             edge_jitter_s=self.edge_jitter_s,
         )
-        stuck = self._stuck.stuck(samples.frequency_hz)
-        return samples if stuck is None else samples.marked(stuck, SignalFaultKind.STUCK)
+        return self._mark_stuck(samples)
+
+    def _mark_stuck(self, samples: FrequencySamples) -> FrequencySamples:
+        if self._stuck_windows is None:
+            return samples
+        self._last_frequency, self._repeats, marked = mark_repeats(
+            samples.frequency_hz,
+            samples.fault,
+            self._stuck_windows,
+            int(SignalFaultKind.STUCK),
+            self._last_frequency,
+            self._repeats,
+        )
+        if marked:
+            stuck = samples.fault == SignalFaultKind.STUCK
+            samples.frequency_hz[stuck] = np.nan
+            samples.standard_uncertainty_hz[stuck] = np.nan
+        return samples
 
 
 class FrequencyCounter:
@@ -307,7 +302,7 @@ class FrequencyCounter:
         step, window = self.step_ticks, self.window_ticks
         first = -(-block.start_tick // step) if self._next is None else self._next
         self._next = max((block.stop_tick - window) // step + 1, first)
-        starts = np.arange(first, self._next, dtype=np.int64) * step
+        starts = np.arange(first * step, self._next * step, step, dtype=np.int64)
         return self._stream.count(block, starts, starts + window, self._next * step)
 
 

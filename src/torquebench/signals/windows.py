@@ -108,7 +108,7 @@ class WindowCounts:
         check_train: bool = True,
     ) -> None:
         """Count the windows [starts, stops) of one train into this room; see `count_windows`."""
-        wrong = _kernels.count(
+        wrong, suspects, most, longest = _kernels.count(
             ticks,
             starts,
             stops,
@@ -123,11 +123,17 @@ class WindowCounts:
                 f"edge at tick {ticks[wrong]} after one at {ticks[wrong - 1]}",
                 "strictly increasing edges",
             )
-        self._refuse_overflow(starts, stops)
-        for window in np.flatnonzero(self.fault == _kernels.SUSPECT):
-            self.fault[window] = SignalFaultKind.NONE
-            if check_train:
-                self._inspect(int(window), ticks, starts, stops)
+        if self.method == "regression" and float(most) ** 2 * longest / 6 >= _LARGEST_SUM:
+            raise InputError(
+                f"regression over {most} edges in {longest:.4g} ticks",
+                f"edges² x ticks below {6 * _LARGEST_SUM:.3g}",
+                "use shorter windows and average them",
+            )
+        if suspects:
+            for window in np.flatnonzero(self.fault == _kernels.SUSPECT):
+                self.fault[window] = SignalFaultKind.NONE
+                if check_train:
+                    self._inspect(int(window), ticks, starts, stops)
 
     def _inspect(
         self,
@@ -144,20 +150,6 @@ class WindowCounts:
             self.fault[window] = SignalFaultKind.MISSING_PULSES
         elif found.doubled:
             self.fault[window] = SignalFaultKind.DOUBLED_PULSES
-
-    def _refuse_overflow(self, starts: NDArray[np.int64], stops: NDArray[np.int64]) -> None:
-        if self.method != "regression" or not starts.size:
-            return
-        longest = float((stops[-1] - starts[-1]) if starts.size == 1 else np.max(stops - starts))
-        if longest**3 / 6 < _LARGEST_SUM:
-            return
-        most = int(self.edges.max())
-        if float(most) ** 2 * longest / 6 >= _LARGEST_SUM:
-            raise InputError(
-                f"regression over {most} edges in {longest:.4g} ticks",
-                f"edges² x ticks below {6 * _LARGEST_SUM:.3g}",
-                "use shorter windows and average them",
-            )
 
 
 def count_windows(
@@ -245,11 +237,11 @@ def samples_of(
     edge_jitter_s : float
         Standard deviation σ_j of the edges' own time noise in seconds.
     """
-    size = counts.edges.size
-    frequency = np.empty(size)
-    uncertainty = np.empty(size)
+    time, frequency, uncertainty = (np.empty(counts.edges.size) for _ in range(3))
     edge_noise = float(np.sqrt((edge_jitter_s * timebase_hz) ** 2 + 1 / 12))
     _kernels.frequencies(
+        as_ticks(starts, "starts"),
+        as_ticks(stops, "stops"),
         counts.numerator,
         counts.denominator,
         counts.fault,
@@ -257,12 +249,12 @@ def samples_of(
         counts.trains,
         float(timebase_hz),
         edge_noise,
+        time,
         frequency,
         uncertainty,
     )
-    middles = np.add(starts, stops, dtype=np.float64) / 2
     return FrequencySamples(
-        time_s=middles / timebase_hz,
+        time_s=time,
         fault=counts.fault,
         frequency_hz=frequency,
         edges=counts.edges,

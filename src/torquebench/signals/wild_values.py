@@ -1,0 +1,63 @@
+"""Single wild values: samples that a converter or a disturbance made, not the torque."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import label, median_filter
+
+__all__ = ["wild_values"]
+
+# Samples in the running median: up to three wild ones among them do no harm.
+_WINDOW = 7
+# Times the robust spread of the steps from sample to sample that a wild value stands out.
+_LIMIT = 8.0
+# More in a row than this are a change of the signal, not single values.
+_LONGEST_RUN = 2
+# Median absolute deviation to standard deviation of normal noise.
+_SPREAD = 1.4826
+
+
+def wild_values(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
+    """Find single values that stand out of their neighbours.
+
+    A value is wild when it is farther from the running median of seven samples than `limit`
+    times the robust spread of the steps from one sample to the next, and at most two such
+    values follow each other. Steps, ramps and ripple have no wild values.
+
+    Parameters
+    ----------
+    value : array_like, shape (n,)
+        Samples in their order.
+    limit : float
+        Distance that is wild, in robust standard deviations of the steps.
+
+    Returns
+    -------
+    bool array, shape (n,)
+        True where a value is wild.
+
+    Examples
+    --------
+    >>> wild_values([5.0, 5.1, 4.9, -8388608.0, 5.0, 5.1, 5.0]).nonzero()
+    (array([3]),)
+    """
+    samples = np.asarray(value, dtype=np.float64)
+    if samples.size < _WINDOW:
+        return np.zeros(samples.size, dtype=np.bool_)
+    distance = np.abs(samples - median_filter(samples, size=_WINDOW, mode="mirror"))
+    steps = np.abs(np.diff(samples))
+    # Where most samples repeat, the smallest step is the resolution.
+    moved = steps[steps > 0]
+    spread = max(_SPREAD * float(np.median(steps)), float(moved.min()) if moved.size else 0.0)
+    far = distance > limit * spread
+    return far & ~_runs_longer_than(far, _LONGEST_RUN)
+
+
+def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Keep only marks that stand alone or in pairs."""
+    return far & ~_runs_longer_than(far, _LONGEST_RUN)
+
+
+def _runs_longer_than(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+    runs, _ = label(marks)
+    lengths = np.bincount(runs.ravel())
+    return np.asarray(lengths[runs] > longest) & marks
