@@ -3,8 +3,22 @@
 Arrays in, frozen values out; no device and no file except the packaged profiles.
 """
 
+from torquebench.calibration.classes import (
+    CLASSES,
+    Classification,
+    ClassLimits,
+    classify,
+    limits_of_class,
+)
 from torquebench.calibration.data import RANGE_MARGIN, CalibrationData, infer_branch
+from torquebench.calibration.evaluation import (
+    Interpolation,
+    LoadingSeries,
+    StaticEvaluation,
+    evaluate_static,
+)
 from torquebench.calibration.profile import Profile, available_profiles, load_profile
+from torquebench.calibration.series import ZeroHysteresis, loading_series, zero_hysteresis
 from torquebench.calibration.steps import Step, check_limits, total_duration_s
 from torquebench.calibration.verification import (
     RAW,
@@ -17,20 +31,32 @@ from torquebench.calibration.verification import (
 )
 
 __all__ = [
+    "CLASSES",
     "RANGE_MARGIN",
     "RAW",
     "CalibrationData",
+    "ClassLimits",
+    "Classification",
     "ErrorSummary",
+    "Interpolation",
+    "LoadingSeries",
     "ModelVerification",
     "Profile",
     "Repeatability",
+    "StaticEvaluation",
     "Step",
     "VerificationResult",
+    "ZeroHysteresis",
     "available_profiles",
     "check_limits",
+    "classify",
+    "evaluate_static",
     "infer_branch",
+    "limits_of_class",
     "load_profile",
+    "loading_series",
     "summarise_errors",
     "total_duration_s",
     "verify",
+    "zero_hysteresis",
 ]
