@@ -40,6 +40,9 @@ Progress = Callable[[float, str], None]
 """Called with the fraction done (0 to 1) and a sentence, by fits that may take longer."""
 
 
+_ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
+
+
 class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     """Base of all compensation models: scikit-learn regressors from reading to true torque.
 
@@ -209,8 +212,13 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         check_is_fitted(self)
         X_checked = self._validated_rows(X)
         self._refuse_outside_range(X_checked[:, 0])
-        torque, std = self._predict(X_checked, return_std)
-        return torque if std is None or not return_std else (torque, std)
+        torque, std = np.empty(X_checked.shape[0]), np.empty(X_checked.shape[0])
+        for start in range(0, torque.size, _ROWS_AT_ONCE):
+            rows = slice(start, start + _ROWS_AT_ONCE)
+            torque[rows], of_rows = self._predict(X_checked[rows], return_std)
+            if of_rows is not None:
+                std[rows] = of_rows
+        return (torque, std) if return_std else torque
 
     def additional_torque(self, X: ArrayLike) -> FloatArray:
         """Return the additional torque, compensated torque - reading, in N·m.

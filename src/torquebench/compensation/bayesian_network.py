@@ -289,6 +289,7 @@ class BayesianNetworkModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 30
+    maximum_points: ClassVar[int | None] = 600
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **CompensationModel._parameter_constraints,
         "ensemble": [Interval(Integral, 1, 100, closed="both")],

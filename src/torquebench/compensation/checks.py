@@ -25,7 +25,8 @@ __all__ = [
 ]
 
 _WILD_SCALES = 6.0  # a point is wild this many local standard deviations beyond its neighbours
-_WILD_SHARE_OF_SPAN = 1e-4  # and at least this share of the standard's span: 0.01 %
+# and at least this share of the largest torque: spline engagement makes real bumps up to 0.05 % FS
+_WILD_SHARE_OF_LARGEST = 5e-4
 _CONTRADICTION_SCALES = 10.0
 _CONTRADICTION_SHARE_OF_SPAN = 1e-3
 _NEIGHBOURS_PER_SIDE = 3
@@ -198,7 +199,8 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
     A robust quadratic per direction with branch terms takes the trend away. What is left of a
     point is compared with its three neighbours in reading on either side, over all series and
     branches: a step at torque reversal or an engagement bump, which neighbours share, isn't wild;
-    a point beyond every neighbour by six times the local scatter is.
+    a point beyond every neighbour by six times the local scatter and by 0.05 % of the largest
+    torque is.
 
     Parameters
     ----------
@@ -213,7 +215,7 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
         The same points, named.
     """
     found: dict[int, WildPoint] = {}
-    span = float(np.ptp(points.y))
+    least = _WILD_SHARE_OF_LARGEST * float(np.max(np.abs(points.y)))
     kept = np.arange(points.y.size)
     for _ in range(5):
         if kept.size < _FEWEST_FOR_SCATTER:
@@ -221,7 +223,7 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
         residual = trend_free(points.X[kept], points.y[kept])
         centre, excess = _against_neighbours(residual)
         scatter = _scatter(residual, centre)
-        limit = max(_WILD_SCALES * scatter, _WILD_SHARE_OF_SPAN * span)
+        limit = max(_WILD_SCALES * scatter, least)
         wild = np.flatnonzero(excess > limit)
         if wild.size == 0:
             break

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
+import uuid
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from torquebench.compensation.base import CompensationModel
+from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "Provenance", "StoredModel", "load_model", "save_model"]
@@ -137,19 +138,15 @@ def save_model(path: str | Path, stored: StoredModel) -> Path:
     content = _content(stored)
     document = {**content, "checksum": _checksum(content)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    temporary: Path | None = None
+    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
-        ) as file:
-            temporary = Path(file.name)
+        with temporary.open("x", encoding="utf-8") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(target)
     except OSError as problem:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise RecordError(
             f"model file {target} can't be written ({problem.strerror})",
             remedy="choose a folder that exists and can be written to",
@@ -187,7 +184,13 @@ def load_model(path: str | Path) -> StoredModel:
         )
     known = {item.name for item in fields(Provenance)}
     try:
-        provenance = Provenance(**{k: v for k, v in content["provenance"].items() if k in known})
+        provenance = Provenance(
+            **{
+                name: decode_value(value)
+                for name, value in content["provenance"].items()
+                if name in known
+            }
+        )
         model = CompensationModel.from_state(content["model"])
     except (KeyError, TypeError, AttributeError) as problem:
         raise InputError(
@@ -225,7 +228,10 @@ def _content(stored: StoredModel) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
-        "provenance": {**asdict(stored.provenance), "metrics": dict(stored.provenance.metrics)},
+        "provenance": {
+            item.name: encode_value(getattr(stored.provenance, item.name))
+            for item in fields(Provenance)
+        },
         "model": stored.model.get_state(),
     }
 

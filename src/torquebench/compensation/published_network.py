@@ -146,6 +146,7 @@ class PublishedNetworkModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 30
+    maximum_points: ClassVar[int | None] = 600
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **CompensationModel._parameter_constraints,
         "mapping": [StrOptions({"residual", "direct"})],
@@ -193,7 +194,8 @@ class PublishedNetworkModel(CompensationModel):
             self.input_scaling_.to_unit(reading),
             self.output_scaling_.to_unit(target),
         )
-        weights = weights / np.mean(weights)
+        mean_weight = float(np.mean(weights))
+        weights = weights / mean_weight
         start = self._start()
         self.parameters_ = self._train(start, x, scaled_target, weights, progress)
         residual = scaled_target - network_values(self.parameters_, x)
@@ -201,6 +203,7 @@ class PublishedNetworkModel(CompensationModel):
             np.sqrt(np.mean(weights * residual**2)) * self.output_scaling_.half_span
         )
         self._estimate_uncertainty(start, x, residual, weights)
+        self.noise_nm_ *= np.sqrt(mean_weight)  # of one point, where bins stand for many
 
     def _start(self) -> NetworkParameters:
         generator = np.random.default_rng(self.random_state)

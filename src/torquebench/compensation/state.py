@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
@@ -70,7 +71,7 @@ def encode_value(value: Any) -> Any:
         return [encode_value(item) for item in value]
     if isinstance(value, tuple):
         return {"tuple": [encode_value(item) for item in value]}
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {"dict": {str(key): encode_value(item) for key, item in value.items()}}
     if hasattr(value, "get_state"):
         return {"model": value.get_state()}
