@@ -38,6 +38,7 @@ __all__ = [
     "CANDIDATES",
     "FEATURES",
     "MODELS",
+    "RECOMMENDED",
     "BayesianNetworkModel",
     "Comparison",
     "CompensationModel",
@@ -63,3 +64,6 @@ __all__ = [
     "repeat_groups",
     "save_model",
 ]
+
+RECOMMENDED = "hybrid"
+"""Kind of model that a calibration puts into use when nobody chooses another."""
