@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import getpass
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
@@ -97,6 +99,7 @@ def measure_calibration(
         lambda: calibrate(station.devices, side, profile),
         kind=f"calibrate-{side}",
         title=f"Calibrating the {side} module",
+        metadata=_metadata(side, profile),
         progress=progress,
         on_pause=on_pause,
     )
@@ -119,6 +122,7 @@ def measure_verification(
         lambda: verify(station.devices, side, profile, steps),
         kind=f"verify-{side}",
         title=f"Verifying the {side} module",
+        metadata=_metadata(side, profile),
         progress=progress,
         on_pause=on_pause,
     )
@@ -137,9 +141,31 @@ def measure_friction(
         lambda: friction_sweep(station.devices, settings),
         kind="no-load-friction",
         title="No-load friction of the reducer",
+        metadata={"side": "input"},
         progress=progress,
         on_pause=on_pause,
     )
+
+
+def _metadata(side: Side, profile: Profile) -> dict[str, str]:
+    """Return what the registry keeps of a run beside its start document."""
+    return {
+        "side": side,
+        "profile_name": profile.name,
+        "profile_sha256": profile.sha256,
+        "operator": operator_name(),
+    }
+
+
+def operator_name() -> str:
+    """Return who works here: `$TORQUEBENCH_OPERATOR`, or the name of the account."""
+    named = os.environ.get("TORQUEBENCH_OPERATOR")
+    if named:
+        return named
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # an account without a name
+        return ""
 
 
 def _measure(
@@ -148,22 +174,23 @@ def _measure(
     *,
     kind: str,
     title: str,
+    metadata: Mapping[str, Any],
     progress: Progress,
     on_pause: OnPause | None,
 ) -> Measured[Result]:
     rehearse(station.devices, plan())
-    done = 0
+    done = -1
 
     def watch(step: PlanProgress) -> None:
         nonlocal done
-        if done == 0 and step.done == 0:
+        if done < 0:
             progress.start(title, step.total)
+            done = 0
         if step.done > done:
             progress.advance(step.done - done)
             done = step.done
 
-    extra: dict[str, Any] = {} if on_pause is None else {"on_pause": on_pause}
-    record = station.run(plan(), kind=kind, progress=watch, **extra)
+    record = station.run(plan(), kind=kind, metadata=metadata, progress=watch, on_pause=on_pause)
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["error_blocks", "friction_blocks", "module_blocks", "significant"]
 
-NAME_COLUMNS = 27
+NAME_COLUMNS = 29
 NUMBER_COLUMNS = 8
 
 
@@ -129,15 +129,25 @@ def _reference(module: ModuleResult) -> str:
 
 
 def _repeatability(module: ModuleResult) -> Iterable[RenderableType]:
-    for result in (module.raw, module.recommended):
+    rows = []
+    for result in (module.raw, *module.models):
         found = result.verification.repeatability
         if found is not None:
-            yield Text(
-                f"repeatability over the groups, {result.title}: "
-                f"{significant(found.pooled_nm)} N·m "
-                f"({significant(found.pooled_percent_fs)} % FS), "
-                f"worst place {significant(found.worst_percent_fs)} % FS"
+            rows.append((_label(result), found))
+    if rows:
+        yield Text("repeatability over the groups (worst place, pooled)", style="italic")
+        body = _grid()
+        for name, found in rows:
+            chosen = name.startswith("*")
+            body.add_row(
+                f"{'*' if chosen else ' '} {name.removeprefix('*')}",
+                significant(found.worst_nm),
+                significant(found.pooled_nm),
+                significant(found.worst_percent_fs),
+                significant(found.pooled_percent_fs),
+                style="bold green" if chosen else "",
             )
+        yield body
 
 
 def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[RenderableType]:
@@ -153,11 +163,11 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
     table = narrow_table()
     for heading in ("rpm", "clockwise mN·m", "spread", "counter-cw. mN·m", "spread"):
         table.add_column(heading, justify="right")
-    nominal = np.round(np.abs(sweep.speed_rpm), -1)
+    nominal = np.abs(sweep.nominal_rpm)
     for speed in np.unique(nominal):
         cells = [f"{speed:g}"]
         for sign in (1, -1):
-            torque = sweep.torque_nm[(nominal == speed) & (np.sign(sweep.speed_rpm) == sign)]
+            torque = sweep.torque_nm[(nominal == speed) & (np.sign(sweep.nominal_rpm) == sign)]
             cells += _mean_and_spread(1e3 * torque) if torque.size else ["-", "-"]
         table.add_row(*cells)
     yield table

@@ -111,6 +111,8 @@ class FrictionSweep:
     ----------
     speed_rpm : float64[n]
         Mean input speed of each point, clockwise positive, 1/min.
+    nominal_rpm : float64[n]
+        The speed that was asked for.
     torque_nm : float64[n]
         Input torque, compensated where `compensated`, N·m.
     standard_error_nm : float64[n]
@@ -130,6 +132,7 @@ class FrictionSweep:
     """
 
     speed_rpm: NDArray[np.float64]
+    nominal_rpm: NDArray[np.float64]
     torque_nm: NDArray[np.float64]
     standard_error_nm: NDArray[np.float64]
     true_torque_nm: NDArray[np.float64] | None
@@ -230,6 +233,7 @@ def _result(points: list[FrictionPoint], rows: list[dict[str, Any]]) -> Friction
 
     return FrictionSweep(
         speed_rpm=column("speed_rpm"),
+        nominal_rpm=np.array([point.speed_rpm for point in points]),
         torque_nm=column("torque_nm" if compensated else "reading_nm"),
         standard_error_nm=column("reading_standard_error_nm"),
         true_torque_nm=column("true_torque_nm") if known else None,

@@ -111,7 +111,7 @@ def _friction_section(friction: FrictionSweep, run_id: str) -> Section:
 
 
 def _friction_table(friction: FrictionSweep) -> Table:
-    speeds = np.round(friction.speed_rpm / 10.0) * 10.0
+    speeds = friction.nominal_rpm
     rows = []
     for speed in np.unique(speeds):
         chosen = speeds == speed

@@ -285,6 +285,8 @@ class Station:
             raise
         aborted = outcome.exit_status != "success"
         reason = outcome.reason if aborted else ""
+        if not aborted and outcome.plan_result is not None:
+            writer.write_results(outcome.plan_result)
         self._finish(writer, "aborted" if aborted else "completed", reason)
         return RunRecord(
             run_id=writer.run_id,
