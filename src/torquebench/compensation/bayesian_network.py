@@ -297,7 +297,7 @@ class BayesianNetworkModel(CompensationModel):
         "hidden": [Interval(Integral, 1, 1000, closed="both")],
         "iterations": [Interval(Integral, 1, None, closed="left")],
         "tolerance": [Interval(Real, 0, 1, closed="left")],
-        "random_state": ["random_state"],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
     }
 
     members_: list[NetworkMember]

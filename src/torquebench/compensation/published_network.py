@@ -154,7 +154,7 @@ class PublishedNetworkModel(CompensationModel):
         "learning_rate": [Interval(Real, 0, None, closed="neither")],
         "epochs": [Interval(Integral, 1, None, closed="left")],
         "hidden": [Interval(Integral, 1, 1000, closed="both")],
-        "random_state": ["random_state"],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
     }
 
     parameters_: NetworkParameters

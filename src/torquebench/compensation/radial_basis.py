@@ -168,7 +168,7 @@ class RadialBasisModel(CompensationModel):
         "particles": [Interval(Integral, 2, 1000, closed="both")],
         "swarm_steps": [Interval(Integral, 1, None, closed="left")],
         "iterations": [Interval(Integral, 0, None, closed="left")],
-        "random_state": ["random_state"],
+        "random_state": [Interval(Integral, 0, None, closed="left")],
     }
 
     network_: RadialBasis
