@@ -42,6 +42,7 @@ _STYLE: Any = {  # Matplotlib types its keys one by one
     "svg.fonttype": "path",
 }
 _UP, _DOWN = "^", "v"
+_LEGEND_CHARACTERS = 100
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,10 @@ def _percent_axis(axes: Axes, range_nm: float) -> None:
     right.spines["right"].set_color("#B9BEC5")
 
 
-def _legend_above(axes: Axes, columns: int = 4) -> None:
+def _legend_above(axes: Axes) -> None:
+    """Put the legend above the axes, in as many columns as its longest label leaves room for."""
+    _, labels = axes.get_legend_handles_labels()
+    columns = max(1, min(5, _LEGEND_CHARACTERS // (max(map(len, labels)) + 7)))
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.3)
 
 
@@ -147,7 +151,7 @@ def additional_torque_figure(
         axes.set_xlabel("reading in N·m")
         axes.set_ylabel("additional torque in N·m")
         _percent_axis(axes, range_nm)
-        _legend_above(axes, 3)
+        _legend_above(axes)
         return _svg(figure)
 
 
@@ -164,7 +168,8 @@ def error_figure(
     Parameters
     ----------
     curves : sequence of Curve
-        Error curves in N·m over torque in N·m; those with ``raw`` go to the upper panel.
+        Error curves in N·m over torque in N·m; those with ``raw`` go to the upper panel, and
+        the first of each panel lies on top.
     range_nm : float
         Full scale, in N·m.
     limit_fs : float, optional
@@ -188,11 +193,12 @@ def error_figure(
     with mpl.rc_context(_STYLE):
         figure, panels = _new(2.0 * len(groups) + 0.9, len(groups))
         for axes, group in zip(panels, groups, strict=True):
-            for colour, curve in zip(_COLOURS, group, strict=False):
+            for order, (colour, curve) in enumerate(zip(_COLOURS, group, strict=False)):
                 axes.plot(
                     curve.x,
                     curve.y,
                     **style,
+                    zorder=3.0 - 0.1 * order,
                     color=_RAW_COLOUR if curve.raw else colour,
                     markersize=2.0,
                     linewidth=1.2,
@@ -327,7 +333,7 @@ def friction_figure(
             _line_by_direction(axes, truth, ":", _COLOURS[1])
         axes.set_xlabel("input speed in rpm")
         axes.set_ylabel("no-load torque in N·m")
-        _legend_above(axes, 5)
+        _legend_above(axes)
         return _svg(figure)
 
 

@@ -181,8 +181,7 @@ def _tables(module: ModuleResult) -> list[Table]:
 def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
     data = module.verification
     reference = data.standard_nm if data.true_torque_nm is None else data.true_torque_nm
-    # The recommended model is drawn last, so that the others don't cover it.
-    results = (module.raw, *reversed(module.models))
+    results = (module.raw, *module.models)
     points = [
         Curve(r.title, reference, r.torque_nm - reference, raw=r is module.raw) for r in results
     ]
@@ -215,7 +214,7 @@ def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
         )
     worst = {
         r.title: np.array([group.worst_nm for group in r.verification.groups])
-        for r in reversed(module.models)
+        for r in module.models
     }
     blocks.append(
         Figure(

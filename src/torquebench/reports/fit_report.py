@@ -1,0 +1,130 @@
+"""The report of one fit: the comparison of models, and the errors before and after."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from torquebench.campaign.results import FitResult
+from torquebench.reports.errors_table import errors_table, number
+from torquebench.reports.figures import Curve, additional_torque_figure, error_figure
+from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+
+__all__ = ["fit_page"]
+
+
+def fit_page(result: FitResult) -> Page:
+    """Return the report of a model that was fitted to one table.
+
+    Parameters
+    ----------
+    result : FitResult
+        The fit and the comparison that it rests on.
+
+    Returns
+    -------
+    Page
+        Ready for `torquebench.reports.page.write_page`.
+    """
+    return Page(
+        title="Compensation of a torque measuring chain",
+        subtitle=f"{result.source} · {len(result.data)} points · {result.data.range_nm:g} N·m",
+        sections=[_data(result), _comparison(result), _before_and_after(result)],
+        simulated=result.data.simulated,
+    )
+
+
+def _data(result: FitResult) -> Section:
+    data = result.data
+    noise = result.comparison.noise
+    scatter = (
+        "no step was repeated"
+        if noise is None
+        else f"{number(noise.standard_deviation_nm)} N·m "
+        f"({noise.degrees_of_freedom} degrees of freedom)"
+    )
+    facts = Facts(
+        (
+            ("Points", f"{len(data)} in {len(np.unique(data.series))} series"),
+            ("Range", f"{data.range_nm:g} N·m"),
+            ("Transducer", data.transducer_serial or "not stated"),
+            ("Counter", data.counter_identity or "not stated"),
+            ("Scatter of repeated points", scatter),
+            ("Data SHA-256", data.sha256()),
+        )
+    )
+    curves = branch_curves(result.model, result.title, data.reading_nm)
+    figure = Figure(
+        additional_torque_figure(
+            data.reading_nm, data.additional_torque_nm, data.branch, curves, data.range_nm
+        ),
+        f"Additional torque (standard minus reading) of each point, and the model "
+        f"{result.title!r} fitted to it.",
+    )
+    remarks = " ".join(f"{remark}." for remark in result.remarks)
+    return Section("Calibration", remarks, (facts, figure))
+
+
+def _comparison(result: FitResult) -> Section:
+    comparison = result.comparison
+    rows = [
+        (
+            score.name,
+            number(score.worst_nm),
+            number(score.rms_nm),
+            number(score.worst_percent_fs),
+            number(score.rms_percent_fs),
+            number(score.worst_averaged_nm),
+            number(score.effective_parameters),
+            score.reason,
+        )
+        for score in comparison.scores
+    ]
+    taken = next(
+        index for index, score in enumerate(comparison.scores) if score.name == result.name
+    )
+    header = (
+        "model",
+        "worst, N·m",
+        "RMS, N·m",
+        "worst, % FS",
+        "RMS, % FS",
+        "worst step mean, N·m",
+        "parameters",
+        "verdict",
+    )
+    caption = (
+        f"Errors at steps that the models weren't fitted to: {comparison.folds} folds, "
+        f"{comparison.points} points in {comparison.steps} steps. The outermost steps always stay "
+        "in, since a model never has to extrapolate."
+    )
+    text = (
+        f"Taken: {result.title}. RMS error of the selection itself, each fold's model chosen by "
+        f"the other folds: {number(comparison.selected_rms_nm)} N·m."
+    )
+    refused = [(name, reason) for name, reason in comparison.refused.items()]
+    blocks: list[Table | Facts] = [Table(header, rows, caption, taken)]
+    if refused:
+        blocks.append(Facts(refused))
+    return Section("Comparison of models", text, blocks)
+
+
+def _before_and_after(result: FitResult) -> Section:
+    data = result.data
+    torque = result.model.predict(data.features(result.model.n_features_in_))
+    table = errors_table(
+        [("raw reading", result.raw), (result.title, result.fitted)],
+        "Against the standard, on the points that the model was fitted to.",
+        1,
+    )
+    curves = [
+        Curve("raw reading", data.standard_nm, -data.additional_torque_nm, raw=True),
+        Curve(result.title, data.standard_nm, torque - data.standard_nm),
+    ]
+    figure = Figure(
+        error_figure(curves, data.range_nm, limit_fs=SOURCES_LIMIT_FS),
+        "Error before (above) and after compensation (below) on the points of the fit. "
+        "Dashed: 0.1 % FS.",
+    )
+    text = "These points were fitted: only fresh points can verify a model."
+    return Section("Before and after", text, (table, figure))

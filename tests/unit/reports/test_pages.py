@@ -1,0 +1,105 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torquebench.calibration import summarise_errors
+from torquebench.reports.errors_table import errors_table, number
+from torquebench.reports.figures import (
+    Curve,
+    additional_torque_figure,
+    error_figure,
+    friction_figure,
+    group_figure,
+    staircase_figure,
+)
+from torquebench.reports.page import Facts, Figure, Page, Section, Table, render_page, write_page
+
+
+def _figures() -> dict[str, str]:
+    rng = np.random.default_rng(3)
+    torque = np.linspace(-50.0, 50.0, 40)
+    noise = rng.normal(0.0, 0.02, 40)
+    branch = np.where(np.arange(40) % 2, 1, -1)
+    curve = Curve("physics + Gaussian process", torque, noise)
+    raw = Curve("raw reading", torque, 10 * noise, raw=True)
+    speed = np.repeat([-600.0, -100.0, 100.0, 600.0], 3)
+    return {
+        "additional": additional_torque_figure(torque, noise, branch, [curve], 50.0),
+        "error": error_figure([raw, curve], 50.0, limit_fs=0.001),
+        "groups": group_figure({"hybrid": np.abs(noise[:10])}, 50.0, limit_fs=0.001),
+        "staircase": staircase_figure(np.arange(40) / 2, torque, noise, 50.0),
+        "friction": friction_figure(speed, speed * 1e-3, np.tile([1, 2, 3], 4), fit=curve),
+    }
+
+
+def test_the_same_arrays_give_the_same_bytes() -> None:
+    assert _figures() == _figures()
+
+
+@pytest.mark.parametrize("name", ["additional", "error", "groups", "staircase", "friction"])
+def test_figures_are_whole_svg_elements_without_outside_references(name: str) -> None:
+    svg = _figures()[name]
+    assert svg.startswith("<svg")
+    assert svg.rstrip().endswith("</svg>")
+    outside = [ref for ref in re.findall(r'(?:href|src)="([^"]*)"', svg) if ref[0] != "#"]
+    assert outside == []
+
+
+def _page(simulated: bool) -> Page:
+    figure = Figure(_figures()["error"], "Errors of a < b & c.")
+    table = Table(["model", "worst, N·m"], [["raw", "1.2"], ["hybrid", "0.1"]], "Caption.", 1)
+    facts = Facts([("Transducer", "<script>alert(1)</script>")])
+    return Page("Title", "subtitle", [Section("Part", "Text.", [facts, table, figure])], simulated)
+
+
+def test_text_is_escaped_and_figures_are_not() -> None:
+    html = render_page(_page(simulated=False))
+    assert "<script" not in html
+    assert "Errors of a &lt; b &amp; c." in html
+    assert "<svg" in html
+    assert html.count('class="emphasised"') == 1
+
+
+def test_a_simulated_page_says_so_at_both_ends() -> None:
+    assert render_page(_page(simulated=True)).count("simulated") >= 2
+    assert "simulated" not in render_page(_page(simulated=False))
+
+
+def test_a_page_needs_no_network() -> None:
+    html = render_page(_page(simulated=True))
+    assert not re.search(r'(?:href|src)="https?:', html)
+    assert "@import" not in html
+
+
+def test_a_page_appears_whole_and_leaves_no_part_behind(tmp_path: Path) -> None:
+    path = write_page(_page(simulated=True), tmp_path / "new" / "report.html")
+    assert path.read_text(encoding="utf-8").rstrip().endswith("</html>")
+    assert [file.name for file in path.parent.iterdir()] == ["report.html"]
+
+
+def test_a_page_that_fails_leaves_the_old_report_alone(tmp_path: Path) -> None:
+    path = write_page(_page(simulated=True), tmp_path / "report.html")
+    before = path.read_bytes()
+    broken = Page("Title", "", [Section("Part", "", [Facts([("one",)])])])  # type: ignore[list-item]
+    with pytest.raises(ValueError, match="unpack"):
+        write_page(broken, path)
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0456, "0.0456"), (12.345, "12.3"), (1234.5, "1230"), (0.09999, "0.100"), (None, "–")],
+)
+def test_numbers_keep_their_significant_digits(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+def test_the_errors_table_names_units_and_the_rule_for_readings() -> None:
+    summary = summarise_errors([49.9, 0.1], [50.0, 0.0], 50.0)
+    table = errors_table([("raw", summary)], "On two points.")
+    assert list(table.rows[0])[1] == "0.100"
+    assert "5 % of full scale" in table.caption
+    assert [cell for cell in table.header if "% FS" in cell]
