@@ -8,11 +8,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from torquebench.calibration import CalibrationData
+from torquebench.calibration import CalibrationData, summarise_errors
 from torquebench.campaign.progress import NO_PROGRESS, Progress
-from torquebench.compensation import FEATURES, CompensationModel, make_model
+from torquebench.campaign.results import FitResult
+from torquebench.compensation import (
+    CANDIDATES,
+    FEATURES,
+    MODELS,
+    CompensationModel,
+    compare,
+    make_model,
+)
+from torquebench.errors import InputError
 
-__all__ = ["FittedModel", "ModelChoice", "feature_columns", "fit_models", "model_title"]
+__all__ = [
+    "FittedModel",
+    "ModelChoice",
+    "feature_columns",
+    "fit_models",
+    "fit_table",
+    "model_title",
+]
 
 _TITLES = {
     "bayesian-network": "network, Bayesian",
@@ -156,3 +172,66 @@ class _Fraction:
         if steps > self._done:
             self._progress.advance(steps - self._done)
             self._done = steps
+
+
+def fit_table(
+    data: CalibrationData,
+    source: str,
+    name: str | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> FitResult:
+    """Compare all candidates by cross-validation and take one, fitted to all points.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    source : str
+        Name of the table, for reports.
+    name : str, optional
+        The model to take, as `make_model` names it; by default the one that the comparison
+        selects: the simplest within one standard error of the best.
+    progress : Progress
+        Told one stage.
+
+    Raises
+    ------
+    InputError
+        An unknown model, or points that no model (or not the named one) takes.
+    """
+    candidates = [each for each in CANDIDATES if each.startswith("polynomial") or each in MODELS]
+    if name is not None:
+        make_model(name)
+        if name not in candidates:
+            candidates.append(name)
+    progress.start("Comparing models", _PROGRESS_STEPS)
+    comparison = compare(
+        data.features(COMPARED_COLUMNS),
+        data.standard_nm,
+        candidates,
+        range_nm=data.range_nm,
+        progress=_Fraction(progress),
+    )
+    progress.finish()
+    taken = name or comparison.selected
+    if taken in comparison.refused:
+        raise InputError(
+            f"model {taken} refuses the points: {comparison.refused[taken]}",
+            remedy="take another model, or record what it needs",
+        )
+    model = comparison.models[taken]
+    torque = model.predict(data.features(COMPARED_COLUMNS))
+    return FitResult(
+        source=source,
+        data=data,
+        comparison=comparison,
+        name=taken,
+        title=model_title(model.kind, model.get_params(deep=False)),
+        model=model,
+        raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+        fitted=summarise_errors(torque, data.standard_nm, data.range_nm),
+        remarks=tuple(f"wild point, weighted down: {point}" for point in comparison.wild_points),
+    )
+
+
+COMPARED_COLUMNS = 2
+"""Reading and branch: what every table has. A model looks at no more of them than it uses."""

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData, ErrorSummary, ModelVerification
-from torquebench.compensation import CompensationModel
+from torquebench.compensation import Comparison, CompensationModel
 from torquebench.procedures import FrictionSweep
 
 __all__ = [
     "CompensationResult",
     "DemoResult",
     "DenseSweep",
+    "FitResult",
     "FrictionSweep",
     "ModuleResult",
 ]
@@ -122,6 +123,39 @@ class ModuleResult:
     def recommended(self) -> CompensationResult:
         """The model that the campaign activates."""
         return next(result for result in self.models if result.recommended)
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A model fitted to one table of a measuring chain, beside the alternatives.
+
+    Attributes
+    ----------
+    source : str
+        Name of the table.
+    data : CalibrationData
+        Its points.
+    comparison : Comparison
+        All candidates by cross-validation, with the one that it selects.
+    name, title : str
+        The candidate that was taken, and its kind in words.
+    model : CompensationModel
+        Fitted to all points.
+    raw, fitted : ErrorSummary
+        Errors against the standard without compensation, and of the fit on its own points.
+    remarks : tuple of str
+        What the fit warned of: wild points, averaged points.
+    """
+
+    source: str
+    data: CalibrationData
+    comparison: Comparison
+    name: str
+    title: str
+    model: CompensationModel
+    raw: ErrorSummary
+    fitted: ErrorSummary
+    remarks: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -119,11 +119,13 @@ def installation() -> Iterator[Finding]:
 
 def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
     """Look at the bench description and at the folder of the records."""
+    from torquebench.bench.drivers.base import SIDES
+
     description = _description(bench)
     name = f"{description.name} ({bench or 'the packaged simulated bench'})"
     yield Finding("bench", "ok", name)
-    for side in ("input", "output"):
-        module = description.module(side)  # type: ignore[arg-type]
+    for side in SIDES:
+        module = description.module(side)
         yield Finding(
             side,
             "ok",
@@ -182,13 +184,12 @@ def _signals(station: Station) -> Iterator[Finding]:
         yield Finding(f"{side} pulses", "ok", f"{latest.frequency_hz:.2f} Hz")
     for side in SIDES:
         try:
-            station.activate_compensation(side)
+            active = station.activate_compensation(side)
         except TorquebenchError as error:
             remedy = error.remedy or f"torquebench calibrate {side}"
             yield Finding(f"{side} model", "note", error.found, remedy)
             continue
-        active = station.acquisition.compensation(side)
-        yield Finding(f"{side} model", "ok", "none" if active is None else active.name)
+        yield Finding(f"{side} model", "ok", f"model-{active.model_id} ({active.kind})")
 
 
 def _description(bench: Path | None) -> BenchDescription:

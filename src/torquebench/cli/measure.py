@@ -40,10 +40,11 @@ def measure(
     Nothing is moved. A line that averages `--interval` seconds is rewritten in place; into a pipe
     it is written line by line.
     """
+    from torquebench.bench.drivers.base import SIDES
     from torquebench.station import Station
 
     with Station.open(bench, data, real_time=True) as station:
-        states = {side: _activate(station, side) for side in ("input", "output")}
+        states = {side: _activate(station, side) for side in SIDES}
         if zero:
             _take_zero(station)
         if station.description.simulated:
@@ -62,11 +63,10 @@ def _activate(station: Station, side: Side) -> str:
     from torquebench.errors import ModelMismatchError
 
     try:
-        station.activate_compensation(side)
+        active = station.activate_compensation(side)
     except ModelMismatchError as error:
-        return f"not compensated: {error.found}"
-    active = station.acquisition.compensation(side)
-    return "not compensated" if active is None else f"compensated by {active.name}"
+        return f"not compensated, {error.found}"
+    return f"compensated by model-{active.model_id} ({active.kind})"
 
 
 def _take_zero(station: Station) -> None:
@@ -113,10 +113,9 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
 
 def measured_line(station: Station, blocks: list[AcquiredBlock]) -> str:
     """Return one line of at most 80 columns about an interval."""
-    parts = [f"{blocks[-1].stop_s:8.1f} s"]
-    for side, short in (("input", "in"), ("output", "out")):
-        parts.append(f"{short} {_torque(side, blocks)}")
     newest = blocks[-1]
+    parts = [f"{newest.stop_s:7.1f} s"]
+    parts += [f"in {_torque('input', blocks)}", f"out {_torque('output', blocks)}"]
     rpm = newest.speed_rad_s["input"] * 60.0 / 6.283185307179586
     probe = station.description.input.temperature_probe
     parts.append(f"{rpm:7.1f} rpm")

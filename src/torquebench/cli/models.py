@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from torquebench.cli.console import out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
@@ -14,6 +15,7 @@ from torquebench.errors import ModelMismatchError
 
 if TYPE_CHECKING:
     from torquebench.calibration import CalibrationData
+    from torquebench.campaign.results import FitResult
     from torquebench.compensation import StoredModel
 
 __all__ = ["register"]
@@ -29,8 +31,92 @@ def register(app: typer.Typer) -> None:
     app.command("verify")(verify)
 
 
-def fit() -> None:
-    """."""
+def fit(
+    data: Annotated[Path, typer.Argument(help="A CSV file with reading_nm and standard_nm.")],
+    range_nm: RangeOption = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Kind of model; without it the one that the comparison selects."),
+    ] = None,
+    result: Annotated[Path, typer.Option("--out", help="The model file to write.")] = Path(
+        "model.json"
+    ),
+    report: Annotated[
+        Path | None, typer.Option(help="The HTML report; without it beside the model file.")
+    ] = None,
+    one_direction: Annotated[
+        bool,
+        typer.Option("--one-direction", help="The chain is loaded in one direction only."),
+    ] = False,
+    serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
+    counter: Annotated[str, typer.Option(help="Which clock counted the pulses.")] = "",
+) -> None:
+    """Fit a compensation model to a calibration, beside a comparison of all kinds.
+
+    Models are compared by cross-validation: by their errors at steps that they weren't fitted to.
+    The simplest within one standard error of the best is taken unless --model names another.
+    """
+    from torquebench.campaign.fitting import fit_table
+    from torquebench.campaign.modules import store_model
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.compensation import make_model
+    from torquebench.records import read_calibration_csv
+    from torquebench.reports.fit_report import fit_page
+    from torquebench.reports.page import write_page
+
+    page = report or result.with_suffix(".html")
+    check_output(result, data)
+    check_output(page, data, result)
+    if model is not None:
+        make_model(model)
+    points = read_calibration_csv(
+        data,
+        range_nm=range_nm,
+        both_directions=not one_direction,
+        transducer_serial=serial,
+        counter_identity=counter,
+    )
+    with TerminalProgress() as progress:
+        fitted = fit_table(points, data.name, model, progress)
+    for remark in fitted.remarks:
+        warn(remark)
+    _print_fit(fitted)
+    score = fitted.comparison.score(fitted.name)
+    store_model(
+        result,
+        fitted.model,
+        points,
+        {
+            "fit_worst_percent_fs": fitted.fitted.worst_percent_fs,
+            "fit_rms_percent_fs": fitted.fitted.rms_percent_fs,
+            "cross_validated_worst_percent_fs": score.worst_percent_fs,
+            "cross_validated_rms_percent_fs": score.rms_percent_fs,
+            "noise_nm": float(fitted.model.noise_nm_),
+        },
+    )
+    write_page(fit_page(fitted), page)
+    say(f"Model: {result}   Report: {page}")
+
+
+def _print_fit(fitted: FitResult) -> None:
+    """Print the comparison, what was taken and why, and the errors before and after."""
+    from torquebench.cli.tables import comparison_table, error_blocks
+
+    data, comparison = fitted.data, fitted.comparison
+    simulated = " - simulated" if data.simulated else ""
+    heading = f"{fitted.source}: {len(data)} points, {data.range_nm:g} N·m{simulated}"
+    say(f"[bold]{escape(heading)}[/bold]")
+    out().print(comparison_table(comparison, fitted.name))
+    for name, reason in comparison.refused.items():
+        warn(f"{name} refused the points: {reason}")
+    if comparison.noise is not None:
+        say(f"scatter of repeated points: {comparison.noise.standard_deviation_nm:.3g} N·m")
+    score = comparison.score(fitted.name)
+    taken = score.reason if score.selected else f"asked for; {score.reason}"
+    say(f"taken: [bold]{fitted.title}[/bold] ({taken})")
+    rows = [("raw reading", fitted.raw), (f"*{fitted.title}", fitted.fitted)]
+    for part in error_blocks([("on the points that it was fitted to", rows)]):
+        out().print(part)
 
 
 def apply(

@@ -9,36 +9,25 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from torquebench.reports.errors_table import number
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from torquebench.calibration import ErrorSummary
     from torquebench.campaign.results import CompensationResult, FrictionSweep, ModuleResult
+    from torquebench.compensation import Comparison
 
-__all__ = ["error_blocks", "friction_blocks", "module_blocks", "significant"]
+__all__ = [
+    "comparison_table",
+    "error_blocks",
+    "friction_blocks",
+    "module_blocks",
+]
 
 NAME_COLUMNS = 29
 NUMBER_COLUMNS = 8
-
-
-def significant(value: float | None, digits: int = 3) -> str:
-    """Return a value with so many significant digits and no exponent.
-
-    Examples
-    --------
-    >>> significant(0.045678), significant(12.3456), significant(0.0), significant(None)
-    ('0.0457', '12.3', '0', '-')
-    """
-    if value is None:
-        return "-"
-    if value == 0.0:
-        return "0"
-    text = f"{value:.{digits}g}"
-    if "e" not in text:
-        # Keep trailing zeros: 0.0450 says more than 0.045.
-        return f"{value:#.{digits}g}".rstrip(".")
-    return f"{float(text):f}".rstrip("0").rstrip(".")
 
 
 def _grid() -> Table:
@@ -51,12 +40,12 @@ def _grid() -> Table:
 
 def _numbers(summary: ErrorSummary) -> list[str]:
     return [
-        significant(summary.worst_nm),
-        significant(summary.rms_nm),
-        significant(summary.worst_percent_fs),
-        significant(summary.rms_percent_fs),
-        significant(summary.worst_percent_reading),
-        significant(summary.rms_percent_reading),
+        number(summary.worst_nm),
+        number(summary.rms_nm),
+        number(summary.worst_percent_fs),
+        number(summary.rms_percent_fs),
+        number(summary.worst_percent_reading),
+        number(summary.rms_percent_reading),
     ]
 
 
@@ -141,13 +130,46 @@ def _repeatability(module: ModuleResult) -> Iterable[RenderableType]:
             chosen = name.startswith("*")
             body.add_row(
                 f"{'*' if chosen else ' '} {name.removeprefix('*')}",
-                significant(found.worst_nm),
-                significant(found.pooled_nm),
-                significant(found.worst_percent_fs),
-                significant(found.pooled_percent_fs),
+                number(found.worst_nm),
+                number(found.pooled_nm),
+                number(found.worst_percent_fs),
+                number(found.pooled_percent_fs),
                 style="bold green" if chosen else "",
             )
         yield body
+
+
+def comparison_table(comparison: Comparison, taken: str) -> Table:
+    """Return candidates by their errors at steps that they weren't fitted to.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    taken : str
+        Name of the candidate that is marked.
+    """
+    from torquebench.cli.console import narrow_table
+
+    table = narrow_table(
+        caption=f"errors at steps left out ({comparison.folds} folds, {comparison.points} points, "
+        f"{comparison.steps} steps)"
+    )
+    table.add_column("model", no_wrap=True)
+    for heading in ("worst N·m", "RMS N·m", "worst % FS", "RMS % FS", "param.", "fit s"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for score in comparison.scores:
+        chosen = score.name == taken
+        table.add_row(
+            f"{'*' if chosen else ' '} {score.name}",
+            number(score.worst_nm),
+            number(score.rms_nm),
+            number(score.worst_percent_fs),
+            number(score.rms_percent_fs),
+            f"{score.effective_parameters:.1f}",
+            f"{score.fit_time_s:.2f}",
+            style="bold green" if chosen else "",
+        )
+    return table
 
 
 def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[RenderableType]:

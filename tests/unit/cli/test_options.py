@@ -1,0 +1,29 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+
+import pytest
+
+from torquebench.cli.options import check_output, data_directory
+from torquebench.errors import InputError
+
+
+def test_an_output_in_an_existing_folder_is_fine(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    assert check_output(target, tmp_path / "in.csv") == target
+    assert not target.exists()
+
+
+def test_outputs_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
+    source = tmp_path / "in.csv"
+    source.write_text("reading_nm\n1\n")
+    for bad in (tmp_path, tmp_path / "missing" / "out.csv", tmp_path / "." / "in.csv"):
+        with pytest.raises(InputError):
+            check_output(bad, source)
+
+
+def test_a_folder_without_records_is_refused_and_not_created(tmp_path: Path) -> None:
+    missing = tmp_path / "nothing"
+    with pytest.raises(InputError, match="no records"):
+        data_directory(missing)
+    assert not missing.exists()
