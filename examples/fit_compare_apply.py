@@ -1,0 +1,30 @@
+"""Fit, compare and apply compensation models of a calibration (simulated example data)."""
+
+# %% A calibration as any laboratory would have it: readings beside the standard's torque.
+from pathlib import Path
+
+from torquebench.calibration import verify
+from torquebench.compensation import RECOMMENDED, compare, make_model
+from torquebench.records import read_calibration_csv, read_readings_csv
+
+folder = Path(__file__).parent
+data = read_calibration_csv(folder / "calibration-output.csv")
+
+# %% Fit the recommended model, and compare all models on points that they haven't seen.
+model = make_model(RECOMMENDED, range_nm=data.range_nm).fit(data.features(), data.standard_nm)
+for score in compare(data.features(), data.standard_nm, range_nm=data.range_nm).scores:
+    print(
+        f"{score.name:18} {score.worst_percent_fs:.3f} % FS worst, {score.rms_percent_fs:.3f} RMS"
+    )
+
+# %% Check it at fresh points off the calibration's grid.
+check = read_calibration_csv(folder / "verification-output.csv")
+for found in verify(check, {RECOMMENDED: model}).models:
+    print(
+        f"{found.name:18} {found.against_standard.worst_percent_fs:.3f} % FS worst at fresh points"
+    )
+
+# %% Apply it: torque at the reducer, and the standard uncertainty of the model's curve.
+readings = read_readings_csv(folder / "readings-output.csv")
+torque_nm, u_nm = model.predict(readings.features(3), return_std=True)
+print(f"{readings.reading_nm[0]} N·m read: {torque_nm[0]:.2f} N·m, u = {u_nm[0]:.2f} N·m")

@@ -1,0 +1,35 @@
+import ast
+import runpy
+from pathlib import Path
+
+import pytest
+
+from torquebench.records import read_calibration_csv, read_readings_csv
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=[script.stem for script in SCRIPTS])
+def test_an_example_runs_and_is_short(script, capsys):
+    text = script.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 30
+    assert "simulated" in ast.get_docstring(ast.parse(text))
+    runpy.run_path(str(script), run_name="__main__")
+    assert capsys.readouterr().out
+
+
+def test_example_tables_are_simulated_and_say_so():
+    tables = sorted(EXAMPLES.glob("*.csv"))
+    assert tables
+    for path in tables:
+        reader = read_readings_csv if path.name.startswith("readings") else read_calibration_csv
+        assert reader(path).simulated
+        assert "simulated" in path.read_text(encoding="utf-8")
+
+
+def test_the_example_shows_what_compensation_is_worth(capsys):
+    runpy.run_path(str(EXAMPLES / "fit_compare_apply.py"))
+    fresh = [line.split() for line in capsys.readouterr().out.splitlines() if "fresh" in line]
+    raw, compensated = (float(line[1]) for line in fresh)
+    assert compensated < 0.2 * raw
