@@ -20,9 +20,7 @@ for score in compare(data.features(), data.standard_nm, range_nm=data.range_nm).
 # %% Check it at fresh points off the calibration's grid.
 check = read_calibration_csv(folder / "verification-output.csv")
 for found in verify(check, {RECOMMENDED: model}).models:
-    print(
-        f"{found.name:18} {found.against_standard.worst_percent_fs:.3f} % FS worst at fresh points"
-    )
+    print(f"fresh points, {found.name}: {found.against_standard.worst_percent_fs:.3f} % FS worst")
 
 # %% Apply it: torque at the reducer, and the standard uncertainty of the model's curve.
 readings = read_readings_csv(folder / "readings-output.csv")

@@ -31,5 +31,5 @@ def test_example_tables_are_simulated_and_say_so():
 def test_the_example_shows_what_compensation_is_worth(capsys):
     runpy.run_path(str(EXAMPLES / "fit_compare_apply.py"))
     fresh = [line.split() for line in capsys.readouterr().out.splitlines() if "fresh" in line]
-    raw, compensated = (float(line[1]) for line in fresh)
+    raw, compensated = (float(line[3]) for line in fresh)
     assert compensated < 0.2 * raw
