@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label, median_filter
 
-__all__ = ["wild_values"]
+__all__ = ["isolated", "wild_values"]
 
 # Samples in the running median: up to three wild ones among them do no harm.
 _WINDOW = 7
@@ -12,6 +12,9 @@ _WINDOW = 7
 _LIMIT = 8.0
 # More in a row than this are a change of the signal, not single values.
 _LONGEST_RUN = 2
+# Multiples of the limit that are looked at, so that a huge value within a fast change, whose own
+# samples stand out as well, is still a single one.
+_HEIGHTS = (1.0, 10.0, 100.0, 1000.0)
 # Median absolute deviation to standard deviation of normal noise.
 _SPREAD = 1.4826
 
@@ -48,16 +51,14 @@ def wild_values(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
     # Where most samples repeat, the smallest step is the resolution.
     moved = steps[steps > 0]
     spread = max(_SPREAD * float(np.median(steps)), float(moved.min()) if moved.size else 0.0)
-    far = distance > limit * spread
-    return far & ~_runs_longer_than(far, _LONGEST_RUN)
+    wild = np.zeros(samples.size, dtype=np.bool_)
+    for times in _HEIGHTS:
+        wild |= isolated(distance > times * limit * spread)
+    return wild
 
 
 def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Keep only marks that stand alone or in pairs."""
-    return far & ~_runs_longer_than(far, _LONGEST_RUN)
-
-
-def _runs_longer_than(marks: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
-    runs, _ = label(marks)
+    runs, _ = label(far)
     lengths = np.bincount(runs.ravel())
-    return np.asarray(lengths[runs] > longest) & marks
+    return far & np.asarray(lengths[runs] <= _LONGEST_RUN)

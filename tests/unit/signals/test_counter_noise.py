@@ -1,0 +1,99 @@
+"""Noise of the counters against the formulas of the field (Rubiola et al., arXiv:1506.05009)."""
+
+import numpy as np
+import pytest
+
+from torquebench.signals import EdgeBlock, FrequencyCounter, count_windows, samples_of
+
+TIMEBASE = 100e6
+FREQUENCY = 61_234.567
+
+
+def errors(method, jitter_s, window_s, *, windows=2500, both=False, seed=3):
+    """Errors of many windows, each with its own phase, and the uncertainty that is stated."""
+    generator = np.random.default_rng(seed)
+    frequency = FREQUENCY * generator.uniform(0.99, 1.01, windows)
+    period = TIMEBASE / frequency[:, None]
+    length = round(window_s * TIMEBASE)
+    starts = np.arange(windows) * length
+    trains = []
+    for duty in (0.0, 0.4) if both else (0.0,):
+        number = np.arange(int(length / period.max()) - 1)
+        phase = generator.uniform(0.01, 1.0, (windows, 1)) * period + duty * period
+        times = starts[:, None] + phase + number * period
+        times = times + generator.normal(0.0, jitter_s * TIMEBASE, times.shape)
+        trains.append(np.floor(times).astype(np.int64).ravel())
+    counts = [
+        count_windows(train, starts, starts + length, method, check_train=False) for train in trains
+    ]
+    pooled = counts[0].pooled(counts[1]) if both else counts[0]
+    samples = samples_of(
+        pooled, starts, starts + length, timebase_hz=TIMEBASE, edge_jitter_s=jitter_s
+    )
+    return samples.frequency_hz - frequency, samples.standard_uncertainty_hz
+
+
+# Relative standard deviations over τ with n edges: √2 σ_t/τ, which is T_c/(√6 τ) for
+# quantisation alone, √12 σ_t/(τ√n) and 4 σ_t/(τ√n), with σ_t² = σ_j² + T_c²/12.
+FORMULAS = {
+    "reciprocal": lambda noise, tau, edges: np.sqrt(2) * noise / tau + 0 * edges,
+    "regression": lambda noise, tau, edges: np.sqrt(12) * noise / (tau * np.sqrt(edges)),
+    "triangular": lambda noise, tau, edges: 4 * noise / (tau * np.sqrt(edges)),
+}
+
+
+@pytest.mark.parametrize("window_s", [1e-3, 10e-3])
+@pytest.mark.parametrize(
+    ("method", "jitter_s"),
+    [("reciprocal", 0.0), ("reciprocal", 5e-9), ("regression", 5e-9), ("triangular", 5e-9)],
+)
+def test_noise_is_within_15_percent_of_the_formula(method, jitter_s, window_s):
+    windows = 2500 if window_s < 5e-3 else 600
+    error, stated = errors(method, jitter_s, window_s, windows=windows)
+    measured = float(np.sqrt(np.mean(error**2)))
+    noise = np.sqrt(jitter_s**2 + 1 / TIMEBASE**2 / 12)
+    expected = FORMULAS[method](noise, window_s, window_s * FREQUENCY) * FREQUENCY
+    assert measured == pytest.approx(expected, rel=0.15)
+    assert measured == pytest.approx(float(stated.mean()), rel=0.08)
+
+
+def test_quantisation_alone_leaves_the_regression_below_its_formula():
+    error, stated = errors("regression", 0.0, 10e-3, windows=600)
+    assert np.sqrt(np.mean(error**2)) < 1.15 * stated.mean()
+
+
+def test_both_edges_lower_the_noise_by_the_root_of_two():
+    one, _ = errors("regression", 5e-9, 1e-3)
+    both, stated = errors("regression", 5e-9, 1e-3, both=True)
+    assert one.std() / both.std() == pytest.approx(np.sqrt(2), rel=0.08)
+    assert both.std() == pytest.approx(float(stated.mean()), rel=0.08)
+
+
+def test_the_noise_of_a_gate_is_that_of_two_roundings():
+    generator = np.random.default_rng(4)
+    error = []
+    for frequency in generator.uniform(30e3, 90e3, 60):
+        train = np.floor(np.arange(1, 0.02 * frequency) * TIMEBASE / frequency).astype(np.int64)
+        starts = generator.integers(0, 1_700_000, 40)
+        starts.sort()
+        counts = count_windows(train, starts, starts + 100_000, "gated")
+        samples = samples_of(counts, starts, starts + 100_000, timebase_hz=TIMEBASE)
+        error.extend(samples.frequency_hz - frequency)
+    assert np.std(error) == pytest.approx(1 / (np.sqrt(6) * 1e-3), rel=0.1)
+    assert float(samples.standard_uncertainty_hz[0]) == pytest.approx(1 / (np.sqrt(6) * 1e-3))
+
+
+def test_a_wrong_timebase_scales_every_frequency(pulse_train):
+    # The counter's clock runs 10 ppm fast: it counts more ticks for the same time.
+    ticks = pulse_train(60e3, 50e-3, timebase_hz=TIMEBASE * (1 + 1e-5), jitter_s=1e-9)
+    starts = np.arange(4) * 1_000_000
+    counts = count_windows(ticks, starts, starts + 1_000_000)
+    samples = samples_of(counts, starts, starts + 1_000_000, timebase_hz=TIMEBASE)
+    np.testing.assert_allclose(samples.frequency_hz, 60e3 * (1 - 1e-5), rtol=1e-7)
+
+
+def test_the_stream_states_the_same_uncertainty(pulse_train):
+    block = EdgeBlock(pulse_train(FREQUENCY, 20e-3), 0, 2_000_000, TIMEBASE)
+    stream = FrequencyCounter("regression", 1e-3, TIMEBASE, edge_jitter_s=5e-9).push(block)
+    _, stated = errors("regression", 5e-9, 1e-3, windows=5)
+    assert stream.standard_uncertainty_hz.mean() == pytest.approx(stated.mean(), rel=0.05)

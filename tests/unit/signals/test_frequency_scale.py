@@ -1,0 +1,106 @@
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from torquebench.errors import InputError, SignalFault
+from torquebench.signals import (
+    EdgeBlock,
+    FrequencyScale,
+    PulseTrainFault,
+    SignalFaultKind,
+    regression,
+)
+
+SCALE = FrequencyScale(
+    nominal_torque_nm=2000.0,
+    nominal_zero_hz=60e3,
+    sensitivity_cw_hz_per_nm=15.0,
+    sensitivity_ccw_hz_per_nm=14.9,
+    modulation_hz=(15e3, 105e3),
+    zero_hz=60_012.5,
+)
+
+
+def test_each_direction_has_its_sensitivity():
+    torque = SCALE.torque([60_012.5 + 15e3, 60_012.5, 60_012.5 - 14.9e3])
+    np.testing.assert_allclose(torque, [1000.0, 0.0, -1000.0], atol=1e-9)
+
+
+def test_it_equals_the_sources_form():
+    # M = M_nom (f − f₀)/(f_nom − f₀) with f_nom the frequency at nominal torque
+    scale = FrequencyScale.symmetric(2000.0).with_zero(60_030.0)
+    frequency_nominal = scale.zero + 2000.0 * 15.0
+    frequency = np.array([65e3, 72_345.6])
+    expected = 2000.0 * (frequency - scale.zero) / (frequency_nominal - scale.zero)
+    np.testing.assert_allclose(scale.torque(frequency), expected, rtol=1e-14)
+
+
+@given(st.floats(-2400.0, 2400.0))
+def test_frequency_and_torque_are_inverse(torque):
+    assert float(SCALE.torque(SCALE.frequency(torque))) == pytest.approx(torque, abs=1e-8)
+
+
+@pytest.mark.parametrize("frequency", [14_999.0, 105_001.0, 0.0, np.nan, np.inf])
+def test_outside_the_modulation_range_is_a_fault(frequency):
+    with pytest.raises(PulseTrainFault, match="15000 to 105000 Hz") as caught:
+        SCALE.torque([60e3, frequency])
+    assert caught.value.kind is SignalFaultKind.OUT_OF_MODULATION
+    assert isinstance(caught.value, SignalFault)
+
+
+def test_a_fault_survives_pickling():
+    fault = PulseTrainFault(SignalFaultKind.STUCK, "found", "allowed")
+    again = pickle.loads(pickle.dumps(fault))
+    assert (again.kind, str(again)) == (fault.kind, str(fault))
+
+
+def test_samples_become_torque_with_uncertainty_and_faults(pulse_train):
+    low = pulse_train(10e3, 10e-3)
+    good = pulse_train(75_012.5, 10e-3) + 1_000_000
+    block = EdgeBlock(np.concatenate((low, good)), 0, 3_000_000, 100e6)
+    frequency = regression(block, 10e-3, edge_jitter_s=5e-9, check_train=False)
+    torque = SCALE.torque_samples(frequency)
+    assert torque.fault.tolist() == [
+        SignalFaultKind.OUT_OF_MODULATION,
+        0,
+        SignalFaultKind.NO_PULSES,
+    ]
+    assert torque.torque_nm[1] == pytest.approx(1000.0, abs=1e-3)
+    assert torque.standard_uncertainty_nm[1] == pytest.approx(
+        frequency.standard_uncertainty_hz[1] / 15.0
+    )
+    assert np.isnan(torque.torque_nm[[0, 2]]).all()
+    assert torque.valid.tolist() == [False, True, False]
+    with pytest.raises(PulseTrainFault, match=r"output_torque.*2 of 3 windows faulty"):
+        torque.raise_on_fault("output_torque")
+
+
+def test_a_timebase_error_shifts_the_zero_by_twice_its_size_of_full_scale():
+    effect = SCALE.timebase_effect(1e-6)
+    assert effect.zero_shift_nm / 2000.0 == pytest.approx(2e-6)
+    assert effect.gain_error == 1e-6
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"nominal_torque_nm": 0.0},
+        {"sensitivity_cw_hz_per_nm": -15.0},
+        {"sensitivity_ccw_hz_per_nm": np.nan},
+        {"modulation_hz": (105e3, 15e3)},
+        {"zero_hz": 10e3},
+    ],
+)
+def test_impossible_scales_are_refused(change):
+    values = {
+        "nominal_torque_nm": 2000.0,
+        "nominal_zero_hz": 60e3,
+        "sensitivity_cw_hz_per_nm": 15.0,
+        "sensitivity_ccw_hz_per_nm": 15.0,
+        "modulation_hz": (15e3, 105e3),
+    }
+    with pytest.raises(InputError):
+        FrequencyScale(**(values | change))
