@@ -241,7 +241,8 @@ class CalibrationData:
         Parameters
         ----------
         tolerance_nm : float, optional
-            Largest gap between neighbours of one step, in N·m; default 0.5 % of the range.
+            Largest gap between neighbours of one step, in N·m. By default nominal torques must
+            agree (within 10⁻⁶ of the range), and standard values lie within 0.5 % of the range.
 
         Returns
         -------
@@ -256,8 +257,9 @@ class CalibrationData:
         >>> data.averaged().reading_nm.tolist()
         [5.1, 10.1]
         """
-        tolerance = 0.005 * self.range_nm if tolerance_nm is None else tolerance_nm
-        steps = self.step_labels(tolerance)
+        if tolerance_nm is None:
+            tolerance_nm = (0.005 if self.nominal_nm is None else 1e-6) * self.range_nm
+        steps = self.step_labels(tolerance_nm)
         _, first, label, count = np.unique(
             steps, return_index=True, return_inverse=True, return_counts=True
         )

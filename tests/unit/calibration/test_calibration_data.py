@@ -128,6 +128,17 @@ def test_standards_that_never_hit_the_step_exactly_are_one_step():
     np.testing.assert_allclose(data.averaged().standard_nm, [5.0, 10.0])
 
 
+def test_nominal_steps_are_told_apart_however_close_they_are():
+    nominal = np.arange(1.0, 101.0) / 1000
+    one = CalibrationData(
+        nominal, nominal, np.ones(100), np.ones(100), range_nm=1.0, nominal_nm=nominal
+    )
+    assert len(CalibrationData.concatenate([one, one]).averaged()) == 100
+    bare = CalibrationData(nominal, nominal, np.ones(100), np.ones(100), range_nm=1.0)
+    assert len(bare.averaged()) == 1
+    assert len(bare.averaged(tolerance_nm=1e-4)) == 100
+
+
 def test_joined_series_keep_different_numbers():
     data = CalibrationData.concatenate([table(), table(series=[7, 7, 7, 8, 8])])
     assert data.series.tolist() == [1] * 5 + [2, 2, 2, 3, 3]

@@ -217,6 +217,14 @@ def test_a_file_that_is_no_stream_is_named(tmp_path):
         read_raw(tmp_path)
 
 
+def test_samples_of_a_channel_with_a_fault_are_sealed_as_they_are(runs):
+    writer = RunFolder.create(runs, {}, kind="measure")
+    writer.samples({"frequency_hz": np.array([60000.0, np.nan]), "fault": np.array([0, 1])})
+    folder = writer.seal()
+    folder.verify()
+    np.testing.assert_array_equal(folder.raw().columns["frequency_hz"], [60000.0, np.nan])
+
+
 def test_samples_keep_their_columns(runs):
     writer = RunFolder.create(runs, {}, kind="measure")
     writer.samples(block(0))
