@@ -7,6 +7,7 @@ from numbers import Integral
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.utils._param_validation import Interval
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
@@ -64,22 +65,25 @@ class OrthogonalPolynomial:
     def monomials(self) -> FloatArray:
         """Return the coefficients of 1, x, x², ... , computed in extended precision."""
         count = self.coefficients.size + int(self.through_zero)
-        first = np.zeros(count, dtype=np.longdouble)
-        first[int(self.through_zero)] = 1.0
-        shift, total = np.roll, np.zeros(count, dtype=np.longdouble)
-        before, now = np.zeros(count, dtype=np.longdouble), first
-        for k, coefficient in enumerate(self.coefficients):
-            total += coefficient * now
-            before, now = now, shift(now, 1) - self.alpha[k] * now - self.beta[k] * before
-            now[0] -= 0.0
+        before, total = np.zeros((2, count), dtype=np.longdouble)
+        now = np.zeros(count, dtype=np.longdouble)
+        now[int(self.through_zero)] = 1.0
+        for coefficient, alpha, beta in zip(self.coefficients, self.alpha, self.beta, strict=True):
+            total = total + coefficient * now
+            before, now = now, _times_x(now) - alpha * now - beta * before
         # From powers of u = (x − centre)/scale to powers of x, by Horner's scheme.
         result = np.zeros(count, dtype=np.longdouble)
         for coefficient in total[::-1]:
-            shifted = shift(result, 1)
-            shifted[0] = 0.0
-            result = (shifted - np.longdouble(self.centre) * result) / np.longdouble(self.scale)
+            result = (_times_x(result) - np.longdouble(self.centre) * result) / np.longdouble(
+                self.scale
+            )
             result[0] += coefficient
         return result.astype(np.float64)
+
+
+def _times_x(coefficients: NDArray[np.longdouble]) -> NDArray[np.longdouble]:
+    """Shift the coefficients of a polynomial up by one power; the highest one is zero."""
+    return np.concatenate([np.zeros(1, dtype=np.longdouble), coefficients[:-1]])
 
 
 def _recurrence(

@@ -1,0 +1,72 @@
+"""The sources' training: gradient descent step by step, both mappings, both starts."""
+
+import numpy as np
+import pytest
+
+from torquebench.compensation import BayesianNetworkModel, PublishedNetworkModel
+from torquebench.compensation.network import NetworkParameters, jacobian, network_values
+from torquebench.errors import InputError
+
+READING = np.linspace(-2000.0, 2000.0, 50)
+ADDITIONAL = 2.0 + 2e-3 * READING + 1.5e-6 * READING * np.abs(READING)
+STANDARD = READING + ADDITIONAL
+
+
+def plain_descent(
+    network: NetworkParameters, x: np.ndarray, target: np.ndarray, rate: float, epochs: int
+) -> NetworkParameters:
+    """The same training from the Jacobian, as one would write it down."""
+    flat = network.flat
+    for _ in range(epochs):
+        now = NetworkParameters.from_flat(flat)
+        errors = network_values(now, x) - target
+        flat = flat - rate * 2.0 / x.size * (jacobian(now, x).T @ errors)
+    return NetworkParameters.from_flat(flat)
+
+
+@pytest.mark.parametrize("start", ["nguyen-widrow", "small-uniform"])
+@pytest.mark.parametrize("mapping", ["residual", "direct"])
+def test_training_is_batch_gradient_descent_on_the_mean_square(start: str, mapping: str) -> None:
+    model = PublishedNetworkModel(mapping=mapping, start=start, epochs=300)
+    model.fit(READING[:, None], STANDARD)
+    target = ADDITIONAL if mapping == "residual" else STANDARD
+    scaled = model.output_scaling_.to_unit(target)
+    expected = plain_descent(
+        model._start(), model.input_scaling_.to_unit(READING), scaled, 0.01, 300
+    )
+    np.testing.assert_allclose(model.parameters_.flat, expected.flat, atol=1e-12)
+    assert scaled.min() == pytest.approx(-1.0)
+    assert scaled.max() == pytest.approx(1.0)
+
+
+def test_the_start_decides_what_gradient_descent_reaches() -> None:
+    middle = 0.5 * (READING[1:] + READING[:-1])
+    truth = middle + 2.0 + 2e-3 * middle + 1.5e-6 * middle * np.abs(middle)
+    worst = {}
+    for start in ("nguyen-widrow", "small-uniform"):
+        model = PublishedNetworkModel(start=start, epochs=20_000).fit(READING[:, None], STANDARD)
+        worst[start] = np.max(np.abs(model.predict(middle[:, None]) - truth))
+    bayesian = BayesianNetworkModel().fit(READING[:, None], STANDARD).predict(middle[:, None])
+    assert 3.0 * worst["small-uniform"] < worst["nguyen-widrow"]
+    assert 100.0 * np.max(np.abs(bayesian - truth)) < worst["small-uniform"]
+
+
+def test_a_rough_network_says_that_it_is_unsure_between_the_points() -> None:
+    model = PublishedNetworkModel(epochs=5000).fit(READING[:, None], STANDARD)
+    between = 0.5 * (READING[1:] + READING[:-1])
+    _, at_points = model.predict(READING[:, None], return_std=True)
+    _, std = model.predict(between[:, None], return_std=True)
+    assert np.median(std) > 1.5 * np.median(at_points)
+
+
+def test_divergence_is_an_answer() -> None:
+    with pytest.raises(InputError, match=r"learning_rate 0\.5"):
+        PublishedNetworkModel(learning_rate=0.5, epochs=4000).fit(READING[:, None], STANDARD)
+
+
+def test_the_seed_decides_alone() -> None:
+    first, second = (
+        PublishedNetworkModel(epochs=100, random_state=seed).fit(READING[:, None], STANDARD)
+        for seed in (1, 2)
+    )
+    assert not np.allclose(first.parameters_.flat, second.parameters_.flat)
