@@ -170,12 +170,12 @@ class TestWildValues:
         seed=st.integers(0, 1000),
     )
     def test_a_single_one_anywhere_does_no_harm(self, place, size, seed):
-        time, value = step(np.random.default_rng(seed), settling=1e-4)
-        clean = steady_value(time, value)
+        noise = 0.05
+        time, value = step(np.random.default_rng(seed), settling=1e-4, noise=noise)
         value[place] += size
         steady = steady_value(time, value)
-        assert abs(steady.value - clean.value) < 3 * clean.standard_error
-        assert steady.standard_error < 3 * clean.standard_error
+        assert abs(steady.value - 200.0) < noise
+        assert steady.standard_error < noise
 
     def test_it_is_counted(self):
         time, value = step(np.random.default_rng(1), settling=1e-4)
