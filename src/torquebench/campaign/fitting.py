@@ -50,17 +50,15 @@ def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
 
     Examples
     --------
-    >>> model_title("polynomial", {"degree": 2})
-    'polynomial, degree 2'
+    >>> model_title("polynomial", {"degree": 2}), model_title("polynomial-3")
+    ('polynomial, degree 2', 'polynomial, degree 3')
     >>> model_title("raw")
     'raw reading'
     """
-    return _TITLES.get(kind, kind).format_map(_Named(parameters or {}))
-
-
-class _Named(dict[str, Any]):
-    def __missing__(self, key: str) -> str:
-        return "?"
+    stem, _, degree = kind.rpartition("-")
+    if stem == "polynomial" and degree.isdigit():
+        kind, parameters = stem, {"degree": degree}
+    return _TITLES.get(kind, kind).format_map(parameters or {})
 
 
 @dataclass(frozen=True)

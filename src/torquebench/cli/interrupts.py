@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, NoReturn
 
-from torquebench.cli.console import note
-
 if TYPE_CHECKING:
     from torquebench.cli.progress import TerminalProgress
     from torquebench.station import Station
@@ -73,6 +71,7 @@ class BenchInterrupts:
                 sys.stderr.flush()
                 answer = sys.stdin.readline()
                 if answer.strip().lower() in ("r", "resume"):
+                    self.signal = None
                     return "resume"
                 if not answer or answer.strip().lower() in ("a", "abort"):
                     return "abort"
@@ -81,7 +80,7 @@ class BenchInterrupts:
 
     def _on_interrupt(self, _number: int, _frame: FrameType | None) -> NoReturn:
         if self._station.interrupt_action == "pause" and self.signal is None:
-            note("Pausing at the next point; Ctrl-C again aborts.")
+            self._progress.say("Pausing at the next point; Ctrl-C again aborts.")
         self.signal = signal.SIGINT
         raise KeyboardInterrupt
 

@@ -88,6 +88,10 @@ class TerminalProgress:
             self._console.print(f"{title} ({time.monotonic() - self._since:.1f} s)")
         self._task, self._title, self._total = None, "", None
 
+    def say(self, text: str) -> None:
+        """Print a line above the bars."""
+        self._console.print(text, style="dim")
+
     def pause(self) -> None:
         """Stop redrawing, so that a question can be asked."""
         self._bars.stop()

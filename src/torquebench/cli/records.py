@@ -14,7 +14,9 @@ from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError, RecordError
 
 if TYPE_CHECKING:
-    from torquebench.records import ModelEntry, Registry, RunSummary
+    from rich.table import Table
+
+    from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
 
 __all__ = ["app"]
 
@@ -78,7 +80,7 @@ def _list_runs(registry: Registry, limit: int) -> None:
     for run in registry.runs(limit=limit):
         where = "simulated" if run.simulated else run.bench
         table.add_row(run.run_id, _moment(run.started), run.status, where)
-    out().print(table)
+    _print_list(table)
 
 
 def _list_calibrations(registry: Registry, limit: int) -> None:
@@ -94,7 +96,7 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             entry.profile_name,
         )
-    out().print(table)
+    _print_list(table)
 
 
 def _list_models(registry: Registry, limit: int) -> None:
@@ -110,16 +112,25 @@ def _list_models(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             "yes" if _in_use(registry, entry) else "",
         )
-    out().print(table)
+    _print_list(table)
 
 
 def _list_instruments(registry: Registry, limit: int) -> None:
     table = narrow_table("Instruments")
-    for heading in ("kind", "serial", "manufacturer", "model", "range"):
+    table.add_column("kind", no_wrap=True)
+    for heading in ("serial", "what", "range"):
         table.add_column(heading, overflow="fold")
     for entry in registry.instruments()[:limit]:
         span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
-        table.add_row(entry.kind, entry.serial, entry.manufacturer, entry.model, span)
+        what = f"{entry.manufacturer} {entry.model}".strip()
+        table.add_row(entry.kind, entry.serial, what, span)
+    _print_list(table)
+
+
+def _print_list(table: Table) -> None:
+    if not table.row_count:
+        table.caption = "none yet"
+        table.show_header = False
     out().print(table)
 
 
@@ -168,9 +179,6 @@ def _show_run(run: RunSummary) -> None:
             "folder": str(run.folder),
         },
     )
-    results = folder.results
-    if isinstance(results, dict):
-        _facts("Results", {key: _short(value) for key, value in results.items()})
 
 
 def _state_of(folder: Any) -> str:
@@ -206,10 +214,34 @@ def _show_model(registry: Registry, model_id: int) -> None:
         },
     )
     for verification in registry.verifications(model_id):
-        title = f"Verification {_moment(verification.performed)}"
-        title += " (simulated)" if verification.simulated else ""
-        facts = {"run": verification.run_id or ""}
-        _facts(title, {**facts, **_flat(verification.summary)})
+        _show_verification(verification)
+
+
+def _show_verification(verification: VerificationEntry) -> None:
+    """Print the errors before and after that a verification found."""
+    from torquebench.calibration import ErrorSummary
+    from torquebench.campaign.fitting import model_title
+    from torquebench.cli.tables import error_blocks
+
+    marked = " - simulated" if verification.simulated else ""
+    say(f"\n[bold]Verified {_moment(verification.performed)}{marked}[/bold]")
+    if verification.run_id:
+        say(f"run {verification.run_id}")
+    models = verification.summary["models"]
+    blocks = []
+    for key, title in (
+        ("against_standard", "single readings against the standard"),
+        ("against_truth", "single readings against the true torque"),
+        ("averaged", "averaged over the groups"),
+    ):
+        rows = [
+            (model_title(model["name"]), ErrorSummary(**model[key]))
+            for model in models
+            if model[key] is not None
+        ]
+        blocks.append((title, rows))
+    for part in error_blocks(blocks):
+        out().print(part)
 
 
 def _show_calibration(registry: Registry, calibration_id: int) -> None:
@@ -257,17 +289,6 @@ def _facts(title: str, facts: Mapping[str, str]) -> None:
         if value:
             table.add_row(key, value)
     out().print(table)
-
-
-def _flat(summary: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
-    """Return nested results as lines; arrays and long lists are counted, not shown."""
-    lines: dict[str, str] = {}
-    for key, value in summary.items():
-        if isinstance(value, Mapping):
-            lines.update(_flat(value, f"{prefix}{key} "))
-        else:
-            lines[f"{prefix}{key}"] = _short(value)
-    return lines
 
 
 def _short(value: Any) -> str:

@@ -51,6 +51,8 @@ def staircase_tables(
     for heading in ("from N·m", "to N·m", "each s", "in all s"):
         table.add_column(heading, justify="right")
     for group in _groups(steps):
+        if group[0].change != "none":
+            table.add_row("", f"{group[0].change} to {group[0].position_deg:g}°", style="yellow")
         table.add_row(*_row(group))
     yield table
     largest = max(abs(step.target_nm) for step in steps)
@@ -62,9 +64,11 @@ def staircase_tables(
 
 
 def _setup(rehearsal: Rehearsal[Any]) -> str:
-    """Return what is commanded before the first zero, in words."""
+    """Return what is commanded before the drive is switched on, in words."""
     words = []
-    for move in itertools.takewhile(lambda move: not move.device.endswith("zero"), rehearsal.moves):
+    for move in itertools.takewhile(
+        lambda move: not move.device.endswith("power"), rehearsal.moves
+    ):
         if move.device == "mounting":
             words.append(f"mount the {str(move.value).replace('_', ' ')}")
         elif move.device == "clamp":

@@ -155,7 +155,7 @@ def load_staircase(
 ) -> Plan[None]:
     """Go through the steps of a staircase, every step at a checkpoint of its own.
 
-    Runs inside an open run; points go to its stream "points", zeros to "zero". After a pause,
+    Runs inside an open run; points go to its stream "points", zeros to one of their own. After a pause,
     which takes the load off, the present branch is approached again as its series approached it.
 
     Parameters

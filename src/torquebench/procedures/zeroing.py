@@ -47,7 +47,7 @@ def zero(
     The drive is powered off and the module set free meanwhile, since a drive that is told
     0 N·m still gives its loading error. Afterwards the module is driven again, drive enabled.
 
-    Runs inside an open run and leaves an event in its stream "zero".
+    Runs inside an open run and leaves an event in its stream "zero_input" or "zero_output".
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def measure_zero(
         settle_s=REST_S, window_s=duration_s, limit_s=duration_s, reference=standard
     )
     yield from bps.prepare(module.steady, settings, wait=True)
-    reading = yield from bps.trigger_and_read([module.steady, devices.point], name="zero")
+    reading = yield from bps.trigger_and_read([module.steady, devices.point], name=f"zero_{side}")
     frequency = float(reading[module.steady.key("frequency_hz")]["value"])
     yield from bps.mv(module.transducer.zero, frequency)
     standard_frequency = None
