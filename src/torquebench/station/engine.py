@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import io
 import logging
 import threading
 from collections.abc import Callable, Coroutine, Generator
@@ -79,7 +80,7 @@ class BenchEngine:
         self.attend: Callable[[], None] = lambda: None
         self._pausing = False
         self._resumed: asyncio.Event | None = None
-        self.loop = asyncio.new_event_loop()
+        self.loop = clock.new_event_loop()
         self._engine = RunEngine(
             loop=self.loop,
             context_managers=[],  # bluesky's own would take Ctrl-C away from us
@@ -159,8 +160,9 @@ class BenchEngine:
 
     def abort(self, reason: str = "") -> None:
         """End the plan under way through its own clean-up."""
-        with contextlib.suppress(TransitionError):  # it has ended meanwhile
-            self._engine.abort(reason)
+        said = io.StringIO()  # bluesky prints that it aborts; whoever aborts says it better
+        with contextlib.suppress(TransitionError), contextlib.redirect_stdout(said):
+            self._engine.abort(reason)  # a TransitionError: it has ended meanwhile
 
     def close(self) -> None:
         """End the loop and its thread. A second call does nothing."""
