@@ -1,22 +1,31 @@
 """Bench time: the one time axis of a bench, in seconds since it was opened.
 
 On hardware and in real time, bench time follows the wall. A fast simulated bench has no time of
-its own: it advances exactly as far as somebody sleeps, so that it never runs away while Python
-thinks, and the same plan meets the same bench however slow the machine is.
+its own: it advances exactly as far as somebody sleeps, and stands while the run engine's loop
+thinks, so that the same plan meets the same bench however slow the machine is.
 """
 
 from __future__ import annotations
 
 import asyncio
-import heapq
-import itertools
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+
+from torquebench.bench.event_loop import LoopActivity, new_watched_loop
 
 __all__ = ["BenchClock"]
 
 _TICK_S = 1e-9  # deadlines closer than this are the same instant
+
+Wake = Callable[[BaseException | None], None]
+
+
+@dataclass(eq=False)
+class _Sleeper:
+    until_s: float
+    wake: Wake
 
 
 class BenchClock:
@@ -45,9 +54,9 @@ class BenchClock:
         self.fast = fast
         self._condition = threading.Condition()
         self._now_s = 0.0
-        self._horizon_s = 0.0
-        self._order = itertools.count()
-        self._sleepers: list[tuple[float, int, Callable[[BaseException | None], None]]] = []
+        self._required_s = 0.0
+        self._sleepers: list[_Sleeper] = []
+        self._loops: dict[asyncio.AbstractEventLoop, LoopActivity] = {}
         self._failure: BaseException | None = None
 
     def now(self) -> float:
@@ -55,6 +64,22 @@ class BenchClock:
         return self._now_s
 
     # -- sleeping ---------------------------------------------------------------------------
+
+    def new_event_loop(self) -> asyncio.AbstractEventLoop:
+        """Make an event loop whose thinking takes no simulated time.
+
+        Sleepers on other loops and on threads only watch: time may go on while they think.
+        """
+        loop, activity = new_watched_loop()
+        activity.on_idle = self._notify
+        with self._condition:
+            self._loops[loop] = activity
+        return loop
+
+    def _notify(self) -> None:
+        if self._sleepers:  # whoever lies down later notifies by himself
+            with self._condition:
+                self._condition.notify_all()
 
     async def sleep(self, duration_s: float) -> None:
         """Sleep in bench time on the running event loop.
@@ -67,11 +92,14 @@ class BenchClock:
         await self.sleep_until(self._now_s + duration_s)
 
     async def sleep_until(self, time_s: float) -> None:
-        """Sleep on the running event loop until a bench time."""
+        """Sleep on the running event loop until a bench time; raises like `sleep`."""
         loop = asyncio.get_running_loop()
+        activity = self._loops.get(loop)
         future: asyncio.Future[None] = loop.create_future()
 
         def settle(error: BaseException | None) -> None:
+            if activity is not None:
+                activity.received()
             if future.done():
                 return
             if error is None:
@@ -80,18 +108,26 @@ class BenchClock:
                 future.set_exception(error)
 
         def wake(error: BaseException | None) -> None:
-            if not loop.is_closed():
-                loop.call_soon_threadsafe(settle, error)
+            if loop.is_closed():
+                return
+            if activity is not None:
+                activity.sent()
+            loop.call_soon_threadsafe(settle, error)
 
-        if self._enqueue(time_s, wake):
+        sleeper = self._lie_down(time_s, wake)
+        if sleeper is None:
+            return
+        try:
             await future
+        finally:
+            self._get_up(sleeper)
 
     def wait(self, duration_s: float) -> None:
         """Sleep in bench time on the calling thread; raises like `sleep`."""
         self.wait_until(self._now_s + duration_s)
 
     def wait_until(self, time_s: float) -> None:
-        """Sleep on the calling thread until a bench time."""
+        """Sleep on the calling thread until a bench time; raises like `sleep`."""
         woken = threading.Event()
         outcome: list[BaseException] = []
 
@@ -100,28 +136,38 @@ class BenchClock:
                 outcome.append(error)
             woken.set()
 
-        if self._enqueue(time_s, wake):
+        sleeper = self._lie_down(time_s, wake)
+        if sleeper is None:
+            return
+        try:
             woken.wait()
+        finally:  # Ctrl-C
+            self._get_up(sleeper)
         if outcome:
             raise outcome[0]
 
     def require(self, time_s: float) -> None:
-        """Let a fast bench go on until a bench time although nobody sleeps for it."""
+        """Let a fast bench go on until a bench time although nobody sleeps, or a loop hangs."""
         with self._condition:
-            self._horizon_s = max(self._horizon_s, time_s)
+            self._required_s = max(self._required_s, time_s)
             self._condition.notify_all()
 
-    def _enqueue(self, time_s: float, wake: Callable[[BaseException | None], None]) -> bool:
-        """Register a sleeper; False when its time has come already."""
+    def _lie_down(self, time_s: float, wake: Wake) -> _Sleeper | None:
+        """Register a sleeper; None when its time has come already."""
         with self._condition:
             if self._failure is not None:
                 raise self._failure
             if time_s <= self._now_s + _TICK_S:
-                return False
-            heapq.heappush(self._sleepers, (time_s, next(self._order), wake))
-            self._horizon_s = max(self._horizon_s, time_s)
+                return None
+            sleeper = _Sleeper(time_s, wake)
+            self._sleepers.append(sleeper)
             self._condition.notify_all()
-            return True
+            return sleeper
+
+    def _get_up(self, sleeper: _Sleeper) -> None:
+        with self._condition:
+            if sleeper in self._sleepers:
+                self._sleepers.remove(sleeper)
 
     # -- driving (acquisition only) ---------------------------------------------------------
 
@@ -134,36 +180,39 @@ class BenchClock:
             return True
         deadline = time.monotonic() + timeout_s
         with self._condition:
-            while self._horizon_s <= self._now_s + _TICK_S:
+            while not self._wanted():
                 remaining = deadline - time.monotonic()
                 if remaining <= 0.0:
                     return False
                 self._condition.wait(remaining)
             return True
 
+    def _wanted(self) -> bool:
+        if self._required_s > self._now_s + _TICK_S:
+            return True
+        thinking = any(activity.busy for activity in self._loops.values())
+        return bool(self._sleepers) and not thinking
+
     def advance_to(self, time_s: float) -> None:
         """Set bench time and wake everybody whose time has come."""
         with self._condition:
             self._now_s = time_s
-            due = []
-            while self._sleepers and self._sleepers[0][0] <= time_s + _TICK_S:
-                due.append(heapq.heappop(self._sleepers)[2])
-        for wake in due:
-            wake(None)
+            due = [sleeper for sleeper in self._sleepers if sleeper.until_s <= time_s + _TICK_S]
+            for sleeper in due:
+                self._sleepers.remove(sleeper)
+            # Woken under the lock: no block may begin between a wake and its being noted.
+            for sleeper in due:
+                sleeper.wake(None)
 
     def interrupt(self, error: BaseException) -> None:
         """Wake every sleeper with an error; later sleepers are not concerned."""
         with self._condition:
-            woken = [sleeper[2] for sleeper in self._sleepers]
-            self._sleepers.clear()
-            if self.fast:
-                self._horizon_s = self._now_s
-        for wake in woken:
-            wake(error)
+            woken, self._sleepers = self._sleepers, []
+            for sleeper in woken:
+                sleeper.wake(error)
 
     def stop(self, error: BaseException) -> None:
         """Bench time ends: wake every sleeper, now and in future, with this error."""
         with self._condition:
             self._failure = error
-            self._condition.notify_all()
         self.interrupt(error)

@@ -1,0 +1,91 @@
+"""An event loop that can be seen thinking, so that simulated time waits for it."""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import FileDescriptorLike
+
+__all__ = ["LoopActivity", "new_watched_loop"]
+
+
+class LoopActivity:
+    """Whether a loop thinks: it runs callbacks, or has been woken and not run them yet."""
+
+    def __init__(self) -> None:
+        self._waiting = False
+        self._sent = 0
+        self._received = 0
+        self._ended = False
+        self.on_idle: Callable[[], None] = lambda: None
+
+    @property
+    def busy(self) -> bool:
+        """Whether the loop has something to do that isn't waiting."""
+        return not self._ended and (not self._waiting or self._sent != self._received)
+
+    def sent(self) -> None:
+        """Note that the loop is about to be woken (by the waker, before it wakes it)."""
+        self._sent += 1
+
+    def received(self) -> None:
+        """Note that what woke the loop was run (on the loop)."""
+        self._received += 1
+
+    def waits(self, waiting: bool) -> None:
+        """Note that the loop begins or ends to wait for something from outside."""
+        self._waiting = waiting
+        if waiting:
+            self.on_idle()
+
+    def ends(self) -> None:
+        """Note that the loop is closed."""
+        self._ended = True
+        self.on_idle()
+
+
+class _WatchedSelector(selectors.BaseSelector):
+    """The platform's selector; a loop that calls it to wait has nothing else to do."""
+
+    def __init__(self, activity: LoopActivity) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._activity = activity
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        if timeout is not None and timeout <= 0.0:
+            return self._selector.select(timeout)
+        self._activity.waits(True)
+        try:
+            return self._selector.select(timeout)
+        finally:
+            self._activity.waits(False)
+
+    def register(
+        self, fileobj: FileDescriptorLike, events: int, data: object = None
+    ) -> selectors.SelectorKey:
+        return self._selector.register(fileobj, events, data)
+
+    def unregister(self, fileobj: FileDescriptorLike) -> selectors.SelectorKey:
+        return self._selector.unregister(fileobj)
+
+    def modify(
+        self, fileobj: FileDescriptorLike, events: int, data: object = None
+    ) -> selectors.SelectorKey:
+        return self._selector.modify(fileobj, events, data)
+
+    def get_map(self) -> Mapping[FileDescriptorLike, selectors.SelectorKey]:
+        return self._selector.get_map()
+
+    def close(self) -> None:
+        self._selector.close()
+        self._activity.ends()
+
+
+def new_watched_loop() -> tuple[asyncio.AbstractEventLoop, LoopActivity]:
+    """Make an event loop together with what tells whether it thinks."""
+    activity = LoopActivity()
+    return asyncio.SelectorEventLoop(_WatchedSelector(activity)), activity
