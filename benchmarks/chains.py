@@ -344,7 +344,8 @@ def _skewed_hysteresis(rng: np.random.Generator) -> list[Term]:
     fall = rng.uniform(0.6, 2.0)
     terms = []
     for side in (1.0, -1.0):
-        amplitude = width * rng.uniform(0.6, 1.4)
+        # A loop that is open at zero passes from one direction into the other without a jump.
+        amplitude = width * (rng.uniform(0.6, 1.4) if rise > 0 else 1.0)
         terms.append(Term("one-sided-loop", amplitude, (side, rise, fall), 1))
     return [
         Term("offset", rng.normal(0, 5e-5)),

@@ -1,32 +1,52 @@
-"""The recommended model: the chain's physical form plus a Gaussian process on what it leaves."""
+"""The recommended model: the chain's physics plus a Gaussian process of structured effects."""
 
 from __future__ import annotations
 
-from itertools import product
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
-from torquebench.compensation.physics import (
-    PRIOR_SCALES,
-    ChainPoints,
-    chain_points,
-    physics_basis,
+from torquebench.compensation.base import (
+    CompensationModel,
+    FloatArray,
+    Progress,
+    feature_column,
+    register,
+)
+from torquebench.compensation.hybrid_effects import (
+    Dictionary,
+    EffectPoints,
+    all_columns,
+    at_zero_time,
+    merge_clocks,
+    path_clocks,
+)
+from torquebench.compensation.hybrid_inference import (
+    CurveVariance,
+    Member,
+    Problem,
+    explore,
+    main_columns,
+    smooth_kernel,
 )
 
 __all__ = ["HybridModel"]
 
-_STEP_WIDTHS = (0.004, 0.012, 0.03)
-_LENGTHS = (0.04, 0.09, 0.2, 0.5)
-_AMPLITUDES = (2e-5, 8e-5, 2e-4, 5e-4)
-_KEPT_SHARE = 1e-3
+_USUAL_SPREAD = 2e-3
+_KEPT_SHARE = 0.01
+_NEGLIGIBLE = 1e-9  # of full scale, summed over all candidates of a kind that are left out
 
 
 @register("hybrid")
 class HybridModel(CompensationModel):
-    """Physics plus Gaussian process on the residual, averaged over its hyper-parameters.
+    """Physics, smooth deviation and structured effects, averaged over everything unknown.
+
+    The additional torque is equation 15 in consistent form with constants per direction, a smooth
+    Gaussian process per direction for what isn't quadratic, and a sum of structured effects: a step
+    at torque reversal, hysteresis, ripple of an unknown period, up to three local bumps. Which
+    shapes a chain shows isn't picked but averaged by evidence, as are noise and smoothness
+    (`hybrid_inference`, `averaging`); a drift of the zero during the calibration is a nuisance
+    that is estimated and left out, and noise with heavy tails is recognised.
 
     Parameters
     ----------
@@ -35,19 +55,47 @@ class HybridModel(CompensationModel):
 
     Attributes
     ----------
-    settings_ : float64 array of shape (k, 5)
-        Step width, length, amplitude, noise (fractions of full scale) and share of every member
-        of the mixture.
+    dictionary_ : Dictionary
+        Shapes of effects that the data support.
+    main_ : float64 array of shape (5,)
+        Posterior means of the scaled coefficients of equation 15.
+    smooth_ : float64 array of shape (n,)
+        Weights of the smooth deviation's kernel at `train_u_`.
+    effects_ : list of float64 array
+        Posterior means of the coefficients of every kind of effect.
+    present_ : dict of str to float
+        Posterior probability that the chain shows a kind of effect at all.
+    std_nodes_, std_up_, std_down_ : float64 array
+        Standard uncertainty of the curve on each branch (fractions of full scale) over u.
+
+    Notes
+    -----
+    The posterior of the effects is a factorised approximation (variational), checked against Gibbs
+    sampling of the same model: errors agree within 2 %.
+
+    Examples
+    --------
+    >>> torque = np.concatenate([np.linspace(-100.0, 100.0, 25)] * 2)
+    >>> branch = np.where(np.arange(50) < 25, 1.0, -1.0) * np.sign(torque)
+    >>> reading = torque - 1e-5 * torque * np.abs(torque) - 0.01 * branch * np.sign(torque)
+    >>> model = HybridModel().fit(np.column_stack([reading, branch]), torque)
+    >>> bool(abs(model.predict([[49.965, 1.0]])[0] - 50.0) < 0.01)
+    True
     """
 
     complexity: ClassVar[int] = 40
-    maximum_points: ClassVar[int | None] = 600
-    used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch")
+    maximum_points: ClassVar[int | None] = 400
+    used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
-    settings_: FloatArray
-    train_points_: FloatArray
-    train_target_: FloatArray
-    train_weights_: FloatArray
+    dictionary_: Dictionary
+    main_: FloatArray
+    smooth_: FloatArray
+    effects_: list[FloatArray]
+    train_u_: FloatArray
+    present_: dict[str, float]
+    std_nodes_: FloatArray
+    std_up_: FloatArray
+    std_down_: FloatArray
 
     def __init__(
         self,
@@ -62,9 +110,6 @@ class HybridModel(CompensationModel):
     def _minimum_points(self) -> int:
         return 8
 
-    def _minimum_distinct(self) -> int:
-        return 3
-
     def _fit(
         self,
         X: FloatArray,
@@ -72,79 +117,113 @@ class HybridModel(CompensationModel):
         weights: FloatArray,
         progress: Progress | None,  # noqa: ARG002 - over at once
     ) -> None:
-        points = chain_points(X, self.full_scale_nm_)
-        self.train_points_ = np.column_stack([points.u, points.branch])
-        self.train_target_ = (y - X[:, 0]) / self.full_scale_nm_
-        self.train_weights_ = weights
-        largest = float(np.max(np.abs(self.train_target_)))
-        self.prior_scale_ = max(1.0, largest / 3e-2)
-        rows = []
-        for width, length, amplitude in product(_STEP_WIDTHS, _LENGTHS, _AMPLITUDES):
-            noise, log_evidence = self._noise_by_evidence(width, length, amplitude)
-            rows.append([width, length, amplitude, noise, log_evidence])
-        settings = np.array(rows)
-        share = np.exp(settings[:, 4] - settings[:, 4].max())
-        settings[:, 4] = share / share.sum()
-        settings = settings[settings[:, 4] > _KEPT_SHARE]
-        settings[:, 4] /= settings[:, 4].sum()
-        self.settings_ = settings
-        self.noise_nm_ = self.full_scale_nm_ * float(settings[:, 4] @ settings[:, 3])
-        self._after_restore()
+        u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
+        target = (y - X[:, 0]) / self.full_scale_nm_
+        points = EffectPoints(u, branch, path_clocks(u, branch, feature_column(X, "series")))
+        spread = _spread_about_main(u, target, weights)
+        problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD))
+        members = explore(problem, max(spread, 1e-5))
+        evidence = np.array([member.log_evidence for member in members])
+        shares = np.exp(evidence - evidence.max())
+        shares /= shares.sum()
+        members = [m for m, share in zip(members, shares, strict=True) if share > _KEPT_SHARE]
+        shares = shares[shares > _KEPT_SHARE] / np.sum(shares[shares > _KEPT_SHARE])
+        noise = float(shares @ [member.setting.noise for member in members])
+        self.noise_nm_ = self.full_scale_nm_ * noise
+        self.effective_parameters_ = float(shares @ [member.effective for member in members])
+        self._average_means(problem, members, shares)
+        self._tabulate_std(problem, members, shares)
 
-    def _after_restore(self) -> None:
-        points = ChainPoints(self.train_points_[:, 0], self.train_points_[:, 1])
-        self._members: list[tuple[FloatArray, Any]] = []
-        effective = 0.0
-        for width, length, amplitude, noise, share in self.settings_:
-            prior = self._kernel(points, points, width, length, amplitude)
-            factor = cho_factor(prior + np.diag(noise**2 / self.train_weights_))
-            self._members.append((cho_solve(factor, self.train_target_), factor))
-            effective += share * float(np.trace(cho_solve(factor, prior)))
-        self.effective_parameters_ = effective
+    def _average_means(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
+        """Merge all members' means: they are linear in the same columns."""
+        scale = problem.prior_scale
+        self.train_u_ = problem.points.u
+        self.main_, self.smooth_ = np.zeros(5), np.zeros(self.train_u_.size)
+        effects = [np.zeros(kind.columns.shape[:2]) for kind in problem.kinds]
+        absent = np.zeros(len(problem.kinds))
+        for share, member in zip(shares, members, strict=True):
+            self.main_ += share * scale * (problem.main.T @ member.solved)
+            self.smooth_ += share * (scale * member.setting.smooth) ** 2 * member.solved
+            index = 0
+            for k, kind in enumerate(problem.kinds):
+                chance = 1.0
+                for _ in range(kind.copies):
+                    effects[k] += share * member.effects.means[index]
+                    chance *= 1.0 - member.effects.present[index]
+                    index += 1
+                absent[k] += share * chance
+        self.present_ = {
+            kind.name: float(1.0 - missing)
+            for kind, missing in zip(problem.kinds, absent, strict=True)
+        }
+        self.dictionary_, self.effects_ = _without_negligible(problem, effects)
 
-    def _kernel(
-        self, a: ChainPoints, b: ChainPoints, width: float, length: float, amplitude: float
-    ) -> FloatArray:
-        scales = self.prior_scale_ * PRIOR_SCALES
-        left, right = physics_basis(a, width) * scales, physics_basis(b, width) * scales
-        distance = (a.u[:, None] - b.u[None, :]) / length
-        smooth = (self.prior_scale_ * amplitude) ** 2 * np.exp(-0.5 * distance**2)
-        return np.asarray(left @ right.T + smooth)
-
-    def _noise_by_evidence(
-        self, width: float, length: float, amplitude: float
-    ) -> tuple[float, float]:
-        """Noise of highest evidence by its eigenvalues, and the log evidence there."""
-        points = ChainPoints(self.train_points_[:, 0], self.train_points_[:, 1])
-        root = np.sqrt(self.train_weights_)
-        prior = self._kernel(points, points, width, length, amplitude) * np.outer(root, root)
-        values, vectors = np.linalg.eigh(prior)
-        power = (vectors.T @ (root * self.train_target_)) ** 2
-        noises = self.prior_scale_ * np.geomspace(2e-5, 2e-3, 41)
-        total = np.maximum(values, 0.0)[None, :] + noises[:, None] ** 2
-        log_evidence = -0.5 * np.sum(power / total + np.log(total), axis=1)
-        best = int(np.argmax(log_evidence))
-        return float(noises[best]), float(log_evidence[best])
+    def _tabulate_std(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
+        """Tabulate the curve's uncertainty on both branches, close-set round the reversal."""
+        near = np.geomspace(5e-4, 0.03, 10)
+        far = np.linspace(0.03, 1.0 + self.range_margin, 50)[1:]
+        positive = np.concatenate([near, far])
+        nodes = np.concatenate([-positive[::-1], positive])
+        self.std_nodes_ = nodes
+        variance_at = CurveVariance(problem, members, shares)
+        variances = []
+        clocks = len(problem.points.elapsed)
+        for branch in (1.0, -1.0):
+            points = at_zero_time(nodes, np.full(nodes.size, branch), clocks)
+            variances.append(variance_at(nodes, all_columns(points, problem.dictionary)))
+        self.std_up_, self.std_down_ = np.sqrt(variances[0]), np.sqrt(variances[1])
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        points = chain_points(X, self.full_scale_nm_)
-        train = ChainPoints(self.train_points_[:, 0], self.train_points_[:, 1])
-        up = ChainPoints(points.u, np.where(points.branch == 0.0, 1.0, points.branch))
-        mean, second = np.zeros(X.shape[0]), np.zeros(X.shape[0])
-        for setting, (solved, factor) in zip(self.settings_, self._members, strict=True):
-            width, length, amplitude, _, share = setting
-            cross = self._kernel(points, train, width, length, amplitude)
-            value = cross @ solved
-            mean += share * value
-            if not return_std:
-                continue
-            scales = self.prior_scale_ * PRIOR_SCALES
-            prior = np.sum((physics_basis(points, width) * scales) ** 2, axis=1)
-            prior += (self.prior_scale_ * amplitude) ** 2
-            variance = prior - np.sum(cross * cho_solve(factor, cross.T).T, axis=1)
-            half = self._kernel(up, train, width, length, amplitude) @ solved - value
-            second += share * (np.maximum(variance, 0.0) + value**2 + half**2)
-        torque = X[:, 0] + self.full_scale_nm_ * mean
+        u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
+        torque = X[:, 0] + self.full_scale_nm_ * self._mean(u, branch)
         if not return_std:
             return torque, None
-        return torque, self.full_scale_nm_ * np.sqrt(np.maximum(second - mean**2, 0.0))
+        up, down = (np.interp(u, self.std_nodes_, std) for std in (self.std_up_, self.std_down_))
+        std = np.where(branch > 0, up, down)
+        unknown = branch == 0.0
+        if np.any(unknown):
+            some = u[unknown]
+            half = self._mean(some, np.ones(some.size)) - self._mean(some, np.zeros(some.size))
+            std[unknown] = np.sqrt(0.5 * (up[unknown] ** 2 + down[unknown] ** 2) + half**2)
+        return torque, self.full_scale_nm_ * std
+
+    def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
+        """Return the mean additional torque as a fraction of full scale."""
+        mean = main_columns(u) @ self.main_ + smooth_kernel(u, self.train_u_) @ self.smooth_
+        columns = all_columns(at_zero_time(u, branch), self.dictionary_)
+        for new, means in zip(columns, self.effects_, strict=True):
+            mean += np.einsum("jqn,jq->n", new, means)
+        return np.asarray(mean)
+
+
+def _spread_about_main(u: FloatArray, target: FloatArray, weights: FloatArray) -> float:
+    """Return the weighted root mean square that equation 15 per direction leaves."""
+    columns, root = main_columns(u), np.sqrt(weights)
+    solution = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0]
+    return float(np.sqrt(np.mean(weights * (target - columns @ solution) ** 2)))
+
+
+def _without_negligible(
+    problem: Problem, effects: list[FloatArray]
+) -> tuple[Dictionary, list[FloatArray]]:
+    """Leave out ripple and bumps whose coefficients add up to nothing that could be measured."""
+    loop, step, ripple, bump = effects
+    frequencies, bumps = (_worth_keeping(means) for means in (ripple, bump))
+    whole = problem.dictionary
+    dictionary = Dictionary(
+        whole.step_widths,
+        whole.loop_shapes,
+        whole.frequencies[frequencies],
+        whole.bump_centres[bumps],
+        whole.bump_widths[bumps],
+    )
+    loop = merge_clocks(loop, len(whole.loop_shapes))
+    return dictionary, [loop, step, ripple[frequencies], bump[bumps]]
+
+
+def _worth_keeping(means: FloatArray) -> FloatArray:
+    size = np.abs(means).sum(axis=1)
+    order = np.argsort(size)
+    kept = np.ones(size.size, dtype=bool)
+    kept[order[np.cumsum(size[order]) < _NEGLIGIBLE]] = False
+    return np.asarray(np.flatnonzero(kept))

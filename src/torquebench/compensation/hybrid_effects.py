@@ -1,0 +1,303 @@
+"""Structured effects of a torque chain: reversal step, hysteresis and drift, ripple, local bumps.
+
+Each kind is a dictionary of candidate shapes, of which a chain shows one or none (local bumps: up
+to three); `averaging` weighs the candidates by their evidence. All scales are fractions of full
+scale and only orders of size: what mechanics can show, not what one chain does.
+
+Where the shapes come from
+    step        Coulomb friction of bearings and seals turns round with the torque; tanh(u/w) and
+                u/(w + |u|) are the two usual regularisations (E. Pennestrì et al., Nonlinear
+                Dynamics 83 (2016) 1785-1801).
+    loop        hysteresis xʳ(1 − x)^q, which closes at full scale where a major loop turns; r = 0
+                leaves a remanence at zero, q = r = 1 is Rayleigh's parabola. The sign is that of
+                the torque (a lag); the same sign in both directions is a rare candidate.
+    drift       the zero creeps with time since it was taken. The time of a point isn't asked for:
+                its series and branch say how far along the path it lies. It is a nuisance: part of
+                the calibration, not of the compensation.
+    ripple      engagement of splines and teeth: a sine of unknown period whose amplitude and
+                frequency may change linearly over the range (columns c, s, u c, u s).
+    bump        one local engagement error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from torquebench.compensation.averaging import Candidates
+from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.state import storable
+
+__all__ = ["Dictionary", "Effect", "EffectPoints", "make_dictionary"]
+
+_LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
+_STEP_WIDTHS = np.array([0.003, 0.008, 0.02, 0.05])
+_WIDEST_BUMP = 0.12
+_FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
+_SIDELESS = 5e-4
+_SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
+_LOOP_DIFFERENCE = 0.3  # how much loops of both directions differ
+
+
+@dataclass(frozen=True)
+class EffectPoints:
+    """Where effects are evaluated.
+
+    Attributes
+    ----------
+    u : float64 array of shape (n,)
+        Reading / full scale.
+    branch : float64 array of shape (n,)
+        +1 up, −1 down, 0 unknown.
+    elapsed : float64 array of shape (clocks, n)
+        Time since the zero was taken, as a fraction of the calibration, by each possible reading
+        of the path; no rows where it isn't known or doesn't matter.
+    """
+
+    u: FloatArray
+    branch: FloatArray
+    elapsed: FloatArray
+
+
+@storable
+@dataclass(frozen=True)
+class Dictionary:
+    """Candidate shapes of all effects.
+
+    Attributes
+    ----------
+    step_widths : float64 array
+        Widths of the reversal step.
+    loop_shapes : float64 array of shape (k, 2)
+        Exponents r and q of hysteresis loops.
+    frequencies : float64 array
+        Cycles of ripple per full scale.
+    bump_centres, bump_widths : float64 array of shape (b,)
+        Local bumps.
+    """
+
+    step_widths: FloatArray
+    loop_shapes: FloatArray
+    frequencies: FloatArray
+    bump_centres: FloatArray
+    bump_widths: FloatArray
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One kind of effect with its prior; the columns are as in `averaging.Candidates`."""
+
+    name: str
+    columns: FloatArray
+    scales: FloatArray
+    log_prior: FloatArray
+    log_absent: float
+    copies: int = 1
+
+    def whitened(self, columns: FloatArray) -> Candidates:
+        """Return the candidates on whitened columns."""
+        return Candidates(columns, self.scales, self.log_prior, self.log_absent, self.copies)
+
+
+def make_dictionary(points: int) -> Dictionary:
+    """Choose candidate shapes that so many calibration points can tell apart.
+
+    Parameters
+    ----------
+    points : int
+        Number of calibration points.
+
+    Returns
+    -------
+    dictionary : Dictionary
+
+    Examples
+    --------
+    >>> make_dictionary(50).bump_widths.min()
+    np.float64(0.04)
+    """
+    narrowest = float(np.clip(2.0 / points, 0.02, 0.06))
+    count = round(np.log(_WIDEST_BUMP / narrowest) / np.log(1.75)) + 1
+    widths = np.geomspace(narrowest, _WIDEST_BUMP, count)
+    centres = [np.arange(-1.0, 1.0 + 1e-9, 0.8 * width) for width in widths]
+    highest = float(np.clip(points / 4.0, 6.0, 25.0))
+    return Dictionary(
+        _STEP_WIDTHS,
+        _LOOP_SHAPES,
+        np.arange(1.5, highest, _FREQUENCY_STEP),
+        np.concatenate(centres),
+        np.repeat(widths, [centre.size for centre in centres]),
+    )
+
+
+def at_zero_time(u: FloatArray, branch: FloatArray, clocks: int = 0) -> EffectPoints:
+    """Return points of a chain whose zero was just taken."""
+    return EffectPoints(u, branch, np.zeros((clocks, u.size)))
+
+
+def step_columns(points: EffectPoints, widths: FloatArray) -> FloatArray:
+    """Return reversal steps, shape (2 k, 1, n)."""
+    u = points.u[None, :]
+    smooth = np.tanh(u / widths[:, None])
+    rational = u / (widths[:, None] + np.abs(u))
+    return np.concatenate([smooth, rational])[:, None, :]
+
+
+def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
+    """Return hysteresis and drift, shape (k (2 + clocks) + clocks, 3, n).
+
+    Columns of a candidate: the loop, its difference between the directions (which vanishes at zero,
+    where one direction passes into the other), the drift.
+    """
+    # A reading of zero is on neither side: noise would decide on which.
+    x, side = np.minimum(np.abs(points.u), 1.0), np.tanh(points.u / _SIDELESS)
+    zero = np.zeros((len(shapes), x.size))
+    shape = np.array([_loop_shape(x, r, q) for r, q in shapes])
+    closed = np.array([_loop_shape(x, max(r, 1.0), q) for r, q in shapes])
+    odd, difference = points.branch * side * shape, _LOOP_DIFFERENCE * points.branch * closed
+    parts = [
+        np.stack([odd, difference, zero], axis=1),
+        np.stack([points.branch * shape, zero, zero], axis=1),
+    ]
+    for time in points.elapsed:
+        drift = np.broadcast_to(-time, zero.shape)
+        parts.append(np.stack([odd, difference, drift], axis=1))
+    parts += [np.stack([zero[:1], zero[:1], -time[None]], axis=1) for time in points.elapsed]
+    return np.concatenate(parts)
+
+
+def merge_clocks(means: FloatArray, loops: int) -> FloatArray:
+    """Add up coefficients of the same loop with and without drift, and leave the drift out.
+
+    Parameters
+    ----------
+    means : float64 array of shape (k (2 + clocks) + clocks, 3)
+        Coefficients of `loop_columns` at the calibration points.
+    loops : int
+        Number k of loop shapes.
+
+    Returns
+    -------
+    merged : float64 array of shape (2 k, 3)
+        Coefficients of `loop_columns` without clocks.
+    """
+    clocks = (len(means) - 2 * loops) // (loops + 1)
+    merged = means[: 2 * loops].copy()
+    for clock in range(clocks):
+        start = (2 + clock) * loops
+        merged[:loops] += means[start : start + loops]
+    merged[:, 2] = 0.0
+    return np.asarray(merged)
+
+
+def ripple_columns(points: EffectPoints, frequencies: FloatArray) -> FloatArray:
+    """Return ripple with linear change of amplitude and frequency, shape (k, 4, n)."""
+    angle = 2 * np.pi * frequencies[:, None] * points.u
+    cosine, sine = np.cos(angle), np.sin(angle)
+    slope = _SLOPE_SHARE * points.u
+    return np.stack([cosine, sine, slope * cosine, slope * sine], axis=1)
+
+
+def bump_columns(points: EffectPoints, centres: FloatArray, widths: FloatArray) -> FloatArray:
+    """Return local bumps, shape (b, 1, n)."""
+    distance = (points.u[None, :] - centres[:, None]) / widths[:, None]
+    return np.exp(-0.5 * distance**2)[:, None, :]
+
+
+def all_columns(points: EffectPoints, dictionary: Dictionary) -> list[FloatArray]:
+    """Return the columns of every kind of effect, in the order of `make_effects`."""
+    return [
+        loop_columns(points, dictionary.loop_shapes),
+        step_columns(points, dictionary.step_widths),
+        ripple_columns(points, dictionary.frequencies),
+        bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
+    ]
+
+
+def make_effects(
+    points: EffectPoints, dictionary: Dictionary, prior_scale: float = 1.0
+) -> list[Effect]:
+    """Evaluate the dictionary at calibration points and give every candidate its prior.
+
+    Parameters
+    ----------
+    points : EffectPoints
+        Calibration points.
+    dictionary : Dictionary
+        Candidate shapes.
+    prior_scale : float, default 1
+        Factor on all prior amplitudes, for data that aren't in a chain's usual proportions.
+
+    Returns
+    -------
+    effects : list of Effect
+        Loop with drift, step, ripple, bumps.
+    """
+    loop, step, ripple, bump = all_columns(points, dictionary)
+    small, large = 1e-4 * prior_scale, 3e-4 * prior_scale
+    clocks, loops = len(points.elapsed), len(dictionary.loop_shapes)
+    # none, odd loop, even loop, odd loop with drift, drift alone
+    share = np.array([0.25, 0.35, 0.10, 0.18, 0.12] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
+    counts = [loops, loops, loops * clocks, clocks]
+    loop_prior = np.repeat(share[1:] / np.maximum(counts, 1), counts)
+    ripple_prior = 1.0 / dictionary.frequencies
+    return [
+        Effect("loop", loop, np.array([small, large]), np.log(loop_prior), np.log(share[0])),
+        Effect("step", step, np.array([small, large]), *_prior(np.ones(len(step)), 0.2)),
+        Effect("ripple", ripple, np.array([0.7 * small, 2 * small]), *_prior(ripple_prior, 0.4)),
+        Effect(
+            "bump", bump, np.array([small, large]), *_prior(dictionary.bump_widths, 0.4), copies=3
+        ),
+    ]
+
+
+def _prior(weights: FloatArray, absent: float) -> tuple[FloatArray, float]:
+    return np.log((1.0 - absent) * weights / weights.sum()), float(np.log(absent))
+
+
+def _loop_shape(x: FloatArray, r: float, q: float) -> FloatArray:
+    """Return xʳ(1 − x)^q, scaled to one at its largest."""
+    if r == 0.0:
+        return np.asarray((1.0 - x) ** q)
+    widest = r / (r + q)
+    return np.asarray((x / widest) ** r * ((1.0 - x) / (1.0 - widest)) ** q)
+
+
+def path_clocks(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
+    """Read the time of calibration points off their place on the path.
+
+    A series runs from zero to full scale and back, or through both directions, clockwise first. One
+    clock starts anew in each series and direction, where a zero may have been taken; the other
+    runs through all of them.
+
+    Parameters
+    ----------
+    u, branch, series : float64 array of shape (n,)
+        Reading / full scale, branch, number of the series.
+
+    Returns
+    -------
+    elapsed : float64 array of shape (2, n), (1, n) or (0, n)
+        From 0 to 1; empty when a branch is unknown, one row when both clocks are the same.
+
+    Examples
+    --------
+    >>> path_clocks(np.array([0.5, 1.0, 0.5]), np.array([1.0, 1.0, -1.0]), np.zeros(3))
+    array([[0.25, 0.5 , 0.75]])
+    """
+    if np.any(branch == 0.0):
+        return np.zeros((0, u.size))
+    x = np.minimum(np.abs(u), 1.0)
+    leg = np.where(branch > 0, 0.5 * x, 1.0 - 0.5 * x)
+    # Readings next to zero scatter to either side: they never make a direction of their own.
+    sided = x > 0.02
+    keys = 2 * np.unique(series, return_inverse=True)[1] + (u < 0)
+    present = np.unique(keys[sided])
+    lone = ~np.isin(keys, present)
+    keys[lone] = keys[lone] ^ 1
+    rank = np.searchsorted(present, keys).astype(np.float64)
+    groups = float(max(present.size, 1))
+    if groups == 1.0:
+        return leg[None, :]
+    return np.array([leg, (rank + leg) / groups])

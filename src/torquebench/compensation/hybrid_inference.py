@@ -1,0 +1,313 @@
+"""Inference of the hybrid: noise, smoothness and structured effects from calibration points.
+
+With everything in fractions of full scale, the additional torque is
+
+    a = main form (equation 15 per direction) + smooth deviation (Gaussian process)
+        + structured effects + noise.
+
+For one setting of noise and smoothness, the main form, whose coefficients have wide normal priors,
+and the smooth deviation are marginalised in closed form (C. E. Rasmussen, C. K. I. Williams,
+Gaussian Processes for Machine Learning, 2006, eq. 2.39-2.42, explicit basis functions) by whitening
+with the Cholesky factor of their covariance plus noise; the effects are averaged on the whitened
+data. Settings on a grid round the noise of best evidence are then averaged by their evidence.
+
+Noise with heavy tails is a scale mixture: Student's distribution with `_FREEDOM` degrees of freedom
+is normal noise with a gamma-distributed weight per point, whose posterior mean follows in closed
+form (C. M. Bishop, Pattern Recognition and Machine Learning, 2006, section 2.3.7 and 10.1). It is
+tried where the residuals look like it, and taken where its evidence is higher.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from math import lgamma
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
+
+from torquebench.compensation.averaging import AveragedEffects, average_effects
+from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.hybrid_effects import (
+    Dictionary,
+    Effect,
+    EffectPoints,
+    make_dictionary,
+    make_effects,
+)
+
+__all__ = ["Member", "Problem", "Setting", "explore", "main_columns", "smooth_kernel"]
+
+_MAIN_SCALES = np.array([1e-4, 3e-2, 3e-2, 3e-2, 3e-2])
+"""Prior standard deviations of c₀ (the zero was taken), and of c₁, c₂ per direction (free)."""
+_SMOOTH_LENGTH = 0.4
+_SMOOTH_AMPLITUDES = (2e-5, 1e-4, 5e-4)
+_USUAL_NOISE = 2e-4
+_LEAST_NOISE = 1e-6
+_FREEDOM = 4.0
+_LOG_ODDS_OF_TAILS = -1.5
+
+
+def main_columns(u: FloatArray) -> FloatArray:
+    """Return the scaled columns of equation 15: c₀ and c₁x, c₂x² per direction, shape (n, 5).
+
+    Examples
+    --------
+    >>> (main_columns(np.array([-0.5])) / main_columns(np.array([1.0]))[0, 1]).round(4) + 0.0
+    array([[ 0.0033,  0.    ,  0.    , -0.5   ,  0.25  ]])
+    """
+    plus, minus = np.maximum(u, 0.0), np.minimum(u, 0.0)
+    columns = np.column_stack([np.ones_like(u), plus, plus**2, minus, minus**2])
+    return np.asarray(columns * _MAIN_SCALES)
+
+
+def smooth_kernel(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the covariance of the smooth deviation from equation 15, one per direction."""
+    same = np.sign(u)[:, None] == np.sign(v)[None, :]
+    return np.asarray(np.exp(-0.5 * ((u[:, None] - v[None, :]) / _SMOOTH_LENGTH) ** 2) * same)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is averaged over outside the effects.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of a point, as a fraction of full scale.
+    smooth : float
+        Amplitude of the smooth deviation, before the problem's prior scale.
+    """
+
+    noise: float
+    smooth: float
+
+
+@dataclass(frozen=True)
+class Member:
+    """One setting with its posterior.
+
+    Attributes
+    ----------
+    setting : Setting
+    weights : float64 array of shape (n,)
+        Weights of the points; a point's noise variance is noise² / weight.
+    factor : float64 array of shape (n, n)
+        Lower Cholesky factor of the covariance of main form, smooth deviation and noise.
+    effects : AveragedEffects
+        Posterior of the effects.
+    log_evidence : float
+        Evidence lower bound, with the prior of the setting.
+    solved : float64 array of shape (n,)
+        Inverse covariance times what the effects leave.
+    inverse_diagonal : float64 array of shape (n,)
+        Diagonal of the inverse covariance.
+    effective : float
+        Number of coefficients that the data determine.
+    """
+
+    setting: Setting
+    weights: FloatArray
+    factor: FloatArray
+    effects: AveragedEffects
+    log_evidence: float
+    solved: FloatArray
+    inverse_diagonal: FloatArray
+    effective: float
+
+    @property
+    def point_noise(self) -> FloatArray:
+        """Noise variance of every point."""
+        return np.asarray(self.setting.noise**2 / self.weights)
+
+    @property
+    def residual(self) -> FloatArray:
+        """Posterior mean of the noise of every point."""
+        return np.asarray(self.point_noise * self.solved)
+
+
+class Problem:
+    """Calibration points with everything that doesn't depend on noise and smoothness.
+
+    Parameters
+    ----------
+    points : EffectPoints
+        Calibration points.
+    target : float64 array of shape (n,)
+        Additional torque as a fraction of full scale.
+    weights : float64 array of shape (n,)
+        Weights of the points.
+    prior_scale : float
+        Factor on all prior amplitudes.
+    """
+
+    def __init__(
+        self, points: EffectPoints, target: FloatArray, weights: FloatArray, prior_scale: float
+    ) -> None:
+        self.points, self.target, self.weights = points, target, weights
+        self.prior_scale = prior_scale
+        self.dictionary: Dictionary = make_dictionary(target.size)
+        self.kinds: list[Effect] = make_effects(points, self.dictionary, prior_scale)
+        self.main = prior_scale * main_columns(points.u)
+        self._main_gram = self.main @ self.main.T
+        self._smooth = prior_scale**2 * smooth_kernel(points.u, points.u)
+        blocks = [kind.columns.reshape(-1, target.size) for kind in self.kinds]
+        self._stacked = np.vstack([target[None, :], *blocks]).T
+
+    def copies(self) -> list[Effect]:
+        """Return the kind of every single effect."""
+        return [kind for kind in self.kinds for _ in range(kind.copies)]
+
+    def solve(self, setting: Setting, weights: FloatArray | None = None) -> Member:
+        """Whiten by main form, smooth deviation and noise, then average over the effects."""
+        weights = self.weights if weights is None else weights
+        noise2 = setting.noise**2 / weights
+        covariance = self._main_gram + setting.smooth**2 * self._smooth
+        covariance[np.diag_indices_from(covariance)] += noise2
+        factor = cholesky(covariance, lower=True, check_finite=False)
+        white = solve_triangular(factor, self._stacked, lower=True, check_finite=False)
+        white = np.ascontiguousarray(white.T)
+        candidates, start = [], 1
+        for kind in self.kinds:
+            count, width, size = kind.columns.shape
+            block = white[start : start + count * width]
+            candidates.append(kind.whitened(block.reshape(count, width, size)))
+            start += count * width
+        effects = average_effects(white[0], candidates)
+        prior = -0.5 * np.log(setting.noise / (self.prior_scale * _USUAL_NOISE)) ** 2
+        log_evidence = effects.log_evidence - float(np.sum(np.log(np.diag(factor)))) + prior
+        left = white[0] - effects.fit
+        solved = solve_triangular(factor, left, lower=True, trans=1, check_finite=False)
+        inverse_diagonal = np.diag(dpotri(factor, lower=1)[0]).copy()
+        determined = [np.sum(w * t) for w, t in zip(effects.weights, effects.traces, strict=True)]
+        effective = weights.size - np.sum(noise2 * inverse_diagonal) + np.sum(determined)
+        return Member(
+            setting,
+            weights,
+            factor,
+            effects,
+            float(log_evidence),
+            solved,
+            inverse_diagonal,
+            float(effective),
+        )
+
+    def settle_noise(self, member: Member, rounds: int = 6) -> Member:
+        """Follow MacKay's fixed point, noise² = residual power / free points, and solve again."""
+        for _ in range(rounds):
+            power = float(np.sum(member.weights * member.residual**2))
+            freedom = max(self.target.size - member.effective, 0.1 * self.target.size)
+            noise = max(float(np.sqrt(power / freedom)), _LEAST_NOISE * self.prior_scale)
+            done = abs(np.log(noise / member.setting.noise)) < 0.1
+            member = self.solve(replace(member.setting, noise=noise), member.weights)
+            if done:
+                break
+        return member
+
+
+def explore(problem: Problem, start_noise: float) -> list[Member]:
+    """Find the noise of best evidence, then lay a grid of noise and smoothness round it.
+
+    Parameters
+    ----------
+    problem : Problem
+    start_noise : float
+        Where to start looking, as a fraction of full scale.
+
+    Returns
+    -------
+    members : list of Member
+        To be averaged by their evidence.
+    """
+    best = problem.settle_noise(problem.solve(Setting(start_noise, _SMOOTH_AMPLITUDES[1])))
+    if _looks_heavy_tailed(best):
+        best = _with_tails(problem, best)
+    freedom = max(problem.target.size - best.effective, 4.0)
+    step = 1.5 / np.sqrt(2 * freedom)
+    settings = [
+        Setting(best.setting.noise * float(np.exp(k * step)), smooth)
+        for k, smooth in product((-1, 0, 1), _SMOOTH_AMPLITUDES)
+    ]
+    return [problem.solve(setting, best.weights) for setting in settings]
+
+
+def _expected_squares(member: Member) -> FloatArray:
+    """Return the posterior mean of every point's squared noise."""
+    noise2 = member.point_noise
+    return np.asarray(member.residual**2 + noise2 - noise2**2 * member.inverse_diagonal)
+
+
+def _looks_heavy_tailed(member: Member) -> bool:
+    scaled = member.residual / np.sqrt(member.point_noise)
+    power = np.mean(scaled**2)
+    return bool(np.mean(scaled**4) > 3.6 * power**2)
+
+
+def _with_tails(problem: Problem, normal: Member) -> Member:
+    """Try Student noise; return its member if its evidence is higher, or else the normal one."""
+    member, bound = normal, -np.inf
+    for _ in range(6):
+        scale2 = member.setting.noise**2
+        squares = _expected_squares(member)
+        tails = (_FREEDOM + 1.0) / (_FREEDOM + squares / scale2)
+        noise = float(np.sqrt(np.mean(tails * squares)))
+        member = problem.solve(replace(member.setting, noise=noise), problem.weights * tails)
+        before, bound = bound, _student_bound(problem, member)
+        if bound - before < 0.1:
+            break
+    return member if bound + _LOG_ODDS_OF_TAILS > normal.log_evidence else normal
+
+
+def _student_bound(problem: Problem, member: Member) -> float:
+    """Replace the normal likelihood in the evidence bound by Student's (Bishop, eq. 10.3)."""
+    scale2 = member.setting.noise**2 / problem.weights
+    squares = _expected_squares(member)
+    normal = -0.5 * np.sum(np.log(member.point_noise) + squares / member.point_noise)
+    shape = 0.5 * (_FREEDOM + 1.0)
+    constant = 0.5 * _FREEDOM * np.log(0.5 * _FREEDOM) - lgamma(0.5 * _FREEDOM) + lgamma(shape)
+    student = constant - 0.5 * np.log(scale2) - shape * np.log(0.5 * (_FREEDOM + squares / scale2))
+    return float(member.log_evidence - normal + np.sum(student))
+
+
+class CurveVariance:
+    """Posterior variance of the curve anywhere, averaged over members.
+
+    Parameters
+    ----------
+    problem : Problem
+    members : list of Member
+    shares : float64 array
+        Weight of every member.
+    """
+
+    def __init__(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
+        self._problem, self._members, self._shares = problem, members, shares
+
+    def __call__(self, u: FloatArray, columns: list[FloatArray]) -> FloatArray:
+        """Return the variance at u, given all effects' columns there."""
+        problem = self._problem
+        first, second = np.zeros(u.size), np.zeros(u.size)
+        main = problem.prior_scale * main_columns(u)
+        same = smooth_kernel(u, problem.points.u)
+        for share, member in zip(self._shares, self._members, strict=True):
+            smooth2 = (problem.prior_scale * member.setting.smooth) ** 2
+            cross = main @ problem.main.T + smooth2 * same
+            gain = cho_solve((member.factor, True), cross.T, check_finite=False)
+            value = cross @ member.solved
+            variance = np.sum(main**2, axis=1) + smooth2 - np.sum(gain.T * cross, axis=1)
+            index = 0
+            for kind, new in zip(problem.kinds, columns, strict=True):
+                for _ in range(kind.copies):
+                    means = member.effects.means[index]
+                    moments = member.effects.moments[index]
+                    index += 1
+                    size = np.einsum("jpp->j", moments)
+                    keep = np.flatnonzero(size > 2e-3 * size.sum())
+                    value += np.einsum("jqn,jq->n", new[keep], means[keep])
+                    left = new[keep] - kind.columns[keep] @ gain
+                    variance += np.einsum("jpn,jpq,jqn->n", left, moments[keep], left)
+                    variance -= np.einsum("jqn,jq->n", left, means[keep]) ** 2
+            first += share * value
+            second += share * (variance + value**2)
+        return np.asarray(np.maximum(second - first**2, 0.0))
