@@ -14,6 +14,7 @@ from torquebench.compensation.base import (
 )
 from torquebench.compensation.bayesian_network import BayesianNetworkModel
 from torquebench.compensation.checks import OutlierWarning, PointsReducedWarning, WildPoint
+from torquebench.compensation.gaussian_process import GaussianProcessModel
 from torquebench.compensation.hybrid import HybridModel
 from torquebench.compensation.model_file import (
     Provenance,
@@ -42,6 +43,7 @@ __all__ = [
     "BayesianNetworkModel",
     "Comparison",
     "CompensationModel",
+    "GaussianProcessModel",
     "HybridModel",
     "ModelScore",
     "NoiseFloor",
