@@ -24,7 +24,9 @@ __all__ = [
     "trend_free",
 ]
 
-_WILD_SCALES = 6.0  # a point is wild this many local standard deviations beyond its neighbours
+# A point is wild this many standard deviations beyond its neighbours; more where few points make
+# the standard deviation uncertain. Normal noise has such a point in less than 1 of 1000 data sets.
+_WILD_SCALES, _WILD_SCALES_PER_POINT = 6.0, 60.0
 # and at least this share of the largest torque: spline engagement makes real bumps up to 0.05 % FS
 _WILD_SHARE_OF_LARGEST = 5e-4
 _CONTRADICTION_SCALES = 10.0
@@ -183,7 +185,7 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
     if outliers == "refuse":
         raise InputError(
             f"wild calibration point: {names}",
-            f"points within {_WILD_SCALES:g} times the scatter of their neighbours",
+            f"points within {_wild_scales(weights.size):.2g} times the scatter of their neighbours",
             'record the point again, leave it out, or choose outliers="downweight"',
         )
     warnings.warn(f"wild calibration point down-weighted: {names}", OutlierWarning, stacklevel=3)
@@ -199,8 +201,8 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
     A robust quadratic per direction with branch terms takes the trend away. What is left of a
     point is compared with its three neighbours in reading on either side, over all series and
     branches: a step at torque reversal or an engagement bump, which neighbours share, isn't wild;
-    a point beyond every neighbour by six times the local scatter and by 0.05 % of the largest
-    torque is.
+    a point beyond every neighbour by six times the local scatter (more with few points) and by
+    0.05 % of the largest torque is.
 
     Parameters
     ----------
@@ -223,7 +225,7 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
         residual = trend_free(points.X[kept], points.y[kept])
         centre, excess = _against_neighbours(residual)
         scatter = _scatter(residual, centre)
-        limit = max(_WILD_SCALES * scatter, least)
+        limit = max(_wild_scales(kept.size) * scatter, least)
         wild = np.flatnonzero(excess > limit)
         if wild.size == 0:
             break
@@ -379,6 +381,10 @@ def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
             break
         weights = 1.0 / np.sqrt(1.0 + np.abs(residual) / scale)
     return residual
+
+
+def _wild_scales(count: int) -> float:
+    return _WILD_SCALES + _WILD_SCALES_PER_POINT / count
 
 
 def _around(index: int, count: int) -> slice:

@@ -1,0 +1,176 @@
+"""Selection: folds that never leak, the noise floor, the one-standard-error rule, its table."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from torquebench.compensation import (
+    Comparison,
+    PolynomialModel,
+    SplineModel,
+    compare,
+    features,
+    noise_floor,
+    repeat_groups,
+)
+from torquebench.compensation.repeats import spread_folds
+from torquebench.errors import InputError
+
+STEPS = np.linspace(-2000.0, 2000.0, 21)
+FAST = ("polynomial-1", "polynomial-2", "polynomial-3", "spline")
+
+
+def quadratic(reading: np.ndarray) -> np.ndarray:
+    return reading + 1.0 + 1e-3 * reading + 1.5e-6 * reading**2
+
+
+def repeated(seed: int, repeats: int = 2, noise: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    reading = np.tile(STEPS, repeats) + generator.normal(0.0, 0.5, repeats * STEPS.size)
+    return reading[:, None], quadratic(reading) + generator.normal(0.0, noise, reading.size)
+
+
+def test_the_simplest_of_equals_is_selected() -> None:
+    selected = [compare(*repeated(seed), FAST).selected for seed in range(12)]
+    assert selected.count("polynomial-2") >= 10
+
+
+def test_a_better_model_wins_over_a_simpler_one() -> None:
+    X, y = repeated(0)
+    y = y + 1.5 * np.sin(X[:, 0] / 250.0)
+    comparison = compare(X, y, FAST)
+    assert comparison.selected == "spline"
+    assert "standard errors worse than spline" in comparison.score("polynomial-2").reason
+
+
+def test_the_table_states_each_error_in_three_ways_and_a_reason() -> None:
+    X, y = repeated(1)
+    comparison = compare(X, y, FAST, range_nm=2000.0)
+    assert [score.name for score in comparison.scores] == list(FAST)
+    assert sum(score.selected for score in comparison.scores) == 1
+    for score in comparison.scores:
+        assert score.worst_percent_fs == pytest.approx(score.worst_nm / 20.0)
+        assert score.rms_percent_fs == pytest.approx(score.rms_nm / 20.0)
+        assert score.rms_nm <= score.worst_nm
+        assert score.worst_averaged_nm <= score.worst_nm
+        assert score.worst_percent_reading < 100.0 * score.worst_nm / 100.0  # from 5 % FS
+        assert score.fit_time_s > 0.0
+        assert score.reason
+    assert comparison.model is comparison.models[comparison.selected]
+    assert comparison.model.full_scale_nm_ == 2000.0
+    assert comparison.selected_rms_nm >= 0.9 * comparison.score(comparison.selected).rms_nm
+
+
+def test_errors_are_those_at_points_that_were_left_out() -> None:
+    X, y = repeated(2)
+    comparison = compare(X, y, ["polynomial-2"], folds=19)
+    groups = repeat_groups(X[:, 0])
+    errors = []
+    for step in range(1, 20):  # the outermost steps are never left out
+        here = groups == step
+        model = PolynomialModel(range_nm=float(np.max(np.abs(X)))).fit(X[~here], y[~here])
+        errors.extend(model.predict(X[here]) - y[here])
+    assert comparison.score("polynomial-2").rms_nm == pytest.approx(
+        np.sqrt(np.mean(np.square(errors))), rel=1e-9
+    )
+    assert (comparison.folds, comparison.steps, comparison.points) == (19, 21, 38)
+
+
+@given(steps=st.integers(5, 80), repeats=st.integers(1, 4), folds=st.integers(2, 20))
+def test_folds_keep_repeats_together_and_ends_in(steps: int, repeats: int, folds: int) -> None:
+    step = np.tile(np.arange(steps), repeats)
+    fold, count = spread_folds(step, folds)
+    assert set(fold) == set(range(-1, count))
+    assert all(np.unique(fold[step == number]).size == 1 for number in range(steps))
+    assert np.all((fold == -1) == ((step == 0) | (step == steps - 1)))
+    inner = fold[1 : steps - 1]
+    if count > 1:
+        assert np.all(inner[1:] != inner[:-1])  # neighbours stay in
+
+
+@given(seed=st.integers(0, 1000), repeats=st.integers(1, 4))
+def test_steps_are_found_whatever_the_order(seed: int, repeats: int) -> None:
+    generator = np.random.default_rng(seed)
+    true_step = generator.permutation(np.tile(np.arange(STEPS.size), repeats))
+    reading = STEPS[true_step] + generator.uniform(-1.0, 1.0, true_step.size)
+    np.testing.assert_array_equal(repeat_groups(reading), true_step)
+
+
+def test_a_ramp_without_steps_is_cut_evenly() -> None:
+    group = repeat_groups(np.linspace(0.0, 100.0, 5000))
+    assert group.max() == 49
+    assert np.all(np.bincount(group) >= 90)
+
+
+def test_the_noise_floor_comes_from_repeats_of_the_same_branch() -> None:
+    generator = np.random.default_rng(0)
+    reading, branch = np.tile(STEPS, 8), np.repeat([1, -1], 4 * STEPS.size)
+    hysteresis = 1.0 * branch
+    standard = quadratic(reading) + hysteresis + generator.normal(0.0, 0.3, reading.size)
+    known = noise_floor(features(reading, branch=branch), standard)
+    assert known is not None
+    assert known.degrees_of_freedom == reading.size - 2 * STEPS.size
+    assert known.standard_deviation_nm == pytest.approx(0.3, rel=0.15)
+    unknown = noise_floor(reading[:, None], standard)
+    assert unknown is not None
+    assert unknown.standard_deviation_nm > 0.8
+    assert noise_floor(STEPS[:, None], quadratic(STEPS)) is None
+
+
+def test_a_wild_point_is_named_and_not_scored() -> None:
+    X, y = repeated(3)
+    y[7] += 40.0
+    comparison = compare(X, y, FAST)
+    assert [point.row for point in comparison.wild_points] == [7]
+    assert comparison.score("polynomial-2").worst_nm < 2.0
+    assert comparison.noise is not None
+    assert comparison.noise.standard_deviation_nm < 1.0
+
+
+def test_a_candidate_that_refuses_the_data_is_listed_with_its_words() -> None:
+    X, y = repeated(4, repeats=1)
+    comparison = compare(X, y, ["polynomial-2", "polynomial-25"])
+    assert "at least 27" in comparison.refused["polynomial-25"]
+    assert comparison.selected == "polynomial-2"
+    with pytest.raises(InputError, match="no candidate"):
+        compare(X, y, ["polynomial-25"])
+
+
+def test_own_models_under_own_names() -> None:
+    X, y = repeated(5)
+    mine = {"stiff": SplineModel(criterion="gcv"), "curve": PolynomialModel(degree=2)}
+    comparison = compare(X, y, mine)
+    assert isinstance(comparison, Comparison)
+    assert set(comparison.models) == set(mine)
+    assert not hasattr(mine["stiff"], "knots_")  # copies are fitted
+
+
+def test_progress_goes_from_model_to_model() -> None:
+    reports: list[tuple[float, str]] = []
+    compare(*repeated(6), FAST, progress=lambda done, text: reports.append((done, text)))
+    fractions = [fraction for fraction, _ in reports]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1.0)
+    assert reports[0][1].startswith("polynomial-1, fold 1 of")
+
+
+@pytest.mark.parametrize(
+    ("X", "y", "message"),
+    [
+        (np.ones((3, 1)), np.ones(4), "4 standard values"),
+        (np.array([[1.0], [np.nan], [2.0]]), np.ones(3), "row 1"),
+        (STEPS[:4, None], STEPS[:4], "4 different steps"),
+    ],
+)
+def test_bad_tables_are_refused(X: np.ndarray, y: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        compare(X, y, FAST)
+
+
+def test_groups_must_be_one_for_each_point() -> None:
+    X, y = repeated(7)
+    with pytest.raises(InputError, match="groups"):
+        compare(X, y, FAST, groups=[0, 1])
+    by_hand = compare(X, y, FAST, groups=np.tile(np.arange(21), 2))
+    assert by_hand.score("spline").rms_nm == compare(X, y, FAST).score("spline").rms_nm
