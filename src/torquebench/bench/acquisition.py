@@ -185,6 +185,7 @@ class Acquisition:
                 samples[channel.name] = channel.push(raw.edges[channel.name])
         speeds: dict[Side, float] = {}
         for side, angle in raw.angles.items():
+            self._check_encoder(side, angle)
             self._angles[side].append(angle.time_s, angle.counts)
             speeds[side] = _speed(angle.time_s, angle.counts, angle.counts_per_revolution)
         temperatures = dict(self._drivers.temperature.temperatures())
@@ -199,6 +200,15 @@ class Acquisition:
             temperatures=temperatures,
             edges=raw.edges,
         )
+
+    def _check_encoder(self, side: Side, angle: AngleSamples) -> None:
+        described = self._description.module(side).encoder.counts_per_revolution
+        if angle.counts_per_revolution != described:
+            raise BenchError(
+                f"{side} encoder delivers {angle.counts_per_revolution} counts per revolution",
+                f"{described}, as described",
+                f"correct {side}.encoder.counts_per_revolution",
+            )
 
     def _compensated(
         self,

@@ -11,11 +11,17 @@ from torquebench.bench.drivers.base import DriverSet, ReferenceSamples
 from torquebench.bench.roles import SIDES, Mounting, Side, reference_channel, torque_channel
 from torquebench.bench.samples import ChannelSamples, SampleRing
 from torquebench.errors import InputError, SignalFault
-from torquebench.signals import EdgeBlock, FrequencyCounter, SignalFaultKind
+from torquebench.signals import EdgeBlock, FrequencyCounter, FrequencySamples, SignalFaultKind
 
 __all__ = ["Channel", "certificates", "open_channel"]
 
 KEPT_S = 120.0
+STUCK_SPREAD = 8.0
+"""Spread of a stuck frequency at most, in standard uncertainties of the counter.
+
+25 windows of nothing but the counter's own noise spread over 4 of them; a transducer's output
+is never that quiet.
+"""
 
 
 class Channel:
@@ -29,6 +35,8 @@ class Channel:
     counter : FrequencyCounter
     window_s : float
         Length of the counter's windows, s.
+    stuck_s : float
+        So long a frequency without any noise of its own is stuck, s.
     certificate : ReferenceCertificate, optional
         Corrects the torque of a standard.
     """
@@ -41,6 +49,7 @@ class Channel:
         transducer: TransducerDescription,
         counter: FrequencyCounter,
         window_s: float,
+        stuck_s: float,
         certificate: ReferenceCertificate | None,
     ) -> None:
         self.name = name
@@ -50,6 +59,7 @@ class Channel:
         self.certificate = certificate
         self._counter = counter
         self._scale = transducer.scale()
+        self._stuck_windows = max(2, round(stuck_s / window_s))
         self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
 
     @property
@@ -71,12 +81,25 @@ class Channel:
 
     def push(self, edges: EdgeBlock) -> ChannelSamples:
         """Take the next block of edges; return the windows that it completes."""
-        frequency = self._counter.push(edges)
+        frequency = self._with_stuck(self._counter.push(edges))
         torque = self._scale.torque_samples(frequency)
         value = torque.torque_nm
         if self.certificate is not None:
             value = self.certificate.correct(value)
         return self._kept(torque.time_s, frequency.frequency_hz, value, torque.fault)
+
+    def _with_stuck(self, frequency: FrequencySamples) -> FrequencySamples:
+        """Mark windows of a frequency that has lost all noise of its own."""
+        count = frequency.frequency_hz.size
+        before = self._ring.tail(self._stuck_windows - count)
+        if count == 0 or before.shape[1] + count < self._stuck_windows:
+            return frequency
+        recent = np.concatenate((before[1], frequency.frequency_hz))
+        spread = recent.max() - recent.min()  # NaN, so never stuck, where one is faulty
+        if spread < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
+            everywhere = np.ones(count, dtype=np.bool_)
+            return frequency.marked(everywhere, SignalFaultKind.STUCK)
+        return frequency
 
     def take(self, read: ReferenceSamples) -> ChannelSamples:
         """Take the samples of a standard that states torque itself."""
@@ -143,7 +166,7 @@ def open_channel(
     name: str, description: BenchDescription, drivers: DriverSet, mounting: Mounting
 ) -> Channel:
     """Open a channel as the description has it with this mounting."""
-    counting = description.counter
+    counting, stuck_s = description.counter, description.safety.stuck_s
     counter = FrequencyCounter(
         counting.method,
         counting.window_s,
@@ -157,10 +180,12 @@ def open_channel(
                 raise InputError(f"channel {name} with {mounting} mounted", "a mounted standard")
             certificate = certificates(description, drivers, mounting).get(side)
             transducer = standard.transducer(side)
-            return Channel(name, side, True, transducer, counter, counting.window_s, certificate)
+            return Channel(
+                name, side, True, transducer, counter, counting.window_s, stuck_s, certificate
+            )
     own: Side = "input" if name == torque_channel("input") else "output"
     transducer = description.module(own).transducer
-    return Channel(name, own, False, transducer, counter, counting.window_s, None)
+    return Channel(name, own, False, transducer, counter, counting.window_s, stuck_s, None)
 
 
 def certificates(

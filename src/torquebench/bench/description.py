@@ -208,6 +208,7 @@ class SafetyDescription(_Section):
 
     ramp_to_zero_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.2
     signal_loss_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.03
+    stuck_s: Annotated[float, Field(ge=0.05, le=60.0, description="s")] = 0.25
     stall_s: Annotated[float, Field(ge=0.2, le=60.0, description="s")] = 2.0
     unloaded_percent: Annotated[float, Field(gt=0, le=10.0, description="% of range")] = 1.0
     standstill_rpm: Annotated[float, Field(gt=0, le=100.0, description="rpm")] = 0.5

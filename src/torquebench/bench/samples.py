@@ -153,6 +153,12 @@ class SampleRing:
             first, last = np.searchsorted(time, (start_s, stop_s)) + self._start
             return self._rows[:, first:last].copy()
 
+    def tail(self, count: int) -> NDArray[np.float64]:
+        """Copy of the newest rows, shape (1 + columns, at most count)."""
+        with self._lock:
+            first = max(self._start, self._stop - max(count, 0))
+            return self._rows[:, first : self._stop].copy()
+
     def last(self) -> NDArray[np.float64] | None:
         """Copy of the newest row, shape (1 + columns,); None before the first one."""
         with self._lock:

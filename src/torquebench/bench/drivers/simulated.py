@@ -28,6 +28,7 @@ from torquebench.bench.drivers.base import (
     Mode,
     Mounting,
     Side,
+    torque_channel,
 )
 from torquebench.bench.drivers.simulated_readout import SimulatedReadout
 from torquebench.bench.samples import SampleRing
@@ -65,7 +66,7 @@ class _Ramp:
         """Go on for a while; True when the set point changed."""
         if self.present == self.target:
             return False
-        reach = self.rate * duration_s
+        reach = self.rate * duration_s * (1.0 + 1e-9)  # arrives in time despite rounding
         distance = self.target - self.present
         self.present = (
             self.target
@@ -115,6 +116,7 @@ class SimulatedBench:
             seed=options.seed,
             timebase_hz=description.counter.timebase_hz,
         )
+        self._check_nameplates()
         if options.ambient_c is not None:
             self._twin.set_ambient(options.ambient_c)
         self._lock = threading.RLock()
@@ -130,6 +132,23 @@ class SimulatedBench:
         self.drives: dict[Side, SimulatedDrive] = {
             side: SimulatedDrive(self, side) for side in SIDES
         }
+
+    def _check_nameplates(self) -> None:
+        """Refuse a description of other transducers than the twin has."""
+        for channel in CHANNELS:
+            side: Side = "input" if channel.startswith("input") else "output"
+            if channel == torque_channel(side):
+                key, transducer = f"{side}.transducer", self.description.module(side).transducer
+            else:
+                key, transducer = f"calibrator.{side}", self.description.calibrator.transducer(side)
+            plate = self._twin.nameplate(channel)
+            own = (plate.nominal_torque_nm, plate.nominal_zero_hz / 1e3)
+            if (transducer.nominal_torque_nm, transducer.option_khz) != own:
+                raise InputError(
+                    f"{key}: {transducer.nominal_torque_nm:g} N·m, {transducer.option_khz} kHz",
+                    f"{own[0]:g} N·m, {own[1]:g} kHz on the simulated bench",
+                    "describe the simulated bench as it is, or choose another driver",
+                )
 
     @property
     def twin(self) -> BenchTwin:

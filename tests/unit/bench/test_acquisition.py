@@ -1,0 +1,247 @@
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.samples import AcquiredBlock
+from torquebench.compensation import make_model
+from torquebench.errors import BenchError, SignalFault
+from torquebench.signals import SignalFaultKind
+
+if TYPE_CHECKING:
+    from tests.unit.bench.conftest import LowBench
+else:
+    LowBench = Any
+
+OpenBench = Callable[..., Any]
+
+
+class Journal:
+    """Keeps blocks in memory, until it is told to fail."""
+
+    def __init__(self) -> None:
+        self.blocks: list[AcquiredBlock] = []
+        self.full = False
+
+    def write(self, block: AcquiredBlock) -> None:
+        if self.full:
+            raise OSError(28, "No space left on device")
+        self.blocks.append(block)
+
+
+def test_torque_comes_out_of_edges_within_the_chains_error(bench: LowBench) -> None:
+    bench.load_output(400.0)
+    bench.clock.wait(1.0)
+    reading = bench.acquisition.channel("output_torque").window(0.6, 0.9)
+    standard = bench.acquisition.channel("output_reference").window(0.6, 0.9)
+    assert reading.time_s.size == standard.time_s.size == 30
+    assert reading.torque_nm.mean() == pytest.approx(400.0, abs=0.02 * 2000.0)
+    true = bench.simulated.true_torque("output", 0.6, 0.9)
+    bias = bench.acquisition.channel("output_reference").window(0.0, 0.05).torque_nm
+    assert standard.torque_nm.mean() == pytest.approx(true, abs=2.0 + np.abs(bias).max())
+
+
+def test_it_stands_still_when_nobody_needs_time(bench: LowBench) -> None:
+    bench.clock.wait(0.2)
+    before = bench.acquisition.blocks
+    assert not bench.clock.wait_for_demand(0.1)
+    assert bench.acquisition.blocks == before
+
+
+def test_the_modules_always_run_and_a_standard_only_while_it_is_used(bench: LowBench) -> None:
+    bench.clock.wait(0.05)
+    assert set(bench.acquisition.latest_block.channels) == {"input_torque", "output_torque"}
+    with pytest.raises(SignalFault, match="nothing mounted"):
+        bench.acquisition.latest("output_reference")
+    bench.drivers.operator.mount("verification_standard")
+    bench.acquisition.select_for("verification_standard")
+    bench.clock.wait(0.1)
+    assert len(bench.acquisition.latest_block.channels) == 4
+    bench.acquisition.use_reference("input")
+    bench.clock.wait(0.1)
+    assert "output_reference" not in bench.acquisition.latest_block.channels
+    bench.acquisition.use_reference("output")
+    bench.clock.wait(0.1)
+    assert bench.acquisition.latest("output_reference").torque_nm == pytest.approx(0.0, abs=5.0)
+
+
+def test_a_measured_zero_holds_until_another_standard_is_mounted(bench: LowBench) -> None:
+    bench.drivers.operator.mount("calibrator")
+    bench.acquisition.select_for("calibrator")
+    bench.clock.wait(0.3)
+    for channel in ("output_torque", "output_reference"):
+        mean = bench.acquisition.channel(channel).window(0.1, 0.3).frequency_hz.mean()
+        bench.acquisition.set_zero(channel, float(mean))
+    bench.clock.wait(0.2)
+    reading = bench.acquisition.channel("output_torque").window(0.35, 0.5).torque_nm
+    assert abs(reading.mean()) < 0.5
+    bench.acquisition.select_for("verification_standard")
+    assert bench.acquisition.channel("output_reference").zero_hz == 60e3
+    assert bench.acquisition.channel("output_torque").zero_hz != 60e3
+    with pytest.raises(SignalFault, match="2 % of nominal"):
+        bench.acquisition.set_zero("output_torque", 70e3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("silent", {SignalFaultKind.NO_PULSES, SignalFaultKind.MISSING_PULSES}),
+        ("missing_pulses", {SignalFaultKind.MISSING_PULSES}),
+        ("doubled_pulses", {SignalFaultKind.DOUBLED_PULSES}),
+        ("out_of_modulation", {SignalFaultKind.OUT_OF_MODULATION}),
+    ],
+)
+def test_a_fault_is_carried_as_a_fault_and_never_as_a_number(
+    bench: LowBench, kind: Any, expected: set[SignalFaultKind]
+) -> None:
+    bench.clock.wait(0.2)
+    bench.simulated.twin.inject_fault("output_torque", kind, duration_s=0.1)
+    bench.clock.wait(0.2)
+    samples = bench.acquisition.channel("output_torque").window(0.22, 0.29)
+    assert {SignalFaultKind(code) for code in samples.fault.tolist()} <= expected
+    assert np.isnan(samples.torque_nm).all()
+    with pytest.raises(SignalFault, match="output_torque"):
+        samples.raise_on_fault()
+    other = bench.acquisition.channel("input_torque").window(0.22, 0.29)
+    assert not other.fault.any()
+    bench.clock.wait(0.2)
+    assert not bench.acquisition.channel("output_torque").window(0.4, 0.6).fault.any()
+
+
+def test_a_standard_with_its_own_readout_gives_the_same_torque(open_bench: OpenBench) -> None:
+    def standard(reference: str) -> Any:
+        with open_bench(driver__reference=reference) as bench:
+            bench.load_output(300.0)
+            bench.clock.wait(0.8)
+            channel = bench.acquisition.channel("output_reference")
+            channel.zero_hz = 60_010.0
+            bench.clock.wait(0.2)
+            return channel.window(0.5, 1.0)
+
+    by_edges, by_readout = standard("edges"), standard("readout")
+    np.testing.assert_allclose(by_readout.time_s, by_edges.time_s)
+    np.testing.assert_allclose(by_readout.torque_nm, by_edges.torque_nm, rtol=1e-9)
+
+
+def test_the_journal_gets_every_block_in_order(bench: LowBench) -> None:
+    journal = Journal()
+    bench.clock.wait(0.1)
+    bench.acquisition.set_journal(journal)
+    bench.clock.wait(1.0)
+    bench.acquisition.set_journal(None)
+    count = len(journal.blocks)
+    bench.clock.wait(0.5)
+    assert len(journal.blocks) == count == 20
+    assert [block.index for block in journal.blocks] == list(range(2, 22))
+
+
+def test_a_failing_journal_brings_the_bench_to_its_safe_state(bench: LowBench) -> None:
+    journal = Journal()
+    bench.load_output(500.0)
+    bench.acquisition.set_journal(journal)
+    bench.clock.wait(0.3)
+    journal.full = True
+    with pytest.raises(Exception, match="No space left"):
+        bench.clock.wait(30.0)
+    assert bench.supervisor.wait_safe(5.0)
+    assert bench.zeroed_and_off()
+    alarm = bench.supervisor.alarm
+    assert alarm is not None
+    assert alarm.kind.value == "journal failed"
+
+
+def test_a_slow_viewer_loses_blocks_and_nobody_else_does(bench: LowBench) -> None:
+    journal, slow, quick = Journal(), bench.acquisition.add_viewer(3), []
+    viewer = bench.acquisition.add_viewer()
+    bench.acquisition.set_journal(journal)
+    bench.clock.wait(1.0)
+    quick = viewer.drain()
+    assert len(quick) == len(journal.blocks) == 20
+    assert slow.dropped == 17
+    assert [block.index for block in slow.drain()] == [17, 18, 19]
+    bench.acquisition.remove_viewer(slow)
+    bench.clock.wait(0.5)
+    assert slow.drain() == []
+    assert bench.supervisor.alarm is None
+
+
+def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
+    readings = np.linspace(-300.0, 300.0, 61)
+    model = make_model("polynomial", degree=1, range_nm=300.0).fit(
+        readings[:, None], 1.01 * readings + 0.5
+    )
+    bench.acquisition.set_compensation("output", ActiveCompensation(model, "1", "polynomial"))
+    bench.load_output(200.0)
+    bench.clock.wait(0.8)
+    block = bench.acquisition.latest_block
+    reading = block.channels["output_torque"].torque_nm
+    compensated = block.compensated["output"]
+    np.testing.assert_allclose(compensated.torque_nm, 1.01 * reading + 0.5, atol=1e-6)
+    assert (compensated.standard_uncertainty_nm >= 0.0).all()
+    bench.drivers.drives["output"].command_torque(500.0, 1e5)
+    bench.clock.wait(0.5)
+    beyond = bench.acquisition.latest_block.compensated["output"]
+    assert np.isnan(beyond.torque_nm).all(), "beyond the calibrated range there is no number"
+    bench.acquisition.set_compensation("output", None)
+    bench.clock.wait(0.1)
+    assert not bench.acquisition.latest_block.compensated
+
+
+def test_speed_angle_and_temperature_are_those_of_the_bench(bench: LowBench) -> None:
+    bench.load_output(0.0)
+    bench.drivers.drives["output"].command_speed(1.0, 100.0)
+    bench.clock.wait(2.0)
+    assert bench.acquisition.speed_rad_s("output") == pytest.approx(1.0, abs=0.05)
+    assert bench.acquisition.mean_speed_rad_s("output", 1.0, 2.0) == pytest.approx(1.0, abs=0.02)
+    angles = bench.acquisition.angles("output", 1.0, 2.0)
+    assert angles.angle_rad[-1] - angles.angle_rad[0] == pytest.approx(1.0, abs=0.02)
+    assert bench.acquisition.angle_rad("output") > 1.0
+    assert 10.0 < bench.acquisition.temperature_c("ambient") < 35.0
+    with pytest.raises(SignalFault, match="nowhere"):
+        bench.acquisition.temperature_c("nowhere")
+
+
+def test_an_instrument_that_fails_ends_acquisition_and_wakes_whoever_waits(
+    bench: LowBench,
+) -> None:
+    bench.load_output(500.0)
+    bench.clock.wait(0.2)
+    bench.simulated.close()
+    with pytest.raises(BenchError, match="closed"):
+        bench.clock.wait(1.0)
+    assert bench.supervisor.wait_safe(10.0)
+    assert bench.zeroed_and_off()
+    with pytest.raises(BenchError, match="acquisition has ended"):
+        bench.clock.wait(1.0)
+
+
+def test_a_wrongly_described_encoder_is_found_with_the_first_block(open_bench: OpenBench) -> None:
+    with (
+        open_bench(input__encoder__counts_per_revolution=1000) as bench,
+        pytest.raises(BenchError, match="360000 counts per revolution"),
+    ):
+        bench.clock.wait(0.1)
+
+
+def test_real_time_follows_the_wall(open_bench: OpenBench) -> None:
+    import time
+
+    with open_bench(real_time=True) as bench:
+        started = time.monotonic()
+        bench.clock.wait(0.5)
+        assert time.monotonic() - started > 0.4
+
+
+def test_closing_leaves_no_thread(open_bench: OpenBench) -> None:
+    before = threading.active_count()
+    with open_bench() as bench:
+        bench.clock.wait(0.1)
+        assert threading.active_count() == before + 2
+        bench.acquisition.close()
+        bench.acquisition.close()
+        with pytest.raises(BenchError, match="closed"):
+            bench.clock.wait(1.0)
+    assert threading.active_count() == before

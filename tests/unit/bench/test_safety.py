@@ -1,0 +1,240 @@
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from torquebench.bench.drivers.base import CounterBlock, DriverSet
+from torquebench.bench.safety import Alarm, AlarmKind
+from torquebench.errors import (
+    BenchError,
+    InterlockError,
+    LimitError,
+    SignalFault,
+    TorquebenchError,
+)
+
+if TYPE_CHECKING:
+    from tests.unit.bench.conftest import LowBench
+else:
+    LowBench = Any
+
+OpenBench = Callable[..., Any]
+
+
+def assert_safe(bench: LowBench, kind: AlarmKind, source: str) -> Alarm:
+    assert bench.supervisor.wait_safe(10.0)
+    assert bench.zeroed_and_off()
+    alarm: Alarm | None = bench.supervisor.alarm
+    assert alarm is not None
+    assert (alarm.kind, alarm.source) == (kind, source)
+    assert alarm.found
+    assert alarm.remedy
+    return alarm
+
+
+def test_a_healthy_loaded_bench_raises_no_alarm(bench: LowBench) -> None:
+    bench.load_output(1900.0)
+    bench.clock.wait(3.0)
+    assert bench.supervisor.alarm is None
+    assert bench.drivers.drives["output"].state().enabled
+
+
+def test_too_much_torque_is_taken_off(open_bench: OpenBench) -> None:
+    with open_bench(output__range_nm=400, output__limits__torque_nm=500) as bench:
+        bench.load_output(800.0)
+        with pytest.raises(LimitError, match="torque limit: output_torque"):
+            bench.clock.wait(5.0)
+        alarm = assert_safe(bench, AlarmKind.TORQUE_LIMIT, "output_torque")
+        assert alarm.allowed == "at most 500 N·m"
+        bench.clock.wait(1.0)
+        assert abs(bench.acquisition.latest("output_torque").torque_nm) < 20.0
+
+
+def test_a_standard_is_protected_like_the_modules_own_transducer(open_bench: OpenBench) -> None:
+    with open_bench(output__range_nm=400, output__limits__torque_nm=500) as bench:
+        bench.load_output(300.0)
+        bench.clock.wait(0.5)
+        bench.simulated.twin.inject_fault("output_reference", "wild_value", amount=0.2)
+        with pytest.raises(LimitError, match="output_reference"):
+            bench.clock.wait(5.0)
+        assert_safe(bench, AlarmKind.TORQUE_LIMIT, "output_reference")
+
+
+def test_a_drive_that_runs_away_is_stopped(open_bench: OpenBench) -> None:
+    with open_bench(output__limits__speed_rpm=5) as bench:
+        bench.load_output(0.0)
+        bench.drivers.drives["output"].command_speed(1.5, 100.0)
+        with pytest.raises(LimitError, match="speed limit: output speed"):
+            bench.clock.wait(5.0)
+        assert_safe(bench, AlarmKind.SPEED_LIMIT, "output")
+        bench.clock.wait(3.0)
+        assert abs(bench.acquisition.speed_rad_s("output")) < 0.05
+
+
+def test_heat_stops_the_bench(open_bench: OpenBench) -> None:
+    with open_bench(driver__ambient_c=40.0, output__limits__temperature_c=24.0) as bench:
+        bench.load_output(100.0)
+        with pytest.raises(LimitError, match="temperature limit: probe output_transducer"):
+            bench.clock.wait(7200.0)
+        assert_safe(bench, AlarmKind.TEMPERATURE_LIMIT, "output_transducer")
+
+
+@pytest.mark.parametrize("channel", ["output_torque", "output_reference", "input_torque"])
+@pytest.mark.parametrize(
+    "kind", ["silent", "missing_pulses", "doubled_pulses", "out_of_modulation", "frozen"]
+)
+def test_a_lost_signal_takes_the_torque_off(bench: LowBench, channel: Any, kind: Any) -> None:
+    bench.load_output(800.0)
+    bench.clock.wait(0.5)
+    bench.simulated.twin.inject_fault(channel, kind, duration_s=2.0)
+    with pytest.raises(SignalFault, match=channel):
+        bench.clock.wait(2.0)
+    assert_safe(bench, AlarmKind.SIGNAL_LOST, channel)
+
+
+def test_one_faulty_window_is_no_alarm(bench: LowBench) -> None:
+    bench.load_output(800.0)
+    bench.clock.wait(0.5)
+    bench.simulated.twin.inject_fault("output_torque", "missing_pulses", duration_s=0.012)
+    bench.clock.wait(0.5)
+    assert bench.acquisition.channel("output_torque").window(0.5, 1.0).fault.any()
+    assert bench.supervisor.alarm is None
+
+
+def test_a_lost_signal_is_no_alarm_while_no_drive_has_power(bench: LowBench) -> None:
+    bench.clock.wait(0.1)
+    bench.simulated.twin.inject_fault("output_torque", "silent", duration_s=0.5)
+    bench.clock.wait(0.5)
+    assert bench.supervisor.alarm is None
+
+
+def test_a_drive_that_switches_itself_off_is_noticed(bench: LowBench) -> None:
+    bench.load_output(200.0)
+    bench.clock.wait(0.2)
+    bench.drivers.drives["output"].disable()
+    with pytest.raises(BenchError, match="output drive: lost its enable"):
+        bench.clock.wait(1.0)
+    assert_safe(bench, AlarmKind.DRIVE_FAULT, "output")
+
+
+def test_a_missing_heartbeat_takes_the_torque_off(bench: LowBench) -> None:
+    bench.load_output(200.0)
+    bench.supervisor.expect("procedure", 1.0)
+    for _ in range(4):
+        bench.clock.wait(0.5)
+        bench.supervisor.beat("procedure")
+    assert bench.supervisor.alarm is None
+    with pytest.raises(BenchError, match="no heartbeat of the procedure"):
+        bench.clock.wait(5.0)
+    assert_safe(bench, AlarmKind.HEARTBEAT, "procedure")
+
+
+def test_a_released_heartbeat_is_not_missed(bench: LowBench) -> None:
+    bench.load_output(200.0)
+    pings: list[float] = []
+    bench.supervisor.expect("procedure", 1.0, lambda: pings.append(bench.clock.now()))
+    bench.clock.wait(0.5)
+    bench.supervisor.release("procedure")
+    bench.supervisor.beat("procedure")
+    bench.clock.wait(3.0)
+    assert bench.supervisor.alarm is None
+    assert len(pings) == 10
+
+
+class HangingCounter:
+    """The simulated counter, until its connection hangs."""
+
+    def __init__(self, drivers: DriverSet) -> None:
+        self._counter = drivers.counter
+        self.hang = threading.Event()
+        self.released = threading.Event()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._counter, name)
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        if self.hang.is_set():
+            self.released.wait(20.0)
+        return self._counter.read_block(duration_s)
+
+
+def test_the_torque_goes_off_although_acquisition_hangs(open_bench: OpenBench) -> None:
+    counters: list[HangingCounter] = []
+
+    def wrap(drivers: DriverSet) -> DriverSet:
+        counters.append(HangingCounter(drivers))
+        return replace(drivers, counter=counters[0])
+
+    with open_bench(wrap=wrap, safety__stall_s=0.3) as bench:
+        bench.load_output(500.0)
+        bench.clock.wait(0.5)
+        counters[0].hang.set()
+        with pytest.raises(BenchError, match="acquisition stalled"):
+            bench.clock.wait(1.0)
+        assert bench.supervisor.wait_safe(10.0)
+        assert not bench.drivers.drives["output"].state().enabled
+        assert not bench.commands.any_enabled
+        counters[0].released.set()
+
+
+def test_an_alarm_stays_latched_until_a_person_acknowledges_it(bench: LowBench) -> None:
+    heard: list[Alarm] = []
+    bench.supervisor.subscribe(heard.append)
+    assert bench.supervisor.acknowledge("A. Tester") is None
+    bench.load_output(300.0)
+    bench.clock.wait(0.3)
+    first = bench.supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
+    with pytest.raises(InterlockError, match="still ramp"):
+        bench.supervisor.acknowledge("A. Tester")
+    second = bench.supervisor.trip(AlarmKind.STOP, "test", "once more", "", "go on")
+    assert bench.supervisor.wait_safe(10.0)
+    assert bench.supervisor.alarm is first
+    assert bench.supervisor.history == (first, second)
+    assert heard == [first]
+    bench.clock.wait(5.0)
+    assert bench.supervisor.alarm is first
+    with pytest.raises(TorquebenchError, match="stop requested"):
+        bench.supervisor.raise_if_latched()
+    with pytest.raises(InterlockError, match="person's name"):
+        bench.supervisor.acknowledge("  ")
+    assert bench.supervisor.acknowledge("A. Tester") is first
+    bench.supervisor.raise_if_latched()
+
+
+def test_the_way_to_safety_is_gone_in_simulated_time_although_nobody_sleeps(
+    bench: LowBench,
+) -> None:
+    bench.load_output(300.0)
+    bench.clock.wait(0.3)
+    bench.supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
+    assert bench.supervisor.wait_safe(10.0)
+    assert bench.zeroed_and_off()
+    time.sleep(0.1)
+    assert bench.clock.now() < 1.0
+
+
+def test_a_drive_that_refuses_to_ramp_is_disabled(open_bench: OpenBench) -> None:
+    class Stubborn:
+        def __init__(self, drive: Any) -> None:
+            self._drive = drive
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._drive, name)
+
+        def ramp_to_zero(self, _duration_s: float) -> None:
+            raise BenchError("the drive doesn't answer")
+
+    def wrap(drivers: DriverSet) -> DriverSet:
+        return replace(
+            drivers, drives={side: Stubborn(drive) for side, drive in drivers.drives.items()}
+        )
+
+    with open_bench(wrap=wrap) as bench:
+        bench.load_output(300.0)
+        bench.clock.wait(0.3)
+        bench.supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
+        assert not bench.drivers.drives["output"].state().enabled
+        assert_safe(bench, AlarmKind.STOP, "test")
