@@ -73,3 +73,5 @@ class MountingDevice(StandardReadable):
         context.interlocks.check_mounting(value)
         await context.call(context.drivers.operator.mount, value)
         context.acquisition.select_for(value)
+        # The standard's first samples are in when this is done.
+        await context.clock.sleep(context.description.counter.block_s)

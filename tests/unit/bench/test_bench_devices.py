@@ -1,0 +1,321 @@
+import asyncio
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from bluesky.protocols import (
+    Configurable,
+    HasHints,
+    Locatable,
+    Movable,
+    Preparable,
+    Readable,
+    Stoppable,
+    Triggerable,
+)
+
+from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.devices import BenchDevices, Point, PointLabel, SteadySettings
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.safety import AlarmKind
+from torquebench.compensation import make_model
+from torquebench.errors import BenchError, InputError, InterlockError, LimitError, SignalFault
+
+OpenBench = Callable[..., Any]
+
+
+@asynccontextmanager
+async def ready(bench: Any) -> AsyncIterator[BenchDevices]:
+    """Devices of a bench with the calibrator clamped and the output driven, drive on."""
+    context = BenchContext(
+        bench.description,
+        bench.drivers,
+        bench.clock,
+        bench.acquisition,
+        bench.supervisor,
+        bench.interlocks,
+        bench.commands,
+    )
+    devices = BenchDevices(context)
+    await devices.connect()
+    await bench.clock.sleep(0.05)
+    await devices.mounting.set("calibrator")
+    await devices.clamp.set(True)
+    await devices.input.mode.set("locked")
+    await devices.output.mode.set("driven")
+    await devices.output.drive.power.set(True)
+    yield devices
+
+
+def play(bench: Any, scene: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run a scene on an event loop whose thinking takes no simulated time."""
+    loop = bench.clock.new_event_loop()
+    try:
+        loop.run_until_complete(scene())
+    finally:
+        loop.close()
+
+
+def test_devices_speak_the_protocols_of_bluesky(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            axis, steady = devices.output.drive.torque, devices.output.steady
+            for protocol in (Movable, Stoppable, Locatable, Readable, HasHints):
+                assert isinstance(axis, protocol)
+            for protocol in (Triggerable, Preparable, Readable, Configurable, HasHints):
+                assert isinstance(steady, protocol)
+            for device in (devices.clamp, devices.mounting, devices.input.mode, devices.point):
+                assert isinstance(device, Movable)
+                assert isinstance(device, Readable)
+
+    play(bench, scene)
+
+
+def test_every_reading_is_described_with_its_unit(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.steady.prepare(SteadySettings(reference=True))
+            await devices.output.steady.trigger()
+            readable = [
+                devices.clamp,
+                devices.mounting,
+                devices.temperatures,
+                devices.point,
+                devices.output.mode,
+                devices.output.encoder,
+                devices.output.transducer,
+                devices.output.steady,
+                devices.output.drive.torque,
+                devices.output.drive.power,
+            ]
+            units = {}
+            for device in readable:
+                reading, description = await device.read(), await device.describe()
+                assert set(reading) == set(description)
+                units |= {key: entry.get("units") for key, entry in description.items()}
+            assert units["output-transducer-reading_nm"] == "N·m"
+            assert units["output-encoder-speed_rad_s"] == "rad/s"
+            assert units["output-drive-torque-setpoint"] == "N·m"
+            assert units["temperatures-ambient"] == "°C"
+            assert units["output-steady-frequency_hz"] == "Hz"
+            assert units["point-target_nm"] == "N·m"
+            configuration = await devices.output.transducer.read_configuration()
+            assert configuration["output-transducer-serial"]["value"] == "SIM-T2000"
+            assert configuration["output-transducer-zero-frequency"]["value"] == 60e3
+
+    play(bench, scene)
+
+
+def test_a_steady_value_states_reading_standard_and_truth_of_one_window(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            steady = devices.output.steady
+            await steady.prepare(SteadySettings(settle_s=0.4, window_s=0.4, reference=True))
+            expected = set(await steady.describe())
+            await devices.output.drive.torque.set(400.0)
+            before = bench.clock.now()
+            await steady.trigger()
+            reading = await steady.read()
+            assert set(reading) == expected
+            value = {key.removeprefix("output-steady-"): r["value"] for key, r in reading.items()}
+            assert value["reading_nm"] == pytest.approx(400.0, abs=0.02 * 2000)
+            assert value["standard_nm"] == pytest.approx(value["true_torque_nm"], abs=5.0)
+            assert value["commanded_nm"] == 400.0
+            assert 0.0 < value["reading_standard_error_nm"] < 2.0
+            assert 20 <= value["samples"] <= 40
+            assert value["time_s"] == pytest.approx(before + 0.5, abs=0.06)
+            assert isinstance(value["settled"], bool)
+            assert bench.clock.now() == pytest.approx(before + 0.7, abs=0.06), (
+                "settling is counted from the command, which took 0.1 s itself"
+            )
+
+    play(bench, scene)
+
+
+def test_a_step_of_a_rapid_staircase_lasts_what_its_settings_say(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.steady.prepare(SteadySettings(0.2, 0.3, reference=True))
+            started = bench.clock.now()
+            for step in range(6):
+                await devices.output.drive.torque.set(40.0 * step)
+                await devices.output.steady.trigger()
+            assert bench.clock.now() == pytest.approx(started + 6 * 0.5)
+
+    play(bench, scene)
+
+
+def test_waiting_for_a_settled_window_ends_at_the_limit_with_a_mark(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            steady = devices.output.steady
+            bench.commands.output.torque_nm = 0.0
+            await steady.prepare(SteadySettings(0.0, 0.1, limit_s=0.5))
+            slow = asyncio.ensure_future(devices.output.drive.torque.set(2000.0))  # takes 0.5 s
+            await asyncio.sleep(0)
+            started = bench.clock.now()
+            await steady.trigger()
+            taken = bench.clock.now() - started
+            reading = await steady.read()
+            assert reading["output-steady-settled"]["value"] or taken == pytest.approx(
+                0.6, abs=0.06
+            )
+            assert taken > 0.1
+            await slow
+
+    play(bench, scene)
+
+
+def test_a_fault_in_the_window_is_an_error_unless_it_passes_within_the_limit(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            steady = devices.output.steady
+            inject = bench.simulated.twin.inject_fault
+            await steady.prepare(SteadySettings(0.0, 0.2))
+            inject("output_torque", "missing_pulses", duration_s=0.012)
+            with pytest.raises(SignalFault, match="output_torque: pulses are missing"):
+                await steady.trigger()
+            with pytest.raises(SignalFault, match="before it was triggered"):
+                await steady.read()
+            await steady.prepare(SteadySettings(0.0, 0.2, limit_s=1.0))
+            inject("output_torque", "missing_pulses", duration_s=0.012)
+            await steady.trigger()
+            assert (await steady.read())["output-steady-samples"]["value"] > 0
+
+    play(bench, scene)
+
+
+def test_no_standard_no_standard_torque(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.drive.power.set(False)
+            await devices.clamp.set(False)
+            await devices.mounting.set("nothing")
+            with pytest.raises(SignalFault, match="nothing mounted"):
+                await devices.output.steady.prepare(SteadySettings(reference=True))
+
+    play(bench, scene)
+
+
+def test_an_active_compensation_adds_its_torque_to_a_steady_value(bench: Any) -> None:
+    readings = np.linspace(-2000.0, 2000.0, 81)
+    model = make_model("polynomial", degree=1, range_nm=2000.0).fit(
+        readings[:, None], readings + 7.0
+    )
+
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            bench.acquisition.set_compensation("output", ActiveCompensation(model, "1", "p"))
+            await devices.output.steady.trigger()
+            value = await devices.output.steady.read()
+            added = (
+                value["output-steady-torque_nm"]["value"]
+                - value["output-steady-reading_nm"]["value"]
+            )
+            assert added == pytest.approx(7.0, abs=1e-6)
+            assert value["output-steady-torque_uncertainty_nm"]["value"] >= 0.0
+
+    play(bench, scene)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"window_s": 0.0}, {"settle_s": -1.0}, {"limit_s": -1.0}, {"window_s": float("nan")}],
+)
+def test_impossible_settings_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(InputError):
+        SteadySettings(**settings)
+
+
+def test_a_command_is_refused_where_interlocks_refuse(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            torque = devices.output.drive.torque
+            with pytest.raises(LimitError, match="2400"):
+                await torque.set(2500.0)
+            with pytest.raises(InterlockError, match="mode 'locked'"):
+                await devices.input.drive.torque.set(1.0)
+            await torque.set(300.0)
+            with pytest.raises(InterlockError, match="300 N·m"):
+                await devices.output.mode.set("free")
+            with pytest.raises(InterlockError, match="300 N·m"):
+                await devices.clamp.set(False)
+            with pytest.raises(InterlockError, match="clamp closed"):
+                await devices.mounting.set("reducer")
+            assert bench.drivers.drives["output"].state().torque_nm == 300.0
+
+    play(bench, scene)
+
+
+def test_stopping_an_axis_takes_torque_and_speed_off(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            torque = devices.output.drive.torque
+            await torque.set(500.0)
+            assert (await torque.locate())["setpoint"] == 500.0
+            await torque.stop()
+            assert (await torque.locate())["setpoint"] == 0.0
+            await bench.clock.sleep(0.3)
+            assert bench.drivers.drives["output"].state().torque_nm == 0.0
+
+    play(bench, scene)
+
+
+def test_taking_the_power_off_a_loaded_drive_ramps_first(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.drive.torque.set(500.0)
+            await devices.output.drive.power.set(False)
+            assert not bench.drivers.drives["output"].state().enabled
+            assert not (await devices.output.drive.power.enabled.get_value())
+            assert (await devices.output.drive.torque.setpoint.get_value()) == 0.0
+
+    play(bench, scene)
+
+
+def test_an_alarm_ends_whatever_a_device_is_waiting_for(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.drive.torque.set(500.0)
+            await devices.output.steady.prepare(SteadySettings(0.0, 100.0))
+            waiting = devices.output.steady.trigger()
+            await asyncio.sleep(0.05)
+            bench.supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
+            with pytest.raises(BenchError, match="stop requested"):
+                await waiting
+            with pytest.raises(BenchError, match="stop requested"):
+                await devices.output.steady.trigger()
+            with pytest.raises(InterlockError, match="alarm is latched"):
+                await devices.output.drive.torque.set(1.0)
+            assert not (await devices.output.drive.power.enabled.get_value()) or not (
+                bench.supervisor.wait_safe(0.0)
+            )
+
+    play(bench, scene)
+
+
+def test_a_zero_is_set_on_module_and_standard(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.transducer.zero.set(60_012.5)
+            assert bench.acquisition.zero_hz("output_torque") == 60_012.5
+            await devices.reference.output_zero.set(60_001.0)
+            assert bench.acquisition.zero_hz("output_reference") == 60_001.0
+            reading = await devices.reference.read()
+            assert reading["reference-serial"]["value"] == "SIM-CAL-1"
+
+    play(bench, scene)
+
+
+def test_a_label_stamps_its_point() -> None:
+    async def scene() -> None:
+        label = PointLabel()
+        await label.set(Point(series=2, step=7, branch=-1, target_nm=-40.0, position_deg=90.0))
+        reading = await label.read()
+        assert reading[label.key("branch")]["value"] == -1
+        assert reading[label.key("position_deg")]["value"] == 90.0
+        assert set(await label.describe()) == set(reading)
+
+    asyncio.run(scene())
