@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from torquebench.calibration.steps import Step
 from torquebench.errors import InputError
 
-__all__ = ["Profile", "available_profiles", "load_profile"]
+__all__ = ["Consequence", "Profile", "available_profiles", "load_profile"]
 
 Percent = Annotated[float, Field(gt=0, le=100)]
 Seconds = Annotated[float, Field(ge=0, le=86400)]
@@ -22,6 +22,8 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 Direction = Literal["clockwise", "counter-clockwise"]
 Series = Literal["up", "up-down"]
 Change = Literal["none", "rotation", "re-seat"]
+Consequence = Literal["refuse", "state"]
+"""Whether a certificate is refused because of a deviation, or states it."""
 
 _SIGNS: dict[str, int] = {"clockwise": 1, "counter-clockwise": -1}
 _OPTIONS: dict[str, frozenset[str]] = {
@@ -42,9 +44,11 @@ class Zero(_Settings):
 
     ``once`` takes one zero for all series, after the preloads in all directions; ``each-series``
     takes one before every series, as an evaluation with I₀ of each series needs it.
+    `return_limit_percent` is the largest zero after a series, in % of full scale.
     """
 
     duration_s: Seconds = 1.0
+    return_limit_percent: Percent | None = None
     when: Literal["once", "each-series"] = "each-series"
 
 
@@ -109,6 +113,33 @@ class Position(_Settings):
     series: tuple[Series, ...] = Field(min_length=1)
 
 
+class Environment(_Settings):
+    """How steady the surroundings have to be from the first point to the last."""
+
+    temperature_drift_k: Annotated[float, Field(gt=0, le=50)] = 1.0
+
+
+class Reference(_Settings):
+    """What the standard has to fulfil."""
+
+    in_date: bool = True
+
+
+class Deviations(_Settings):
+    """What a certificate does with a departure from the profile, by its kind.
+
+    A record that was changed after the fact is always refused: nobody knows what it said.
+    """
+
+    missing_series: Consequence = "refuse"
+    step_off: Consequence = "refuse"
+    zero_return: Consequence = "refuse"
+    expired_reference: Consequence = "refuse"
+    temperature_drift: Consequence = "state"
+    unsettled: Consequence = "state"
+    changed_record: Literal["refuse"] = "refuse"
+
+
 class Profile(_Settings):
     """A calibration profile: a sequence of steps as data, not as code.
 
@@ -134,6 +165,9 @@ class Profile(_Settings):
     loading: Loading
     preload: Preload = Preload()
     zero: Zero = Zero()
+    environment: Environment = Environment()
+    reference: Reference = Reference()
+    deviations: Deviations = Deviations()
     positions: tuple[Position, ...] = Field(min_length=1)
 
     @classmethod

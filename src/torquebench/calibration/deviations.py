@@ -1,0 +1,414 @@
+"""Where a calibration departs from its profile, and which clause of the profile each one breaks."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import date, datetime
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
+from torquebench.calibration.profile import Consequence, Profile
+from torquebench.errors import InputError, RecordError
+
+__all__ = [
+    "CalibrationRecord",
+    "Deviation",
+    "DeviationKind",
+    "ReferenceStandard",
+    "assign_nominal",
+    "find_deviations",
+    "refuse_deviations",
+]
+
+DeviationKind = Literal[
+    "missing_series",
+    "missing_step",
+    "step_off",
+    "zero_return",
+    "expired_reference",
+    "temperature_drift",
+    "unsettled",
+    "changed_record",
+]
+
+_WORDS = {1: "clockwise", -1: "counter-clockwise", 0: "through both directions"}
+
+
+@dataclass(frozen=True)
+class ReferenceStandard:
+    """The standard that a chain was calibrated against, as its own certificate states it.
+
+    Parameters
+    ----------
+    serial, certificate_number : str
+        Of the standard and of its certificate.
+    due : datetime.date or None
+        Last day on which its certificate counts; None where nobody has stated one.
+    expanded_uncertainty_percent : float or None
+        Its expanded uncertainty (k = 2), in %.
+    """
+
+    serial: str = ""
+    certificate_number: str = ""
+    due: date | None = None
+    expanded_uncertainty_percent: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationRecord:
+    """What a certificate is written from: the points, and the circumstances they were taken in.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        The points in measuring order.
+    performed : datetime.datetime
+        When, with time zone.
+    reference : ReferenceStandard
+        What the points were measured against.
+    unsettled : int
+        Points that still drifted when their waiting time was over.
+    changes : tuple of str
+        What was found changed in the record after it was sealed; empty for an intact one.
+    """
+
+    data: CalibrationData
+    performed: datetime
+    reference: ReferenceStandard = ReferenceStandard()
+    unsettled: int = 0
+    changes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One departure from a profile.
+
+    Parameters
+    ----------
+    kind : str
+        Which key of the profile's table ``[deviations]`` decides about it.
+    clause : str
+        Key path of the profile's setting that is broken, such as
+        ``"loading.step_tolerance_percent"``.
+    found, allowed : str
+        With value and unit.
+    consequence : {"refuse", "state"}
+        Whether a certificate is refused or states the deviation.
+    """
+
+    kind: DeviationKind
+    clause: str
+    found: str
+    allowed: str
+    consequence: Consequence
+
+    def __str__(self) -> str:
+        return f"{self.found}; allowed: {self.allowed} (clause {self.clause})"
+
+
+@dataclass(frozen=True)
+class _Expected:
+    clause: str
+    position_deg: float
+    sign: int
+    decreasing: bool
+
+
+def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviation, ...]:
+    """Return every departure of a calibration from its profile, in the profile's order.
+
+    Parameters
+    ----------
+    record : CalibrationRecord
+        The calibration; see `assign_nominal` for a table without nominal torques.
+    profile : Profile
+        What it was to follow.
+
+    Returns
+    -------
+    tuple of Deviation
+        Empty where the profile was kept.
+
+    Examples
+    --------
+    >>> from datetime import UTC
+    >>> from torquebench.calibration.profile import load_profile
+    >>> data = CalibrationData(
+    ...     [5.0, 10.0], [5.0, 10.0], [1, 1], [1, 1], 10.0, temperature_c=[21.0, 22.5]
+    ... )
+    >>> record = CalibrationRecord(data, datetime(2025, 1, 31, tzinfo=UTC))
+    >>> found = find_deviations(record, load_profile("rapid-in-situ"))
+    >>> [(deviation.kind, deviation.clause, deviation.consequence) for deviation in found][-1]
+    ('temperature_drift', 'environment.temperature_drift_k', 'state')
+    """
+    found = [
+        *_missing(record.data, profile),
+        *_steps_off(record.data, profile),
+        *_zero_returns(record.data, profile),
+        *_reference(record, profile),
+        *_temperature(record.data, profile),
+    ]
+    if record.unsettled:
+        found.append(
+            _deviation(
+                profile,
+                "unsettled",
+                "loading.settle_limit_s",
+                f"{record.unsettled} of {len(record.data)} points still drifted",
+                f"settled within {profile.loading.settle_limit_s:g} s more",
+            )
+        )
+    found += [
+        _deviation(profile, "changed_record", "deviations.changed_record", change, "no change")
+        for change in record.changes
+    ]
+    return tuple(found)
+
+
+def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
+    """Raise where the profile refuses a certificate for one of these deviations.
+
+    Raises
+    ------
+    RecordError
+        Naming every deviation that it refuses, with its clause.
+    """
+    refused = [deviation for deviation in deviations if deviation.consequence == "refuse"]
+    if refused:
+        raise RecordError(
+            "; ".join(f"{each.found} (clause {each.clause})" for each in refused),
+            "; ".join(dict.fromkeys(each.allowed for each in refused)),
+            "calibrate again, or follow a profile whose table [deviations] states them instead",
+        )
+
+
+def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
+    """Return the data with the profile's nearest step as nominal torque of each point.
+
+    Data that have nominal torques already are returned as they are.
+
+    Raises
+    ------
+    InputError
+        Where the profile draws its points at random.
+
+    Examples
+    --------
+    >>> from torquebench.calibration.profile import load_profile
+    >>> data = CalibrationData([0.02, 2.01], [0.01, 2.004], [1, 1], [1, 1], 10.0)
+    >>> assign_nominal(data, load_profile("staircase")).nominal_nm.tolist()
+    [0.0, 2.0]
+    """
+    if data.nominal_nm is not None:
+        return data
+    if profile.loading.pattern == "random":
+        raise InputError(f"profile {profile.name} has no steps", "a profile of steps")
+    rising = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
+    nearest = np.argmin(np.abs(np.abs(data.standard_nm)[:, None] - rising), axis=1)
+    return replace(data, nominal_nm=rising[nearest] * np.where(data.standard_nm < 0, -1.0, 1.0))
+
+
+def _deviation(
+    profile: Profile, kind: DeviationKind, clause: str, found: str, allowed: str
+) -> Deviation:
+    key = "missing_series" if kind == "missing_step" else kind
+    consequence: Consequence = getattr(profile.deviations, key)
+    return Deviation(kind, clause, found, allowed, consequence)
+
+
+def _expected(profile: Profile) -> Iterator[_Expected]:
+    loading = profile.loading
+    signs = [1 if name == "clockwise" else -1 for name in loading.directions]
+    per_series = [0] if loading.pattern == "cycle" and len(signs) == 2 else signs
+    for number, position in enumerate(profile.positions):
+        for sign in per_series:
+            for _ in range(loading.repeats):
+                for place, shape in enumerate(position.series):
+                    yield _Expected(
+                        f"positions[{number}].series[{place}]",
+                        position.position_deg,
+                        sign,
+                        shape == "up-down",
+                    )
+
+
+def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    if profile.loading.pattern == "random":
+        return
+    left = _series_present(data)
+    for expected in _expected(profile):
+        candidates = left.get((expected.position_deg, expected.sign), [])
+        words = f"{_WORDS[expected.sign]} at {expected.position_deg:g}°"
+        if not candidates:
+            shape = "increasing and decreasing" if expected.decreasing else "increasing"
+            yield _deviation(
+                profile,
+                "missing_series",
+                expected.clause,
+                f"no series {words} for {expected.clause}",
+                f"a series of {shape} torque",
+            )
+            continue
+        fitting = [each for each in candidates if each[1] == expected.decreasing]
+        member, decreasing = (fitting or candidates)[0]
+        candidates.remove(next(each for each in candidates if each[0] is member))
+        if expected.decreasing and not decreasing:
+            yield _deviation(
+                profile,
+                "missing_series",
+                expected.clause,
+                f"series {data.series[member[0]]} {words} has no decreasing torque",
+                "increasing and decreasing torque",
+            )
+        yield from _missing_steps(data, profile, member, expected, decreasing)
+
+
+def _series_present(
+    data: CalibrationData,
+) -> dict[tuple[float, int], list[tuple[NDArray[np.intp], bool]]]:
+    """Return the series of the data by position and direction, in measuring order.
+
+    A series that goes through both directions has the direction 0.
+    """
+    position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
+    direction = data.loading_direction()
+    found: dict[tuple[float, int], list[tuple[NDArray[np.intp], bool]]] = {}
+    for number in dict.fromkeys(data.series.tolist()):
+        member = np.flatnonzero(data.series == number)
+        signs = set(direction[member].tolist()) - {0}
+        sign = signs.pop() if len(signs) == 1 else 0
+        loaded = np.abs(data.standard_nm[member]) > UNLOADED_SHARE * data.range_nm
+        decreasing = bool(np.any(loaded & (data.branch[member] < 0)))
+        found.setdefault((float(position[member[0]]), sign), []).append((member, decreasing))
+    return found
+
+
+def _missing_steps(
+    data: CalibrationData,
+    profile: Profile,
+    member: NDArray[np.intp],
+    expected: _Expected,
+    decreasing: bool,
+) -> Iterator[Deviation]:
+    if data.nominal_nm is None:
+        return
+    loading = profile.loading
+    tolerance = 1e-6 * data.range_nm
+    rising = np.array(loading.percents()) * data.range_nm / 100.0
+    wanted = [(1, rising)]
+    if expected.decreasing and decreasing:
+        wanted.append((-1, rising[:-1]))
+    signs = (1, -1) if expected.sign == 0 else (expected.sign,)
+    nominal, branch = data.nominal_nm[member], data.branch[member]
+    lacking: list[str] = []
+    for sign in signs:
+        for side, steps in wanted:
+            present = sign * nominal[branch == side]
+            gaps = [step for step in steps if not np.any(np.abs(present - step) <= tolerance)]
+            word = "up" if side > 0 else "down"
+            lacking += [f"{sign * step:.6g} N·m {word}" for step in gaps]
+    if lacking:
+        key = "steps_percent" if loading.steps_percent else "step_percent"
+        more = f" and {len(lacking) - 4} more" if len(lacking) > 4 else ""
+        yield _deviation(
+            profile,
+            "missing_step",
+            f"loading.{key}",
+            f"series {data.series[member[0]]} lacks {', '.join(lacking[:4])}{more}",
+            "every step in every series",
+        )
+
+
+def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    tolerance = profile.loading.step_tolerance_percent
+    if tolerance is None or data.nominal_nm is None:
+        return
+    loaded = np.abs(data.nominal_nm) > UNLOADED_SHARE * data.range_nm
+    off = np.zeros(len(data))
+    nominal = data.nominal_nm[loaded]
+    off[loaded] = 100.0 * np.abs(data.standard_nm[loaded] - nominal) / np.abs(nominal)
+    for number in dict.fromkeys(data.series[off > tolerance].tolist()):
+        member = np.flatnonzero((data.series == number) & (off > tolerance))
+        worst = member[np.argmax(off[member])]
+        more = f" ({member.size - 1} more steps are off)" if member.size > 1 else ""
+        yield _deviation(
+            profile,
+            "step_off",
+            "loading.step_tolerance_percent",
+            f"the step {data.nominal_nm[worst]:.6g} N·m of series {number} was loaded with "
+            f"{data.standard_nm[worst]:.6g} N·m, {off[worst]:.2g} % off{more}",
+            f"at most {tolerance:g} % off",
+        )
+
+
+def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    loading, limit = profile.loading, profile.zero.return_limit_percent
+    torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
+    returned = (np.abs(torque) <= UNLOADED_SHARE * data.range_nm) & (data.branch < 0)
+    if loading.zero_return:
+        for number in dict.fromkeys(data.series.tolist()):
+            if not np.any(returned & (data.series == number)):
+                yield _deviation(
+                    profile,
+                    "zero_return",
+                    "loading.zero_return",
+                    f"series {number} has no zero after it",
+                    "a zero after every series",
+                )
+    if limit is None or not np.any(returned):
+        return
+    share = 100.0 * np.abs(data.reading_nm) / data.range_nm
+    for number in dict.fromkeys(data.series[returned & (share > limit)].tolist()):
+        member = np.flatnonzero(returned & (data.series == number))
+        worst = member[np.argmax(share[member])]
+        yield _deviation(
+            profile,
+            "zero_return",
+            "zero.return_limit_percent",
+            f"the zero after series {number} returned to {data.reading_nm[worst]:.4g} N·m, "
+            f"{share[worst]:.2g} % of full scale",
+            f"at most {limit:g} % of full scale",
+        )
+
+
+def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviation]:
+    reference, performed = record.reference, record.performed.date()
+    if not profile.reference.in_date:
+        return
+    name = reference.serial or "the standard"
+    if reference.due is None:
+        if not record.data.simulated:
+            yield _deviation(
+                profile,
+                "expired_reference",
+                "reference.in_date",
+                f"nobody has stated until when the certificate of {name} counts",
+                f"a certificate that counts on {performed.isoformat()}",
+            )
+    elif performed > reference.due:
+        number = f" {reference.certificate_number}" if reference.certificate_number else ""
+        yield _deviation(
+            profile,
+            "expired_reference",
+            "reference.in_date",
+            f"the certificate{number} of {name} expired on {reference.due.isoformat()}",
+            f"a certificate that counts on {performed.isoformat()}",
+        )
+
+
+def _temperature(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
+    if data.temperature_c is None:
+        return
+    drift = float(np.ptp(data.temperature_c))
+    limit = profile.environment.temperature_drift_k
+    if drift > limit:
+        low, high = float(data.temperature_c.min()), float(data.temperature_c.max())
+        yield _deviation(
+            profile,
+            "temperature_drift",
+            "environment.temperature_drift_k",
+            f"the temperature drifted by {drift:.2g} K ({low:.1f} °C to {high:.1f} °C)",
+            f"at most {limit:g} K",
+        )
