@@ -9,7 +9,7 @@ also vectorise, where the same loop over floats must keep its order and runs eig
 import numpy as np
 from numba import int64, njit
 
-from torquebench.signals._prefetch import prefetch
+from torquebench.signals._processor import prefetch
 
 __all__ = ["GATED", "RECIPROCAL", "REGRESSION", "SUSPECT", "TRIANGULAR", "count", "frequencies"]
 

@@ -16,6 +16,7 @@ from torquebench.signals.windows import CounterMethod, WindowCounts, samples_of
 __all__ = [
     "CounterOptions",
     "FrequencyCounter",
+    "StreamOptions",
     "WindowStream",
     "gated",
     "reciprocal",
@@ -66,6 +67,15 @@ class _Train:
 
     def forget(self) -> None:
         self._kept = self._kept[:0]
+
+
+class StreamOptions(TypedDict, total=False):
+    """Options that all counters on streams have."""
+
+    edge_jitter_s: float
+    both_edges: bool
+    check_train: bool
+    stuck_windows: int | None
 
 
 class WindowStream:
@@ -251,20 +261,10 @@ class FrequencyCounter:
         window_s: float,
         timebase_hz: float,
         *,
-        edge_jitter_s: float = 0.0,
         step_s: float | None = None,
-        both_edges: bool = False,
-        check_train: bool = True,
-        stuck_windows: int | None = 25,
+        **options: Unpack[StreamOptions],
     ) -> None:
-        self._stream = WindowStream(
-            method,
-            timebase_hz,
-            edge_jitter_s=edge_jitter_s,
-            both_edges=both_edges,
-            check_train=check_train,
-            stuck_windows=stuck_windows,
-        )
+        self._stream = WindowStream(method, timebase_hz, **options)
         self.window_ticks = _whole_ticks(window_s, timebase_hz, "window_s")
         self.step_ticks = (
             self.window_ticks if step_s is None else _whole_ticks(step_s, timebase_hz, "step_s")
@@ -306,14 +306,10 @@ class FrequencyCounter:
         return self._stream.count(block, starts, starts + window, self._next * step)
 
 
-class CounterOptions(TypedDict, total=False):
+class CounterOptions(StreamOptions, total=False):
     """Options of `FrequencyCounter` that the one-call functions take too."""
 
-    edge_jitter_s: float
     step_s: float | None
-    both_edges: bool
-    check_train: bool
-    stuck_windows: int | None
 
 
 Blocks = EdgeBlock | Sequence[EdgeBlock]

@@ -1,4 +1,4 @@
-"""The processor's prefetch instruction for Numba code."""
+"""Instructions of the processor that Numba has no functions for."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["prefetch"]
+__all__ = ["byte_swap", "leading_zeros", "prefetch", "trailing_zeros"]
 
 _READ, _KEEP_IN_ALL_CACHES, _DATA = 0, 3, 1
 
@@ -34,3 +34,33 @@ def prefetch(typing_context: Any, array: Any, index: Any) -> Any:  # noqa: ARG00
         return context.get_dummy_value()
 
     return types.void(array, types.intp), generate
+
+
+@intrinsic
+def trailing_zeros(typing_context: Any, word: Any) -> Any:  # noqa: ARG001
+    """Count the zeros below the lowest set bit of a uint64; 64 for 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 0))
+
+    return types.uint64(types.uint64), generate
+
+
+@intrinsic
+def leading_zeros(typing_context: Any, word: Any) -> Any:  # noqa: ARG001
+    """Count the zeros above the highest set bit of a uint64; 64 for 0."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+        return builder.ctlz(arguments[0], ir.Constant(ir.IntType(1), 0))
+
+    return types.uint64(types.uint64), generate
+
+
+@intrinsic
+def byte_swap(typing_context: Any, word: Any) -> Any:  # noqa: ARG001
+    """Reverse the bytes of a uint64."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ARG001
+        return builder.bswap(arguments[0])
+
+    return types.uint64(types.uint64), generate
