@@ -24,7 +24,9 @@ _POLICY = ((1, 4096), (3, 4096), (1, 1 << 19))
 """Degree and largest number of intervals, in the order of their speed: the first one still fits
 the first-level cache, the last one is for curves with kinks, which no degree helps."""
 
-_CHECKS_PER_INTERVAL = 9
+_CHECKS_PER_INTERVAL = {1: 5, 3: 9}
+"""By degree; the middle and both ends among them, and points between those where they meet."""
+
 _MODEL_ROWS = 1 << 15
 """Readings evaluated at once: a Gaussian process makes a matrix of them and its points."""
 
@@ -113,11 +115,11 @@ def approximate(
     """Approximate a curve so that the deviation stays below a bound everywhere.
 
     Each interval's polynomial meets the curve at its Chebyshev-Lobatto points, ends included, so
-    that it is continuous. The deviation is then taken at nine points of every interval of every
-    branch, ends and middle included, at a step at 0 from both sides, and the largest one is
-    enlarged by what the deviation's own curvature allows between the points, twice over. The
-    proof holds for curves with no feature narrower than an eighth of an interval; the intervals
-    are narrowed until the bound is met.
+    that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
+    every interval of every branch, ends and middle included, at a step at 0 from both sides, and
+    the largest one is enlarged by what the deviation's own curvature allows between the points,
+    twice over. The proof holds for curves with no feature narrower than the points' distance; the
+    intervals are narrowed until the bound is met.
 
     Parameters
     ----------
@@ -235,7 +237,7 @@ class _Builder:
     ) -> tuple[float, float, int]:
         first = np.clip(centres - 0.5 * width, self.low, self.high)
         last = np.clip(centres + 0.5 * width, self.low, self.high)
-        steps = np.linspace(0.0, 1.0, _CHECKS_PER_INTERVAL)
+        steps = np.linspace(0.0, 1.0, _CHECKS_PER_INTERVAL[single.shape[2] - 1])
         points = first[:, None] + (last - first)[:, None] * steps
         places = (points - centres[:, None]) / width
         worst, at, worst_branch = -1.0, 0.0, 0
