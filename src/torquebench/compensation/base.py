@@ -100,6 +100,8 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         Standard deviation of a single calibration point about the model, in N·m.
     effective_parameters_ : float
         Number of parameters that the data determine.
+    degrees_of_freedom_ : float
+        Those of `noise_nm_`: points (after averaging in bins) minus effective parameters.
 
     Notes
     -----
@@ -128,6 +130,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     reading_high_nm_: float
     noise_nm_: float
     effective_parameters_: float
+    degrees_of_freedom_: float
     points_: int
 
     # ---- to be written by a subclass ------------------------------------------------------
@@ -196,6 +199,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 "readings and standard values of the same order, in N·m",
                 "check units and columns, or take a simpler model",
             ) from problem
+        self.degrees_of_freedom_ = max(points.y.size - self.effective_parameters_, 1.0)
         return self
 
     @overload

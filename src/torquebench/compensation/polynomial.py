@@ -240,8 +240,8 @@ class PolynomialModel(CompensationModel):
             )
         residual = y - self._evaluate(reading)
         self.effective_parameters_ = float(sum(p.norms.size for p in self.polynomials_))
-        self.degrees_of_freedom_ = float(y.size - self.effective_parameters_)
-        self.noise_nm_ = float(np.sqrt(np.sum(weights * residual**2) / self.degrees_of_freedom_))
+        freedom = y.size - self.effective_parameters_
+        self.noise_nm_ = float(np.sqrt(np.sum(weights * residual**2) / freedom))
 
     def _refuse_short_side(self, reading: FloatArray) -> None:
         distinct = np.unique(reading).size

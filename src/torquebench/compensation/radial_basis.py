@@ -334,14 +334,14 @@ class RadialBasisModel(CompensationModel):
         squares = float(np.sum(weights * residual**2))
         normal = (J.T * weights) @ J
         count = self.network_.centres.size
-        # Where centres and widths could as well have been, in units of the noise.
+        # Where centres and widths could as well have been: two gaps aside, or e times as wide.
         gap = 2.0 / count
         determined = 0.25 * x.size
         for _ in range(50):
             noise_variance = max(squares / max(x.size - determined, 1.0), 1e-12)
             prior = self._decay(self.network_)
-            prior[:count] = noise_variance / gap**2
-            prior[count : 2 * count] = noise_variance / 0.5**2
+            prior[:count] = noise_variance / (2.0 * gap) ** 2
+            prior[count : 2 * count] = noise_variance
             prior[-1] = noise_variance * 1e-2
             before = determined
             hessian = normal + np.diag(prior)

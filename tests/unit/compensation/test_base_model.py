@@ -71,6 +71,8 @@ def test_every_model_fits_a_smooth_chain_and_states_its_uncertainty(
     np.testing.assert_allclose(model.single_reading_std(X), np.hypot(std, model.noise_nm_))
     assert 1.0 < model.effective_parameters_ < READING.size
     assert model.points_ == READING.size
+    freedom = READING.size - model.effective_parameters_
+    assert model.degrees_of_freedom_ == max(freedom, 1.0)  # no noise here: nothing is left over
     assert model.complexity > 0
 
 
