@@ -33,6 +33,9 @@ REPEATABILITY = 2e-4
 HELD_OUT_SEED = 1000
 """Seeds from here on are kept for the final check."""
 
+WILD_FACTOR = 5.0
+"""How much wider than the others contaminated readings scatter."""
+
 LOADING_ACCURACY = 1e-3
 """A commanded torque is met to this fraction of full scale, evenly distributed."""
 
@@ -153,22 +156,41 @@ class Term:
 class Noise:
     """Noise of one reading, as fractions of full scale.
 
-    ``freedom`` is Student's degrees of freedom (infinite: normal), scaled so that the standard
-    deviation stays ``scale``; ``drift`` is what the zero gains from the first to the last reading,
+    ``freedom`` is Student's degrees of freedom (infinite: normal), and ``wild`` the share of
+    readings whose noise is ``WILD_FACTOR`` times as large; either is scaled so that the standard
+    deviation of all readings stays ``scale``. ``drift`` is what the zero gains from the first to
+    the last reading,
     and ``drift_bend`` bends it (exponent of the elapsed fraction of the time).
     """
 
     scale: float = REPEATABILITY
     freedom: float = np.inf
+    wild: float = 0.0
     drift: float = 0.0
     drift_bend: float = 1.0
 
     def draw(self, size: int, rng: np.random.Generator) -> FloatArray:
         """Random part, without drift."""
-        if np.isinf(self.freedom):
-            return self.scale * rng.standard_normal(size)
-        spread = np.sqrt((self.freedom - 2) / self.freedom)
-        return np.asarray(self.scale * spread * rng.standard_t(self.freedom, size))
+        if np.isfinite(self.freedom):
+            return np.asarray(self.core * rng.standard_t(self.freedom, size))
+        factor = np.where(rng.uniform(size=size) < self.wild, WILD_FACTOR, 1.0)
+        return self.core * factor * rng.standard_normal(size)
+
+    @property
+    def core(self) -> float:
+        """Scale of the distribution's middle part."""
+        if np.isfinite(self.freedom):
+            return float(self.scale * np.sqrt((self.freedom - 2) / self.freedom))
+        return float(self.scale / np.sqrt(1 - self.wild + self.wild * WILD_FACTOR**2))
+
+    def weights(self, residual: FloatArray) -> FloatArray:
+        """Weights by which least squares becomes maximum likelihood, at these residuals."""
+        scaled = residual**2 / self.core**2
+        if np.isfinite(self.freedom):
+            return np.asarray((self.freedom + 1) / (self.freedom + scaled))
+        middle = (1 - self.wild) * np.exp(-0.5 * scaled)
+        wild = self.wild / WILD_FACTOR * np.exp(-0.5 * scaled / WILD_FACTOR**2)
+        return np.asarray((middle + wild / WILD_FACTOR**2) / (middle + wild + 1e-300))
 
     def drifted(self, size: int) -> FloatArray:
         """Drift of ``size`` readings taken at even times."""
@@ -364,6 +386,10 @@ def _one_sided_loop(
 SHAPES["one-sided-loop"] = _one_sided_loop
 
 
+def _contaminated(rng: np.random.Generator) -> list[Term]:
+    return [*_skewed_hysteresis(rng), *_sine_pair(rng, 1e-4, 2e-4)]
+
+
 def _heavy_tailed(rng: np.random.Generator) -> list[Term]:
     return [*_power_law(rng)]
 
@@ -435,6 +461,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "skewed-hysteresis": _skewed_hysteresis,
     "heavy-tailed": _heavy_tailed,
     "drifting": _drifting,
+    "contaminated": _contaminated,
     "kinked": _kinked,
     "rippled": _rippled,
 }
@@ -461,6 +488,8 @@ def make_chain(family: str, seed: int, range_nm: float = 2000.0) -> Chain:
     noise = Noise()
     if family == "heavy-tailed":
         noise = Noise(freedom=3.0)
+    if family == "contaminated":
+        noise = Noise(wild=0.06)
     if family == "drifting":
         drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
         noise = Noise(drift=drift, drift_bend=rng.uniform(0.7, 1.4))
@@ -542,13 +571,11 @@ def _with_constants(
 
 
 def _amplitudes(matrix: FloatArray, target: FloatArray, noise: Noise) -> FloatArray:
-    """Least squares, or Student's maximum likelihood by iterated weights."""
+    """Least squares, or maximum likelihood of the noise's own distribution by iterated weights."""
     amplitudes = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    if np.isinf(noise.freedom):
+    if np.isinf(noise.freedom) and noise.wild == 0.0:
         return np.asarray(amplitudes)
-    spread = noise.scale**2 * (noise.freedom - 2) / noise.freedom
     for _ in range(100):
-        residual = target - matrix @ amplitudes
-        weight = np.sqrt((noise.freedom + 1) / (noise.freedom + residual**2 / spread))
-        amplitudes = np.linalg.lstsq(matrix * weight[:, None], target * weight, rcond=None)[0]
+        root = np.sqrt(noise.weights(target - matrix @ amplitudes))
+        amplitudes = np.linalg.lstsq(matrix * root[:, None], target * root, rcond=None)[0]
     return np.asarray(amplitudes)

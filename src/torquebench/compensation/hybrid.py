@@ -22,9 +22,9 @@ from torquebench.compensation.hybrid_effects import (
     path_clocks,
 )
 from torquebench.compensation.hybrid_inference import (
-    CurveVariance,
     Member,
     Problem,
+    curve_variance,
     explore,
     main_columns,
     smooth_kernel,
@@ -160,18 +160,12 @@ class HybridModel(CompensationModel):
 
     def _tabulate_std(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
         """Tabulate the curve's uncertainty on both branches, close-set round the reversal."""
-        near = np.geomspace(5e-4, 0.03, 10)
-        far = np.linspace(0.03, 1.0 + self.range_margin, 50)[1:]
+        near = np.geomspace(5e-4, 0.03, 8)
+        far = np.linspace(0.03, 1.0 + self.range_margin, 40)[1:]
         positive = np.concatenate([near, far])
-        nodes = np.concatenate([-positive[::-1], positive])
-        self.std_nodes_ = nodes
-        variance_at = CurveVariance(problem, members, shares)
-        variances = []
-        clocks = len(problem.points.elapsed)
-        for branch in (1.0, -1.0):
-            points = at_zero_time(nodes, np.full(nodes.size, branch), clocks)
-            variances.append(variance_at(nodes, all_columns(points, problem.dictionary)))
-        self.std_up_, self.std_down_ = np.sqrt(variances[0]), np.sqrt(variances[1])
+        self.std_nodes_ = np.concatenate([-positive[::-1], positive])
+        up, down = curve_variance(problem, members, shares, self.std_nodes_)
+        self.std_up_, self.std_down_ = np.sqrt(up), np.sqrt(down)
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
@@ -207,7 +201,7 @@ def _without_negligible(
     problem: Problem, effects: list[FloatArray]
 ) -> tuple[Dictionary, list[FloatArray]]:
     """Leave out ripple and bumps whose coefficients add up to nothing that could be measured."""
-    loop, step, ripple, bump = effects
+    loop, step, ripple, bump, offset = effects
     frequencies, bumps = (_worth_keeping(means) for means in (ripple, bump))
     whole = problem.dictionary
     dictionary = Dictionary(
@@ -218,7 +212,7 @@ def _without_negligible(
         whole.bump_widths[bumps],
     )
     loop = merge_clocks(loop, len(whole.loop_shapes))
-    return dictionary, [loop, step, ripple[frequencies], bump[bumps]]
+    return dictionary, [loop, step, ripple[frequencies], bump[bumps], offset]
 
 
 def _worth_keeping(means: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ Where the shapes come from
     ripple      engagement of splines and teeth: a sine of unknown period whose amplitude and
                 frequency may change linearly over the range (columns c, s, u c, u s).
     bump        one local engagement error.
+    offset      a zero that was taken wrongly, beyond what the main form allows for.
 """
 
 from __future__ import annotations
@@ -36,6 +37,13 @@ _STEP_WIDTHS = np.array([0.003, 0.008, 0.02, 0.05])
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
 _SIDELESS = 5e-4
+_SCALES = {
+    "loop": (1e-4, 4e-4),
+    "step": (1.5e-4, 6e-4),
+    "ripple": (7e-5, 3e-4),
+    "bump": (1e-4, 4e-4),
+    "offset": (3e-4,),
+}
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
 _LOOP_DIFFERENCE = 0.3  # how much loops of both directions differ
 
@@ -212,6 +220,7 @@ def all_columns(points: EffectPoints, dictionary: Dictionary) -> list[FloatArray
         step_columns(points, dictionary.step_widths),
         ripple_columns(points, dictionary.frequencies),
         bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
+        np.ones((1, 1, points.u.size)),
     ]
 
 
@@ -232,23 +241,22 @@ def make_effects(
     Returns
     -------
     effects : list of Effect
-        Loop with drift, step, ripple, bumps.
+        Loop with drift, step, ripple, bumps, offset.
     """
-    loop, step, ripple, bump = all_columns(points, dictionary)
-    small, large = 1e-4 * prior_scale, 3e-4 * prior_scale
+    loop, step, ripple, bump, offset = all_columns(points, dictionary)
+    scales = {name: prior_scale * np.array(pair) for name, pair in _SCALES.items()}
     clocks, loops = len(points.elapsed), len(dictionary.loop_shapes)
     # none, odd loop, even loop, odd loop with drift, drift alone
-    share = np.array([0.25, 0.35, 0.10, 0.18, 0.12] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
+    share = np.array([0.15, 0.25, 0.10, 0.30, 0.20] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
     counts = [loops, loops, loops * clocks, clocks]
     loop_prior = np.repeat(share[1:] / np.maximum(counts, 1), counts)
     ripple_prior = 1.0 / dictionary.frequencies
     return [
-        Effect("loop", loop, np.array([small, large]), np.log(loop_prior), np.log(share[0])),
-        Effect("step", step, np.array([small, large]), *_prior(np.ones(len(step)), 0.2)),
-        Effect("ripple", ripple, np.array([0.7 * small, 2 * small]), *_prior(ripple_prior, 0.4)),
-        Effect(
-            "bump", bump, np.array([small, large]), *_prior(dictionary.bump_widths, 0.4), copies=3
-        ),
+        Effect("loop", loop, scales["loop"], np.log(loop_prior), np.log(share[0])),
+        Effect("step", step, scales["step"], *_prior(np.ones(len(step)), 0.2)),
+        Effect("ripple", ripple, scales["ripple"], *_prior(ripple_prior, 0.4)),
+        Effect("bump", bump, scales["bump"], *_prior(dictionary.bump_widths, 0.4), copies=3),
+        Effect("offset", offset, scales["offset"], *_prior(np.ones(1), 0.6)),
     ]
 
 

@@ -33,18 +33,29 @@ from torquebench.compensation.hybrid_effects import (
     Dictionary,
     Effect,
     EffectPoints,
+    all_columns,
+    at_zero_time,
     make_dictionary,
     make_effects,
 )
 
-__all__ = ["Member", "Problem", "Setting", "explore", "main_columns", "smooth_kernel"]
+__all__ = [
+    "Member",
+    "Problem",
+    "Setting",
+    "curve_variance",
+    "explore",
+    "main_columns",
+    "smooth_kernel",
+]
 
 _MAIN_SCALES = np.array([1e-4, 3e-2, 3e-2, 3e-2, 3e-2])
 """Prior standard deviations of c₀ (the zero was taken), and of c₁, c₂ per direction (free)."""
 _SMOOTH_LENGTH = 0.4
-_SMOOTH_AMPLITUDES = (2e-5, 1e-4, 5e-4)
+_SMOOTH_AMPLITUDES = (3e-5, 1.5e-4, 7e-4)
 _USUAL_NOISE = 2e-4
 _LEAST_NOISE = 1e-6
+_NEGLIGIBLE_SHARE = 2e-3
 _FREEDOM = 4.0
 _LOG_ODDS_OF_TAILS = -1.5
 
@@ -63,9 +74,14 @@ def main_columns(u: FloatArray) -> FloatArray:
 
 
 def smooth_kernel(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the covariance of the smooth deviation from equation 15, one per direction."""
-    same = np.sign(u)[:, None] == np.sign(v)[None, :]
-    return np.asarray(np.exp(-0.5 * ((u[:, None] - v[None, :]) / _SMOOTH_LENGTH) ** 2) * same)
+    """Return the covariance of the smooth deviation from equation 15, one per direction.
+
+    Its standard deviation is √|u|: without torque there is nothing to deviate.
+    """
+    plus = np.sqrt(np.outer(np.maximum(u, 0.0), np.maximum(v, 0.0)))
+    minus = np.sqrt(np.outer(np.minimum(u, 0.0), np.minimum(v, 0.0)))
+    shape = np.exp(-0.5 * ((u[:, None] - v[None, :]) / _SMOOTH_LENGTH) ** 2)
+    return np.asarray((plus + minus) * shape)
 
 
 @dataclass(frozen=True)
@@ -270,8 +286,10 @@ def _student_bound(problem: Problem, member: Member) -> float:
     return float(member.log_evidence - normal + np.sum(student))
 
 
-class CurveVariance:
-    """Posterior variance of the curve anywhere, averaged over members.
+def curve_variance(
+    problem: Problem, members: list[Member], shares: FloatArray, u: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the posterior variance of the curve, averaged over members.
 
     Parameters
     ----------
@@ -279,35 +297,57 @@ class CurveVariance:
     members : list of Member
     shares : float64 array
         Weight of every member.
+    u : float64 array of shape (m,)
+        Where, as fractions of full scale.
+
+    Returns
+    -------
+    up, down : float64 array of shape (m,)
+        Variance on the two branches, as a fraction of full scale squared.
     """
+    points = at_zero_time(u, np.ones(u.size), len(problem.points.elapsed))
+    columns = all_columns(points, problem.dictionary)
+    main, same = problem.prior_scale * main_columns(u), smooth_kernel(u, problem.points.u)
+    first, second = np.zeros((2, u.size)), np.zeros((2, u.size))
+    for share, member in zip(shares, members, strict=True):
+        smooth2 = (problem.prior_scale * member.setting.smooth) ** 2
+        cross = main @ problem.main.T + smooth2 * same
+        gain = cho_solve((member.factor, True), cross.T, check_finite=False)
+        common = np.sum(main**2, axis=1) + smooth2 * np.abs(u) - np.sum(gain.T * cross, axis=1)
+        value, variance = np.tile(cross @ member.solved, (2, 1)), np.tile(common, (2, 1))
+        start = 0
+        for kind, new in zip(problem.kinds, columns, strict=True):
+            means = member.effects.means[start : start + kind.copies]
+            moments = member.effects.moments[start : start + kind.copies]
+            start += kind.copies
+            both: tuple[FloatArray, ...] = (new, -new) if kind.name == "loop" else (new,)
+            changes = [_effect_moments(side, kind.columns, gain, means, moments) for side in both]
+            value += np.array([change[0] for change in changes])
+            variance += np.array([change[1] for change in changes])
+        first += share * value
+        second += share * (variance + value**2)
+    up, down = np.maximum(second - first**2, 0.0)
+    return up, down
 
-    def __init__(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
-        self._problem, self._members, self._shares = problem, members, shares
 
-    def __call__(self, u: FloatArray, columns: list[FloatArray]) -> FloatArray:
-        """Return the variance at u, given all effects' columns there."""
-        problem = self._problem
-        first, second = np.zeros(u.size), np.zeros(u.size)
-        main = problem.prior_scale * main_columns(u)
-        same = smooth_kernel(u, problem.points.u)
-        for share, member in zip(self._shares, self._members, strict=True):
-            smooth2 = (problem.prior_scale * member.setting.smooth) ** 2
-            cross = main @ problem.main.T + smooth2 * same
-            gain = cho_solve((member.factor, True), cross.T, check_finite=False)
-            value = cross @ member.solved
-            variance = np.sum(main**2, axis=1) + smooth2 - np.sum(gain.T * cross, axis=1)
-            index = 0
-            for kind, new in zip(problem.kinds, columns, strict=True):
-                for _ in range(kind.copies):
-                    means = member.effects.means[index]
-                    moments = member.effects.moments[index]
-                    index += 1
-                    size = np.einsum("jpp->j", moments)
-                    keep = np.flatnonzero(size > 2e-3 * size.sum())
-                    value += np.einsum("jqn,jq->n", new[keep], means[keep])
-                    left = new[keep] - kind.columns[keep] @ gain
-                    variance += np.einsum("jpn,jpq,jqn->n", left, moments[keep], left)
-                    variance -= np.einsum("jqn,jq->n", left, means[keep]) ** 2
-            first += share * value
-            second += share * (variance + value**2)
-        return np.asarray(np.maximum(second - first**2, 0.0))
+def _effect_moments(
+    columns: FloatArray,
+    train_columns: FloatArray,
+    gain: FloatArray,
+    means: list[FloatArray],
+    moments: list[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return what all copies of one kind add to the mean and to the variance of the curve.
+
+    What an effect adds at calibration points is taken back from main form and smooth deviation
+    there, so that only columns minus their projection vary.
+    """
+    total: FloatArray = np.sum(moments, axis=0)
+    value = np.tensordot(np.sum(means, axis=0), columns, axes=([0, 1], [0, 1]))
+    size = np.einsum("jpp->j", total)
+    kept = np.flatnonzero(size > _NEGLIGIBLE_SHARE * size.sum())
+    left = columns[kept] - train_columns[kept] @ gain
+    variance = np.einsum("jpn,jpn->n", left, total[kept] @ left)
+    for mean in means:
+        variance -= np.tensordot(mean[kept], left, axes=([0, 1], [0, 1])) ** 2
+    return np.asarray(value), np.asarray(variance)
