@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from torquebench.errors import InputError
-from torquebench.twin import mechanism, simulation
+from torquebench.twin import mechanism, readout, simulation
 from torquebench.twin import reducer as red
 from torquebench.twin import thermal as heat
 from torquebench.twin.blocks import (
@@ -13,7 +13,6 @@ from torquebench.twin.blocks import (
     MODES,
     MOUNTINGS,
     SIDES,
-    AngleSamples,
     Certificate,
     Channel,
     FaultKind,
@@ -29,11 +28,9 @@ from torquebench.twin.blocks import (
 )
 from torquebench.twin.calibrator import ReferenceParameters
 from torquebench.twin.chain import transducer_torque
-from torquebench.twin.counter import EdgeSource
-from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, loading_error
-from torquebench.twin.faults import Fault, broken_counts, broken_edges, broken_frequency, make_fault
-from torquebench.twin.parameters import EncoderConstants, SideParameters, TwinParameters
-from torquebench.twin.transducer import fresh_transducer_state
+from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, Loading
+from torquebench.twin.faults import Fault, broken_edges, broken_frequency, make_fault
+from torquebench.twin.parameters import TwinParameters
 
 __all__ = ["BenchTwin"]
 
@@ -42,9 +39,6 @@ _CONVERSION = {
     "driven": mechanism.CONVERSION_DRIVEN,
     "locked": mechanism.CONVERSION_LOCKED,
 }
-_MODULATION_HZ = (15e3, 105e3)
-_NOMINAL_ZERO_HZ = 60e3
-_NOMINAL_SPAN_HZ = 30e3
 
 
 class BenchTwin:
@@ -92,11 +86,13 @@ class BenchTwin:
         self._step_ticks = round(step_ticks)
         self._tick = 0
         self._steps = 0
-        streams = np.random.default_rng(seed).spawn(3 + len(CHANNELS))
-        self._process, self._loading, self._mounting_draws = streams[:3]
-        self._sources = {
-            channel: self._new_source(channel, streams[3 + k]) for k, channel in enumerate(CHANNELS)
-        }
+        streams = np.random.default_rng(seed).spawn(4 + len(CHANNELS))
+        self._process, self._mounting_draws = streams[:2]
+        self._loading = [
+            Loading(side.drive, stream)
+            for side, stream in zip(self._sides, streams[2:4], strict=True)
+        ]
+        self._sources = readout.new_sources(parameters, streams[4:], timebase_hz, self._step_ticks)
         self._mounting: Mounting = "nothing"
         self._clamped = False
         self._enabled = [False, False]
@@ -135,13 +131,11 @@ class BenchTwin:
 
     def nameplate(self, channel: Channel) -> Nameplate:
         """Nominal data of a transducer, as its data sheet gives them."""
-        side = self._side(_side_of(channel))
-        nominal = side.transducer.nominal_torque_nm
-        return Nameplate(nominal, _NOMINAL_ZERO_HZ, _NOMINAL_SPAN_HZ / nominal, _MODULATION_HZ)
+        return readout.nameplate(self._parameters, channel)
 
     def certificate(self, side: Side) -> Certificate:
         """Certificate of the calibrator's reference transducer of one side."""
-        return self._side(side).calibrator.certificate()
+        return self._sides[_index(side)].calibrator.certificate()
 
     # Commands ------------------------------------------------------------------------------
     def set_active_channels(self, channels: Sequence[Channel]) -> None:
@@ -208,8 +202,8 @@ class BenchTwin:
         torque = _finite(torque_nm, "torque", "N·m")
         if not self._enabled[index]:
             return
-        drive, chain = self._constants.drives[index], self._constants.chains[index]
-        wanted = torque + loading_error(drive, torque, self._loading)
+        chain = self._constants.chains[index]
+        wanted = torque + self._loading[index].error(torque)
         angle = float(self._state.shafts[index, mechanism.FLANGE_ANGLE])
         self._orders.control[index] = CONTROL_TORQUE
         self._orders.target[index] = transducer_torque(chain, wanted, angle)
@@ -298,7 +292,16 @@ class BenchTwin:
             stop_tick=self._tick,
             timebase_hz=self._timebase_hz,
             edges=edges,
-            angles={side: self._angles(side, ticks, recording) for side in SIDES},
+            angles={
+                side: readout.encoder_samples(
+                    self._sides[k].encoder,
+                    recording.encoder_rad[k],
+                    ticks,
+                    self._timebase_hz,
+                    [fault for fault in self._faults if fault.channel == side],
+                )
+                for k, side in enumerate(SIDES)
+            },
             temperatures={name: temperature[name] + probe_error[name] for name in heat.PLACES},
             truth=Truth(
                 ticks / self._timebase_hz,
@@ -342,69 +345,30 @@ class BenchTwin:
             Readings of the module and of the reference, in the path's order.
         """
         index = _index(side)
-        path = np.ascontiguousarray(true_torque_nm, dtype=np.float64)
-        if path.ndim != 1 or path.size == 0 or not np.isfinite(path).all():
-            raise InputError(
-                f"a path of shape {path.shape}", "one dimension, at least one point, all finite"
-            )
-        reference = self._references[index]
-        frequency, reference_hz = np.empty(path.size), np.empty(path.size)
-        state = fresh_transducer_state()
-
-        def run(points: FloatArray) -> None:
-            simulation.sweep(
-                self._constants.chains[index],
-                self._constants.transducers[index],
-                reference.constants,
-                self._tables[index],
-                points,
-                23.0 if temperature_c is None else temperature_c,
-                speed_rad_s,
-                float(self._state.shafts[index, mechanism.FLANGE_ANGLE]),
-                state,
-                frequency,
-                reference_hz,
-            )
-
-        if preload:
-            run(path)
-        run(np.zeros(1))
-        zero_hz, reference_zero_hz = float(frequency[0]), float(reference_hz[0])
-        run(path)
-        plate = self.nameplate("input_torque" if side == "input" else "output_torque")
-        growth = np.diff(np.abs(path), prepend=0.0)
-        return StaticSweep(
-            true_torque_nm=path,
-            reading_nm=(frequency - zero_hz) / plate.sensitivity_hz_per_nm,
-            frequency_hz=frequency,
-            reference_nm=(reference_hz - reference_zero_hz) / plate.sensitivity_hz_per_nm,
-            reference_frequency_hz=reference_hz,
-            branch=np.sign(growth).astype(np.int8),
+        return readout.static_sweep(
+            self._constants.chains[index],
+            self._constants.transducers[index],
+            self._references[index],
+            self.nameplate("input_torque" if side == "input" else "output_torque"),
+            true_torque_nm,
+            temperature_c=temperature_c,
+            speed_rad_s=speed_rad_s,
+            angle_rad=float(self._state.shafts[index, mechanism.FLANGE_ANGLE]),
+            preload=preload,
         )
 
     # Inside --------------------------------------------------------------------------------
-    def _side(self, side: Side) -> SideParameters:
-        return self._sides[_index(side)]
-
     def _reference_set(self, what: Mounting) -> tuple[ReferenceParameters, ReferenceParameters]:
         first, second = self._sides
         if what == "verification_standard":
             return first.verification_standard, second.verification_standard
         return first.calibrator, second.calibrator
 
-    def _new_source(self, channel: Channel, generator: np.random.Generator) -> EdgeSource:
-        side = self._side(_side_of(channel))
-        delay = side.transducer.delay_s
-        if channel.endswith("reference"):
-            delay = side.calibrator.constants.delay_s
-        counter = self._parameters.counter
-        return EdgeSource(generator, self._timebase_hz, self._step_ticks, counter, delay)
-
     def _zero_hz(self, channel: Channel) -> float:
-        side = self._side(_side_of(channel))
+        index = _index(readout.side_of(channel))
         if channel.endswith("torque"):
-            return side.transducer.zero_hz
-        return self._reference_set(self._mounting)[_index(_side_of(channel))].constants.zero_hz
+            return self._sides[index].transducer.zero_hz
+        return self._references[index].constants.zero_hz
 
     def _gather(self, reseated: tuple[float, float]) -> simulation.Constants:
         """Constants for the kernels; mounting anew changes the linear part of each chain a bit."""
@@ -485,33 +449,11 @@ class BenchTwin:
         taken, number = source.take(self._tick)
         return broken_edges(faults, taken, number, self._timebase_hz)
 
-    def _angles(
-        self, side: Side, ticks: TickArray, recording: simulation.Recording
-    ) -> AngleSamples:
-        encoder: EncoderConstants = self._side(side).encoder
-        angle = recording.encoder_rad[_index(side)]
-        shown = angle.copy()
-        for k in range(2):
-            shown += encoder.error_rad[k] * np.sin((k + 1) * angle + encoder.error_phase_rad[k])
-        counts = np.floor(shown * encoder.counts_per_revolution / (2.0 * np.pi)).astype(np.int64)
-        faults = [fault for fault in self._faults if fault.channel == side]
-        return AngleSamples(
-            ticks / self._timebase_hz,
-            broken_counts(faults, counts, ticks),
-            encoder.counts_per_revolution,
-        )
-
 
 def _index(side: str) -> int:
     if side not in SIDES:
         raise InputError(f"side {side!r}", f"one of {', '.join(SIDES)}")
     return SIDES.index(side)
-
-
-def _side_of(channel: str) -> Side:
-    if channel not in CHANNELS:
-        raise InputError(f"channel {channel!r}", f"one of {', '.join(CHANNELS)}")
-    return "input" if channel.startswith("input") else "output"
 
 
 def _finite(value: float, name: str, unit: str) -> float:

@@ -76,7 +76,7 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
     for k in range(4):
         distance = (relative - chain.bump_centre[k]) / chain.bump_width[k]
         if abs(distance) < 6.0:
-            result += chain.bump_nm[k] * math.exp(-0.5 * distance * distance)
+            result += engaged * chain.bump_nm[k] * math.exp(-0.5 * distance * distance)
     turn = math.sin(angle_rad + chain.engagement_phase_rad)
     return result + chain.engagement_by_angle * torque_nm * turn
 

@@ -8,12 +8,12 @@ import numpy as np
 from torquebench.errors import InputError
 from torquebench.mechanics import Chain
 from torquebench.twin import presets
-from torquebench.twin.blocks import SIDES
+from torquebench.twin.blocks import SIDES, Side
 from torquebench.twin.calibrator import ReferenceParameters
 from torquebench.twin.chain import ChainConstants, chain_is_invertible
 from torquebench.twin.counter import CounterConstants
 from torquebench.twin.drive import DriveConstants
-from torquebench.twin.presets import DESIGNS, WEAR, Preset
+from torquebench.twin.presets import BANDWIDTH, DESIGNS, WEAR, Preset
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.twin.reducers import ReducerName, draw_reducer
 from torquebench.twin.thermal import ThermalConstants
@@ -78,6 +78,8 @@ class TwinParameters:
         The reducer that ``mount("reducer")`` mounts.
     thermal, counter
         Temperatures and the counters' clock.
+    carrier_hz : float
+        Frequency of all transducers at zero torque: 60 kHz or 240 kHz.
     reseating : float
         Relative spread of the chain's linear part from one mounting to the next.
 
@@ -96,11 +98,17 @@ class TwinParameters:
     reducer: ReducerConstants
     thermal: ThermalConstants
     counter: CounterConstants
+    carrier_hz: float
     reseating: float
 
     @classmethod
     def draw(
-        cls, preset: Preset = "nominal", seed: int = 0, *, reducer: ReducerName = "standard"
+        cls,
+        preset: Preset = "nominal",
+        seed: int = 0,
+        *,
+        reducer: ReducerName = "standard",
+        carrier_hz: float = 60e3,
     ) -> "TwinParameters":
         """Draw every constant.
 
@@ -113,6 +121,8 @@ class TwinParameters:
             Same seed, same constants.
         reducer : {"standard", "rv-40e", "harmonic-20"}
             The reducer under test.
+        carrier_hz : float
+            60e3 or 240e3, the transducers' option.
 
         Returns
         -------
@@ -128,9 +138,13 @@ class TwinParameters:
             raise InputError(f"preset {preset!r}", f"one of {', '.join(WEAR)}")
         if seed < 0:
             raise InputError(f"seed {seed}", "a whole number of at least 0")
+        if carrier_hz not in BANDWIDTH:
+            raise InputError(f"carrier {carrier_hz} Hz", "60000 Hz or 240000 Hz")
         wear = WEAR[preset]
         generators = np.random.default_rng(seed).spawn(5)
-        sides = [_draw_side(generators[k], preset, side) for k, side in enumerate(SIDES)]
+        sides = [
+            _draw_side(generators[k], preset, side, carrier_hz) for k, side in enumerate(SIDES)
+        ]
         return cls(
             preset=preset,
             seed=seed,
@@ -139,6 +153,7 @@ class TwinParameters:
             reducer=draw_reducer(generators[2], reducer, wear),
             thermal=presets.draw_thermal(generators[3]),
             counter=presets.draw_counter(generators[4]),
+            carrier_hz=carrier_hz,
             reseating=2e-5 * wear,
         )
 
@@ -147,15 +162,17 @@ class TwinParameters:
         return replace(self, reducer=reducer)
 
 
-def _draw_side(generator: np.random.Generator, preset: Preset, side: str) -> SideParameters:
+def _draw_side(
+    generator: np.random.Generator, preset: Preset, side: Side, carrier_hz: float
+) -> SideParameters:
     """Draw a side; a chain that couldn't be inverted (a step too steep) is drawn again."""
-    design, wear = DESIGNS["input" if side == "input" else "output"], WEAR[preset]
+    design, wear = DESIGNS[side], WEAR[preset]
     while True:
         geometry = presets.draw_geometry(generator, design, wear)
         chain = presets.draw_chain(generator, design, geometry, wear)
         if chain_is_invertible(chain):
             break
-    calibrator, standard = presets.draw_references(generator, design, wear)
+    calibrator, standard = presets.draw_references(generator, design, wear, carrier_hz)
     arcsec = np.pi / 180.0 / 3600.0
     phase = generator.uniform(0.0, 2.0 * np.pi, 2)
     largest = 4.0 if side == "input" else 0.8
@@ -170,7 +187,7 @@ def _draw_side(generator: np.random.Generator, preset: Preset, side: str) -> Sid
     return SideParameters(
         geometry=geometry,
         chain=chain,
-        transducer=presets.draw_transducer(generator, design, wear),
+        transducer=presets.draw_transducer(generator, design, wear, carrier_hz),
         drive=presets.draw_drive(generator, design, wear),
         encoder=encoder,
         calibrator=calibrator,

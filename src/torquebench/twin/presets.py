@@ -14,7 +14,7 @@ from torquebench.twin.drive import DriveConstants
 from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
 
-__all__ = ["DESIGNS", "WEAR", "Preset", "SideDesign"]
+__all__ = ["BANDWIDTH", "DESIGNS", "WEAR", "Preset", "SideDesign"]
 
 Preset = Literal["nominal", "worn"]
 
@@ -64,7 +64,7 @@ DESIGNS: dict[Side, SideDesign] = {
         transducer_stiffness_nm_rad=1.8e5,
         coupling_stiffness_nm_rad=3.0e4,
         damping_ratio=0.06,
-        bandwidth_rad_s=40.0,
+        bandwidth_rad_s=60.0,
         acceleration_rad_s2=300.0,
     ),
     "output": SideDesign(
@@ -80,6 +80,12 @@ DESIGNS: dict[Side, SideDesign] = {
         bandwidth_rad_s=20.0,
         acceleration_rad_s2=5.0,
     ),
+}
+
+# Lag of the bandwidth (3 and 6 kHz) and the rest of the group delay (220 and 150 µs), by carrier.
+BANDWIDTH: dict[float, tuple[float, float]] = {
+    60e3: (1.0 / (2.0 * np.pi * 3e3), 220e-6 - 1.0 / (2.0 * np.pi * 3e3)),
+    240e3: (1.0 / (2.0 * np.pi * 6e3), 150e-6 - 1.0 / (2.0 * np.pi * 6e3)),
 }
 
 # How much larger a worn bench's quantities are than a nominal one's.
@@ -99,11 +105,11 @@ def draw_geometry(
 ) -> tuple[Chain, Chain]:
     """Draw the chain's geometry and coefficients, clockwise and counterclockwise."""
     mean = design.chain
-    offset = wear * _around(generator, mean.coaxiality_error_m, 0.35)
+    offset = wear * _around(generator, mean.coaxiality_error_m, 0.45)
     angle = wear * _around(generator, mean.angular_misalignment_rad, 0.6)
-    strain = _around(generator, mean.strain_coefficient_n_per_m, 0.15)
+    strain = _around(generator, mean.strain_coefficient_n_per_m, 0.2)
     friction = wear * _around(generator, mean.elastic_coefficient_n_per_rad, 0.3)
-    stiffness = _around(generator, mean.radial_stiffness_n_per_m, 0.2)
+    stiffness = _around(generator, mean.radial_stiffness_n_per_m, 0.25)
     chains = [
         Chain(
             outer_diameter_m=mean.outer_diameter_m,
@@ -131,7 +137,7 @@ def draw_chain(
     """Draw what the equations don't describe, around the geometry's coefficients."""
     scale = design.range_nm
     clockwise, counterclockwise = (coefficients(chain) for chain in geometry)
-    bumps = [_signed(generator, 1.2e-4, 2.8e-4) * wear * scale for _ in range(4)]
+    bumps = [_signed(generator, 1.8e-4, 3.8e-4) * wear * scale for _ in range(4)]
     centres = [
         generator.uniform(0.12, 0.50),
         generator.uniform(0.50, 0.92),
@@ -153,8 +159,8 @@ def draw_chain(
         quadratic_per_nm=(clockwise.quadratic_per_nm, counterclockwise.quadratic_per_nm),
         reversal_width=_around(generator, 0.005, 0.2),
         ripple_nm=(
-            generator.uniform(0.6e-4, 1.2e-4) * wear * scale,
-            generator.uniform(0.6e-4, 1.2e-4) * wear * scale,
+            generator.uniform(0.8e-4, 1.6e-4) * wear * scale,
+            generator.uniform(0.8e-4, 1.6e-4) * wear * scale,
         ),
         ripple_period=(generator.uniform(0.12, 0.25), generator.uniform(0.12, 0.25)),
         ripple_phase_rad=(float(phase[0]), float(phase[1])),
@@ -171,16 +177,17 @@ def draw_chain(
 
 
 def draw_transducer(
-    generator: np.random.Generator, design: SideDesign, wear: float
+    generator: np.random.Generator, design: SideDesign, wear: float, carrier_hz: float
 ) -> TransducerConstants:
-    """Draw a transducer of the T40B's class, 60 ± 30 kHz."""
-    nominal_hz_per_nm = 30e3 / design.range_nm
+    """Draw a transducer of the T40B's class."""
+    nominal_hz_per_nm = 0.5 * carrier_hz / design.range_nm
+    lag_s, delay_s = BANDWIDTH[carrier_hz]
     gain = 1.0 + _signed(generator, 1e-4, 5e-4)
     uneven = _signed(generator, 0.2e-4, 1.0e-4)
     effect = design.temperature_effect_per_k
     return TransducerConstants(
         nominal_torque_nm=design.range_nm,
-        zero_hz=60e3 + _signed(generator, 5.0, 60.0),
+        zero_hz=carrier_hz * (1.0 + _signed(generator, 1e-4, 1e-3)),
         sensitivity_hz_per_nm=(
             nominal_hz_per_nm * gain * (1.0 + uneven),
             nominal_hz_per_nm * gain * (1.0 - uneven),
@@ -192,9 +199,9 @@ def draw_transducer(
         linearity_cubic=_signed(generator, 0.1e-4, 0.4e-4) * wear,
         stop_width=(0.02, 0.08, 0.25),
         stop_weight=(
-            generator.uniform(0.5e-3, 1.0e-3) * wear,
-            generator.uniform(1.5e-4, 3.5e-4) * wear,
-            generator.uniform(0.6e-4, 1.4e-4) * wear,
+            generator.uniform(0.8e-3, 1.5e-3) * wear,
+            generator.uniform(2.2e-4, 5.0e-4) * wear,
+            generator.uniform(0.9e-4, 2.0e-4) * wear,
         ),
         creep=(
             _signed(generator, 0.2e-4, 0.5e-4) * wear,
@@ -208,8 +215,8 @@ def draw_transducer(
         wander=generator.uniform(0.1e-4, 0.3e-4) * wear,
         wander_time_s=_around(generator, 30.0, 0.3),
         white=generator.uniform(1e-4, 3e-4) * wear,
-        lag_s=1.0 / (2.0 * np.pi * 3000.0),
-        delay_s=220e-6 - 1.0 / (2.0 * np.pi * 3000.0),
+        lag_s=lag_s,
+        delay_s=delay_s,
     )
 
 
@@ -232,10 +239,10 @@ def draw_drive(generator: np.random.Generator, design: SideDesign, wear: float) 
         command_spread_nm=generator.uniform(0.8e-4, 1.8e-4) * wear * scale,
         wander_nm=generator.uniform(0.3e-4, 0.8e-4) * wear * scale,
         wander_time_s=_around(generator, 5.0, 0.3),
-        cogging_nm=generator.uniform(2e-3, 5e-3) * wear * scale,
+        cogging_nm=generator.uniform(0.8e-3, 2.0e-3) * wear * scale,
         cogging_per_turn=24.0 if scale < 100.0 else 72.0,
         cogging_phase_rad=generator.uniform(0.0, 2.0 * np.pi),
-        ripple_nm=generator.uniform(3e-4, 8e-4) * wear * scale,
+        ripple_nm=generator.uniform(2e-4, 6e-4) * wear * scale,
         ripple_hz=generator.uniform(23.0, 43.0),
         ripple_phase_rad=generator.uniform(0.0, 2.0 * np.pi),
         drag_nm=2e-3 * scale,
@@ -250,20 +257,20 @@ def draw_drive(generator: np.random.Generator, design: SideDesign, wear: float) 
 
 
 def draw_references(
-    generator: np.random.Generator, design: SideDesign, wear: float
+    generator: np.random.Generator, design: SideDesign, wear: float, carrier_hz: float
 ) -> tuple[ReferenceParameters, ReferenceParameters]:
     """Draw the calibrator's transducer (0.02 %) and the verification standard (0.002 %)."""
     results = []
     for limit in (2e-4, 2e-5):
         constants = ReferenceConstants(
             nominal_torque_nm=design.range_nm,
-            zero_hz=60e3 + _signed(generator, 2.0, 20.0),
-            sensitivity_hz_per_nm=30e3 / design.range_nm,
+            zero_hz=carrier_hz * (1.0 + _signed(generator, 0.3e-4, 3e-4)),
+            sensitivity_hz_per_nm=0.5 * carrier_hz / design.range_nm,
             zero_drift_per_k=_signed(generator, 0.05, 0.2) * limit,
             span_drift_per_k=_signed(generator, 0.05, 0.2) * limit,
             white=5e-5 if limit > 1e-4 else 2e-5,
-            lag_s=1.0 / (2.0 * np.pi * 3000.0),
-            delay_s=220e-6 - 1.0 / (2.0 * np.pi * 3000.0),
+            lag_s=BANDWIDTH[carrier_hz][0],
+            delay_s=BANDWIDTH[carrier_hz][1],
         )
         results.append(
             draw_reference(
@@ -279,7 +286,7 @@ def draw_references(
 
 def draw_thermal(generator: np.random.Generator) -> ThermalConstants:
     """Draw the temperatures' constants."""
-    errors = generator.uniform(-0.15, 0.15, 5)
+    errors = generator.uniform(-0.15, 0.15, 5).tolist()
     return ThermalConstants(
         ambient_c=_around(generator, 23.0, 0.03),
         ambient_spread_k=_around(generator, 0.4, 0.3),

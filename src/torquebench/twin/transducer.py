@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "NOISES",
+    "REFERENCE_TEMPERATURE_C",
     "TRANSDUCER_STATES",
     "TransducerConstants",
     "fresh_transducer_state",

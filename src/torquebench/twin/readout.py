@@ -1,0 +1,133 @@
+"""What the bench reads: pulse trains by channel, encoder counts, and static sweeps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from torquebench.errors import InputError
+from torquebench.twin import simulation
+from torquebench.twin.blocks import (
+    CHANNELS,
+    AngleSamples,
+    Channel,
+    FloatArray,
+    Nameplate,
+    Side,
+    StaticSweep,
+    TickArray,
+)
+from torquebench.twin.calibrator import ReferenceParameters
+from torquebench.twin.chain import ChainConstants
+from torquebench.twin.counter import EdgeSource
+from torquebench.twin.faults import Fault, broken_counts
+from torquebench.twin.parameters import EncoderConstants, TwinParameters
+from torquebench.twin.transducer import (
+    REFERENCE_TEMPERATURE_C,
+    TransducerConstants,
+    fresh_transducer_state,
+)
+
+__all__ = ["encoder_samples", "nameplate", "new_sources", "side_of", "static_sweep"]
+
+
+def side_of(channel: str) -> Side:
+    """Side to which a channel belongs."""
+    if channel not in CHANNELS:
+        raise InputError(f"channel {channel!r}", f"one of {', '.join(CHANNELS)}")
+    return "input" if channel.startswith("input") else "output"
+
+
+def nameplate(parameters: TwinParameters, channel: Channel) -> Nameplate:
+    """Nominal data of a transducer: zero at the carrier, half of it as span, 75 % to be valid."""
+    side = parameters.input if side_of(channel) == "input" else parameters.output
+    nominal, carrier = side.transducer.nominal_torque_nm, parameters.carrier_hz
+    return Nameplate(nominal, carrier, 0.5 * carrier / nominal, (0.25 * carrier, 1.75 * carrier))
+
+
+def new_sources(
+    parameters: TwinParameters,
+    generators: Sequence[np.random.Generator],
+    timebase_hz: float,
+    step_ticks: int,
+) -> dict[Channel, EdgeSource]:
+    """Pulse trains of all channels, each with its own generator of jitter."""
+    sources = {}
+    for channel, generator in zip(CHANNELS, generators, strict=True):
+        side = parameters.input if side_of(channel) == "input" else parameters.output
+        delay_s = side.transducer.delay_s
+        if channel.endswith("reference"):
+            delay_s = side.calibrator.constants.delay_s
+        sources[channel] = EdgeSource(
+            generator, timebase_hz, step_ticks, parameters.counter, delay_s
+        )
+    return sources
+
+
+def encoder_samples(
+    encoder: EncoderConstants,
+    angle_rad: FloatArray,
+    ticks: TickArray,
+    timebase_hz: float,
+    faults: Sequence[Fault],
+) -> AngleSamples:
+    """Turn angles into counts, with graduation error and faults."""
+    shown = angle_rad.copy()
+    for k in range(2):
+        shown += encoder.error_rad[k] * np.sin((k + 1) * angle_rad + encoder.error_phase_rad[k])
+    counts = np.floor(shown * encoder.counts_per_revolution / (2.0 * np.pi)).astype(np.int64)
+    return AngleSamples(
+        ticks / timebase_hz,
+        broken_counts(faults, counts, ticks),
+        encoder.counts_per_revolution,
+    )
+
+
+def static_sweep(
+    chain: ChainConstants,
+    transducer: TransducerConstants,
+    reference: ReferenceParameters,
+    plate: Nameplate,
+    path_nm: FloatArray,
+    *,
+    temperature_c: float | None,
+    speed_rad_s: float,
+    angle_rad: float,
+    preload: bool,
+) -> StaticSweep:
+    """Noise-free readings along a path, see `BenchTwin.static_sweep`."""
+    path = np.ascontiguousarray(path_nm, dtype=np.float64)
+    if path.ndim != 1 or path.size == 0 or not np.isfinite(path).all():
+        raise InputError(
+            f"a path of shape {path.shape}", "one dimension, at least one point, all finite"
+        )
+    frequency, reference_hz = np.empty(path.size), np.empty(path.size)
+    state, table = fresh_transducer_state(), reference.error_table()
+
+    def run(points: FloatArray) -> None:
+        simulation.sweep(
+            chain,
+            transducer,
+            reference.constants,
+            table,
+            points,
+            REFERENCE_TEMPERATURE_C if temperature_c is None else float(temperature_c),
+            float(speed_rad_s),
+            float(angle_rad),
+            state,
+            frequency,
+            reference_hz,
+        )
+
+    if preload:
+        run(path)
+    run(np.zeros(1))
+    zero_hz, reference_zero_hz = float(frequency[0]), float(reference_hz[0])
+    run(path)
+    return StaticSweep(
+        true_torque_nm=path,
+        reading_nm=(frequency - zero_hz) / plate.sensitivity_hz_per_nm,
+        frequency_hz=frequency,
+        reference_nm=(reference_hz - reference_zero_hz) / plate.sensitivity_hz_per_nm,
+        reference_frequency_hz=reference_hz,
+        branch=np.sign(np.diff(np.abs(path), prepend=0.0)).astype(np.int8),
+    )
