@@ -32,7 +32,7 @@ class Kind(StrEnum):
     runs = "runs"
     calibrations = "calibrations"
     models = "models"
-    instruments = "instruments"
+    equipment = "equipment"
 
 
 @app.command("list")
@@ -41,7 +41,7 @@ def list_records(
     limit: Annotated[int, typer.Option(min=1, help="At most so many of each, newest first.")] = 20,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """List runs, calibrations, models and instruments, the newest first."""
+    """List runs, calibrations, models and equipment, the newest first."""
     from torquebench.records import Registry
 
     with Registry.open(data_directory(data)) as registry:
@@ -115,12 +115,12 @@ def _list_models(registry: Registry, limit: int) -> None:
     _print_list(table)
 
 
-def _list_instruments(registry: Registry, limit: int) -> None:
-    table = narrow_table("Instruments")
+def _list_equipment(registry: Registry, limit: int) -> None:
+    table = narrow_table("Equipment")
     table.add_column("kind", no_wrap=True)
     for heading in ("serial", "what", "range"):
         table.add_column(heading, overflow="fold")
-    for entry in registry.instruments()[:limit]:
+    for entry in registry.equipment()[:limit]:
         span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
         what = f"{entry.manufacturer} {entry.model}".strip()
         table.add_row(entry.kind, entry.serial, what, span)
@@ -138,7 +138,7 @@ _LISTS = {
     Kind.runs: _list_runs,
     Kind.calibrations: _list_calibrations,
     Kind.models: _list_models,
-    Kind.instruments: _list_instruments,
+    Kind.equipment: _list_equipment,
 }
 
 

@@ -3,13 +3,24 @@
 Outputs are written whole or not at all, and nothing is overwritten or filled in.
 """
 
+from torquebench.records.chain import ChainHead
+from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL
 from torquebench.records.entries import (
     Activation,
+    Adjustment,
+    Amendment,
     CalibrationEntry,
-    Instrument,
+    CertificateEntry,
+    CheckEntry,
+    Component,
+    Equipment,
+    EquipmentKind,
     ModelEntry,
+    Report,
+    Review,
     RunSummary,
     VerificationEntry,
+    Zeroing,
 )
 from torquebench.records.files import json_text, sha256_of_file, write_atomically
 from torquebench.records.raw_stream import RawReading
@@ -25,18 +36,30 @@ from torquebench.records.tables import (
 )
 
 __all__ = [
+    "REGISTRY_FILE",
+    "REGISTRY_URL",
     "Activation",
+    "Adjustment",
+    "Amendment",
     "CalibrationEntry",
-    "Instrument",
+    "CertificateEntry",
+    "ChainHead",
+    "CheckEntry",
+    "Component",
+    "Equipment",
+    "EquipmentKind",
     "ModelEntry",
     "RawReading",
     "ReadingsTable",
     "Recovery",
     "Registry",
+    "Report",
+    "Review",
     "RunFolder",
     "RunSummary",
     "RunWriter",
     "VerificationEntry",
+    "Zeroing",
     "calibration_csv",
     "json_text",
     "new_run_id",

@@ -1,6 +1,8 @@
-"""The database below the registry: opening it, transactions, and rows found by their names."""
+"""The database below the registry: opening it, transactions that only append, rows by name."""
 
+import importlib
 import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -8,51 +10,80 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from sqlalchemy import URL, create_engine, event, select
-from sqlalchemy.exc import SQLAlchemyError
-from sqlalchemy.orm import Session
+from sqlalchemy import URL, Connection, create_engine, event, make_url, select, text
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.orm import Session, UOWTransaction
 
-from torquebench.errors import RecordError
-from torquebench.records.entries import InstrumentKind
+from torquebench.errors import InputError, RecordError
+from torquebench.records.chain import START, ChainHead, canonical, seal
+from torquebench.records.entries import EquipmentKind
 from torquebench.records.files import json_text
-from torquebench.records.schema import Base, InstrumentRow, RunRow
+from torquebench.records.migrating import upgrade
+from torquebench.records.schema import Base, EquipmentRow, LinkRow, RunRow
 
-__all__ = ["Database", "as_json", "instrument_row", "run_row"]
+__all__ = ["REGISTRY_FILE", "REGISTRY_URL", "Database", "as_json", "content_of", "equipment_row"]
+
+REGISTRY_FILE = "registry.sqlite"
+REGISTRY_URL = "TORQUEBENCH_REGISTRY"
+"""Environment variable with the URL of a registry on a server."""
 
 
 class Database:
-    """An open database with the registry's tables.
+    """An open database with the registry's tables, which only grows.
+
+    Every row that a transaction adds gets its link of the hash chain in the same transaction.
 
     Parameters
     ----------
     url : str or sqlalchemy.URL
-        Database URL as SQLAlchemy takes it.
+        Database URL as SQLAlchemy takes it: ``sqlite:///…`` or ``postgresql://…``.
     root : pathlib.Path
-        The data directory; paths below it are stored relative to it, so that it can be moved.
+        The data directory. In SQLite, paths below it are stored relative to it, so that it can
+        be moved; a server, which several benches share, gets whole paths.
+
+    Raises
+    ------
+    InputError
+        Where the URL isn't one, or its database needs a driver that isn't installed.
+    RecordError
+        Where the database can't be opened, or a newer version of torquebench has made it.
     """
 
     def __init__(self, url: str | URL, root: Path) -> None:
         self.root = root.resolve()
-        self._engine = create_engine(url)
-        if self._engine.dialect.name == "sqlite":
+        self._engine = create_engine(_with_driver(url))
+        self._sqlite = self._engine.dialect.name == "sqlite"
+        if self._sqlite:
             event.listen(self._engine, "connect", _set_up_sqlite)
+            event.listen(self._engine, "begin", _begin_sqlite)
         try:
-            Base.metadata.create_all(self._engine)
+            upgrade(self._engine)
         except SQLAlchemyError as error:
             self._engine.dispose()
             raise RecordError(
-                f"the registry {self._engine.url.render_as_string()} can't be opened: {error}",
+                f"the registry {self.name} can't be opened: {_cause(error)}",
                 "a database that can be read and written",
             ) from error
+        except RecordError:
+            self._engine.dispose()
+            raise
 
     @classmethod
-    def open(cls, data_dir: Path) -> Self:
-        """Open the registry of a data directory, creating both where they don't exist.
+    def open(cls, data_dir: Path, url: str | None = None) -> Self:
+        """Open the registry of a data directory, creating what doesn't exist.
+
+        Parameters
+        ----------
+        data_dir : pathlib.Path
+            Where run folders and model files lie.
+        url : str, optional
+            A database elsewhere, such as ``postgresql://user@server/torquebench``. By default
+            ``$TORQUEBENCH_REGISTRY``, or a SQLite file in the data directory.
 
         Raises
         ------
         RecordError
-            Where the directory can't be created or the file isn't a registry.
+            Where the directory can't be created or the database isn't a registry.
         """
         try:
             data_dir.mkdir(parents=True, exist_ok=True)
@@ -62,8 +93,9 @@ class Database:
                 "a folder with write permission",
                 "choose another with --data",
             ) from error
-        file = data_dir.resolve() / "registry.sqlite"
-        return cls(URL.create("sqlite", database=str(file)), data_dir)
+        given = url or os.environ.get(REGISTRY_URL)
+        file = data_dir.resolve() / REGISTRY_FILE
+        return cls(given or URL.create("sqlite", database=str(file)), data_dir)
 
     def __enter__(self) -> Self:
         return self
@@ -76,49 +108,169 @@ class Database:
     ) -> None:
         self.close()
 
+    @property
+    def name(self) -> str:
+        """URL of the database without its password."""
+        return self._engine.url.render_as_string()
+
     def close(self) -> None:
         """Close all connections; more calls do nothing."""
         self._engine.dispose()
 
     @contextmanager
     def session(self) -> Iterator[Session]:
-        """Yield a session in one transaction: all of it is kept, or nothing.
+        """Yield a session that reads one state of the registry.
 
         Raises
         ------
         RecordError
             Where the database fails.
         """
+        with self._session() as session:
+            yield session
+
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """Yield a session in one transaction: all of it is kept and chained, or nothing.
+
+        Writers follow each other, so that the chain has one end.
+
+        Raises
+        ------
+        RecordError
+            Where the database fails, or something is changed instead of added.
+        """
+        with self._session(writes=True) as session:
+            if not self._sqlite:
+                session.execute(text("LOCK TABLE chain IN SHARE ROW EXCLUSIVE MODE"))
+            event.listen(session, "before_flush", _refuse_changes)
+            event.listen(session, "after_flush", _note_new_rows)
+            yield session
+            session.flush()
+            _append_links(session)
+
+    @contextmanager
+    def _session(self, *, writes: bool = False) -> Iterator[Session]:
+        engine = self._engine.execution_options(writes=writes)
         try:
-            with Session(self._engine) as session, session.begin():
+            with Session(engine) as session, session.begin():
                 yield session
         except SQLAlchemyError as error:
             raise RecordError(
-                f"the registry {self._engine.url.render_as_string()} failed: {error}",
+                f"the registry {self.name} failed: {_cause(error)}",
                 "a database that can be read and written",
             ) from error
 
+    def head(self) -> ChainHead:
+        """Return the end of the chain, which covers every record so far."""
+        with self.session() as session:
+            return _head(session)
+
     def stored(self, path: Path) -> str:
-        """Return a path as it is stored: relative to the data directory where it lies below."""
+        """Return a path as it is stored; see the parameter `root`."""
         resolved = path.resolve()
-        inside = resolved.is_relative_to(self.root)
+        inside = self._sqlite and resolved.is_relative_to(self.root)
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()
 
 
+def content_of(row: Any) -> dict[str, Any]:
+    """Return the fields of a row as the chain keeps them."""
+    return {
+        column.key: getattr(row, attribute.key)
+        for attribute in row.__mapper__.column_attrs
+        for column in attribute.columns
+    }
+
+
+def _head(session: Session) -> ChainHead:
+    query = select(LinkRow.sequence, LinkRow.sha256).order_by(LinkRow.sequence.desc()).limit(1)
+    last = session.execute(query).one_or_none()
+    return ChainHead(0, START) if last is None else ChainHead(last.sequence, last.sha256)
+
+
+def _refuse_changes(session: Session, _context: UOWTransaction, _instances: object) -> None:
+    changed = [row for row in session.dirty if session.is_modified(row)]
+    for row in [*changed, *session.deleted]:
+        raise RecordError(
+            f"a change of {row.__tablename__} {row.id}",
+            "additions: records are never overwritten",
+            "amend the record instead",
+        )
+
+
+def _note_new_rows(session: Session, _context: UOWTransaction) -> None:
+    new = [row for row in session.new if not isinstance(row, LinkRow)]
+    session.info.setdefault("appended", []).extend(
+        sorted(new, key=lambda row: _ORDER[row.__tablename__])
+    )
+
+
+def _append_links(session: Session) -> None:
+    head, now = _head(session), datetime.now(UTC)
+    for row in session.info.pop("appended", []):
+        link = seal(head, row.__tablename__, row.id, now, canonical(content_of(row)))
+        session.add(LinkRow(**vars(link)))
+        head = ChainHead(link.sequence, link.sha256)
+    session.flush()
+
+
+_ORDER = {table.name: number for number, table in enumerate(Base.metadata.sorted_tables)}
+
+
+def _with_driver(url: str | URL) -> URL:
+    try:
+        parsed = make_url(url)
+    except ArgumentError as error:
+        raise InputError(
+            f"registry URL {str(url)!r}",
+            "sqlite:///path/registry.sqlite or postgresql://user@server/database",
+        ) from error
+    if parsed.drivername == "postgresql":
+        parsed = parsed.set(drivername="postgresql+pg8000")
+    if parsed.drivername not in ("sqlite", "postgresql+pg8000"):
+        raise InputError(f"a registry in {parsed.drivername}", "sqlite or postgresql")
+    if parsed.drivername == "postgresql+pg8000":
+        try:
+            importlib.import_module("pg8000")
+        except ImportError as error:
+            raise InputError(
+                "a registry in PostgreSQL without its driver",
+                "pg8000",
+                "pip install 'torquebench[postgresql]'",
+            ) from error
+    return parsed
+
+
+def _cause(error: SQLAlchemyError) -> str:
+    """Return what the database itself said, without the statement and its parameters."""
+    said = getattr(error, "orig", None)
+    if said is None:
+        return str(error)
+    fields = said.args[0] if said.args else ""
+    return str(fields["M"]) if isinstance(fields, dict) and "M" in fields else str(said)
+
+
 def _set_up_sqlite(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions begin where `_begin_sqlite` says
     cursor = connection.cursor()
     # WAL lets readers (the list of runs) work while a run writes; FULL survives a power cut.
-    for pragma in ("foreign_keys=ON", "journal_mode=WAL", "synchronous=FULL", "busy_timeout=5000"):
+    for pragma in ("busy_timeout=5000", "foreign_keys=ON", "journal_mode=WAL", "synchronous=FULL"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
 
 
-def instrument_row(session: Session, kind: InstrumentKind, serial: str) -> InstrumentRow:
-    """Return an instrument's row, a new one where it isn't registered yet."""
-    query = select(InstrumentRow).where(InstrumentRow.kind == kind, InstrumentRow.serial == serial)
+def _begin_sqlite(connection: Connection) -> None:
+    # A writer that began as a reader would find the end of the chain moved, and fail.
+    writes = connection.get_execution_options().get("writes", True)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def equipment_row(session: Session, kind: EquipmentKind, serial: str) -> EquipmentRow:
+    """Return a piece of equipment's row, a new one where it isn't registered yet."""
+    query = select(EquipmentRow).where(EquipmentRow.kind == kind, EquipmentRow.serial == serial)
     row = session.scalar(query)
     if row is None:
-        row = InstrumentRow(kind=kind, serial=serial, recorded=datetime.now(UTC))
+        row = EquipmentRow(kind=kind, serial=serial, recorded=datetime.now(UTC))
         session.add(row)
         session.flush()
     return row

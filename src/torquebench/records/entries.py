@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,41 +11,190 @@ from torquebench.records.files import sha256_of_file
 
 __all__ = [
     "Activation",
+    "Adjustment",
+    "Amendment",
     "CalibrationEntry",
-    "Instrument",
-    "InstrumentKind",
+    "CertificateEntry",
+    "CheckEntry",
+    "Component",
+    "Equipment",
+    "EquipmentKind",
     "ModelEntry",
+    "Report",
+    "Review",
     "RunSummary",
     "VerificationEntry",
+    "Zeroing",
 ]
 
-InstrumentKind = Literal["transducer", "calibrator", "verification-standard", "counter"]
+EquipmentKind = Literal[
+    "transducer",
+    "calibrator",
+    "verification-standard",
+    "counter",
+    "drive",
+    "encoder",
+    "bench",
+]
 
 
 @dataclass(frozen=True)
-class Instrument:
-    """A transducer, calibrator, verification standard or counter.
+class Equipment:
+    """A transducer, standard, counter, drive, encoder or bench.
 
     Parameters
     ----------
-    kind : {"transducer", "calibrator", "verification-standard", "counter"}
+    kind : str
         What it is.
     serial : str
-        Its serial number; of a counter, the identity of its timebase.
+        Its serial number; of a counter, the identity of its timebase; of a bench, its name.
     manufacturer, model : str
         As on its plate.
     range_nm : float, optional
         Its full scale in N·m.
     details : mapping
-        What else is known: certificate number, class, nominal zero, timebase frequency.
+        What else is known: class, nominal zero, timebase frequency.
     """
 
-    kind: InstrumentKind
+    kind: EquipmentKind
     serial: str
     manufacturer: str = ""
     model: str = ""
     range_nm: float | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Component:
+    """A piece of equipment that is fitted into another one.
+
+    Parameters
+    ----------
+    whole, part : tuple of kind and serial
+        What it is fitted into, and what it is.
+    role : str
+        What it does there, such as ``"output.transducer"``.
+    fitted : datetime.datetime
+        Since when.
+    """
+
+    whole: tuple[str, str]
+    part: tuple[str, str]
+    role: str
+    fitted: datetime
+    fitted_by: str = ""
+
+
+@dataclass(frozen=True)
+class Adjustment:
+    """Something done to a piece of equipment that may change what it indicates.
+
+    Parameters
+    ----------
+    kind, serial : str
+        The equipment.
+    what : str
+        Such as ``"span set"``, ``"repaired"``, ``"model put into use"``.
+    before, after : mapping
+        Settings or indications before and after, as far as they were read.
+    performed_by, checked_by : str
+        Who did it, and who looked over it.
+    """
+
+    kind: str
+    serial: str
+    what: str
+    performed: datetime
+    performed_by: str
+    checked_by: str = ""
+    reason: str = ""
+    before: Mapping[str, Any] = field(default_factory=dict)
+    after: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Report:
+    """The certificate of a standard by the laboratory that calibrated it: traceability.
+
+    Parameters
+    ----------
+    kind, serial : str
+        The standard.
+    number, laboratory : str
+        Of the certificate.
+    performed, due : datetime.date, optional
+        Day of the calibration, and last day on which it counts.
+    valid_nm : tuple of float, optional
+        Lowest and highest torque that it covers, in N·m.
+    expanded_uncertainty_percent : float, optional
+        k = 2.
+    file : pathlib.Path, optional
+        The certificate's file, which is hashed when it is registered.
+    """
+
+    kind: EquipmentKind
+    serial: str
+    number: str
+    laboratory: str = ""
+    performed: date | None = None
+    due: date | None = None
+    measured_by: str = ""
+    checked_by: str = ""
+    valid_nm: tuple[float, float] | None = None
+    expanded_uncertainty_percent: float | None = None
+    file: Path | None = None
+    file_sha256: str = ""
+
+
+@dataclass(frozen=True)
+class Zeroing:
+    """The unloaded zero of a transducer.
+
+    Parameters
+    ----------
+    zero_hz, zero_nm : float
+        Frequency, and what it is away from the nominal zero in N·m.
+    """
+
+    transducer_serial: str
+    performed: datetime
+    zero_hz: float
+    zero_nm: float
+    temperature_c: float | None = None
+    run_id: str | None = None
+    simulated: bool = False
+
+
+@dataclass(frozen=True)
+class Amendment:
+    """What a record should have said; the record itself stays as it was.
+
+    Parameters
+    ----------
+    subject, subject_id : str, int
+        Table and number of the record that it amends.
+    changes : mapping
+        Field to what it should have said.
+    """
+
+    subject: str
+    subject_id: int
+    amended: datetime
+    amended_by: str
+    reason: str
+    changes: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Review:
+    """Who checked a record, and what came out."""
+
+    subject: str
+    subject_id: int
+    checked: datetime
+    checked_by: str
+    accepted: bool
+    remark: str
 
 
 @dataclass(frozen=True)
@@ -97,6 +246,14 @@ class CalibrationEntry:
         The run that measured it; None for a table from elsewhere.
     transducer_serial, counter_identity : str
         The chain that it is valid for.
+    standard_serial, measured_by : str
+        What it was measured against, and who did it.
+    valid_nm : tuple of float
+        Lowest and highest torque that it is valid for, in N·m.
+    due : datetime.date or None
+        When the chain is to be calibrated again.
+    files : mapping of str to str
+        SHA-256 of the files that hold it, by their names.
     """
 
     calibration_id: int
@@ -111,6 +268,11 @@ class CalibrationEntry:
     profile_sha256: str
     simulated: bool
     summary: Mapping[str, Any]
+    standard_serial: str = ""
+    measured_by: str = ""
+    valid_nm: tuple[float, float] = (0.0, 0.0)
+    due: date | None = None
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -187,3 +349,53 @@ class VerificationEntry:
     data_sha256: str
     simulated: bool
     summary: Mapping[str, Any]
+    measured_by: str = ""
+
+
+@dataclass(frozen=True)
+class CheckEntry:
+    """A quick check of a chain against the check standard.
+
+    Parameters
+    ----------
+    verdict : str
+        ``"pass"``, ``"conditionalPass"``, ``"conditionalFail"`` or ``"fail"``.
+    worst_percent_fs, tolerance_percent_fs : float
+        Largest error found, and what is allowed, in % of full scale.
+    """
+
+    transducer_serial: str
+    performed: datetime
+    verdict: str
+    worst_percent_fs: float
+    tolerance_percent_fs: float
+    simulated: bool
+    standard_serial: str = ""
+    model_id: int | None = None
+    run_id: str | None = None
+    measured_by: str = ""
+    summary: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class CertificateEntry:
+    """A certificate that was issued.
+
+    Parameters
+    ----------
+    number : str
+        Its unique number.
+    files : mapping of str to str
+        SHA-256 by file name.
+    supersedes : str
+        Number of the certificate that it replaces; empty for a first one.
+    """
+
+    certificate_id: int
+    number: str
+    calibration_id: int
+    issued: datetime
+    authorised_by: str
+    files: Mapping[str, str]
+    summary: Mapping[str, Any]
+    supersedes: str = ""

@@ -1,20 +1,50 @@
-"""The registry's tables: the one place that says which columns a record has."""
+"""The registry's tables: the one place that says which columns a record has.
 
-from datetime import UTC, datetime
+Every table is append-only: triggers refuse changes, and the chain's links show those that get
+past them. What changes with time (how a run ended, what is known of a piece of equipment, who
+checked a calibration) is a row of its own that points to what it adds to.
+"""
+
+from datetime import UTC, date, datetime
 from typing import Any
 
-from sqlalchemy import JSON, DateTime, Dialect, ForeignKey, Index, String, TypeDecorator, text
+from sqlalchemy import (
+    JSON,
+    Date,
+    DateTime,
+    Dialect,
+    ForeignKey,
+    Index,
+    MetaData,
+    String,
+    Text,
+    TypeDecorator,
+    text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
 __all__ = [
     "ActivationRow",
+    "AdjustmentRow",
+    "AmendmentRow",
     "Base",
     "CalibrationRow",
-    "InstrumentRow",
+    "CertificateRow",
+    "CheckRow",
+    "ComponentRow",
+    "DescriptionRow",
+    "EquipmentRow",
+    "LinkRow",
     "ModelRow",
+    "ReportRow",
+    "ReviewRow",
+    "RunEndRow",
     "RunRow",
     "VerificationRow",
+    "ZeroingRow",
 ]
+
+Sha256 = String(64)
 
 
 class UtcDateTime(TypeDecorator[datetime]):
@@ -37,53 +67,193 @@ class UtcDateTime(TypeDecorator[datetime]):
 class Base(DeclarativeBase):
     """Base of all tables."""
 
-    type_annotation_map = {datetime: UtcDateTime, dict[str, Any]: JSON}  # noqa: RUF012 - SQLAlchemy reads it once
+    type_annotation_map = {  # noqa: RUF012 - SQLAlchemy reads it once
+        datetime: UtcDateTime,
+        date: Date,
+        str: Text,
+        dict[str, Any]: JSON,
+    }
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
 
 
-class InstrumentRow(Base):
-    """A transducer, calibrator, verification standard or counter, by its serial."""
+class LinkRow(Base):
+    """One link of the hash chain: a row of another table as it was entered."""
 
-    __tablename__ = "instruments"
+    __tablename__ = "chain"
+
+    sequence: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    table: Mapped[str]
+    key: Mapped[int]
+    recorded: Mapped[str]
+    content: Mapped[str]
+    previous_sha256: Mapped[str] = mapped_column(Sha256)
+    sha256: Mapped[str] = mapped_column(Sha256, unique=True)
+
+    __table_args__ = (Index("ix_chain_row", "table", "key", unique=True),)
+
+
+# Equipment
+
+
+class EquipmentRow(Base):
+    """A transducer, standard, counter, drive or bench, by its kind and serial."""
+
+    __tablename__ = "equipment"
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    kind: Mapped[str] = mapped_column(String(40))
-    serial: Mapped[str] = mapped_column(String(120))
-    manufacturer: Mapped[str] = mapped_column(String(120), default="")
-    model: Mapped[str] = mapped_column(String(120), default="")
-    range_nm: Mapped[float | None]
-    details: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    kind: Mapped[str]
+    serial: Mapped[str]
     recorded: Mapped[datetime]
 
-    __table_args__ = (Index("ix_instruments_identity", "kind", "serial", unique=True),)
+    __table_args__ = (Index("ix_equipment_identity", "kind", "serial", unique=True),)
+
+
+class DescriptionRow(Base):
+    """What is known of a piece of equipment from a moment on; the latest one holds."""
+
+    __tablename__ = "equipment_descriptions"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    equipment_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    manufacturer: Mapped[str]
+    model: Mapped[str]
+    range_nm: Mapped[float | None]
+    details: Mapped[dict[str, Any]]
+    recorded: Mapped[datetime]
+
+    equipment: Mapped[EquipmentRow] = relationship()
+
+
+class ComponentRow(Base):
+    """A piece of equipment fitted into another one, or taken out of it."""
+
+    __tablename__ = "components"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    whole_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    part_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    role: Mapped[str]
+    change: Mapped[str]
+    performed: Mapped[datetime]
+    performed_by: Mapped[str]
+    reason: Mapped[str]
+
+    whole: Mapped[EquipmentRow] = relationship(foreign_keys=[whole_key])
+    part: Mapped[EquipmentRow] = relationship(foreign_keys=[part_key])
+
+
+class AdjustmentRow(Base):
+    """Something done to a piece of equipment that may change what it indicates."""
+
+    __tablename__ = "adjustments"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    equipment_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    what: Mapped[str]
+    before: Mapped[dict[str, Any]]
+    after: Mapped[dict[str, Any]]
+    performed: Mapped[datetime]
+    performed_by: Mapped[str]
+    checked_by: Mapped[str]
+    reason: Mapped[str]
+
+    equipment: Mapped[EquipmentRow] = relationship()
+
+
+class ReportRow(Base):
+    """The certificate of a standard by the laboratory that calibrated it."""
+
+    __tablename__ = "reports"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    equipment_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    number: Mapped[str]
+    laboratory: Mapped[str]
+    performed: Mapped[date | None]
+    due: Mapped[date | None]
+    measured_by: Mapped[str]
+    checked_by: Mapped[str]
+    valid_low_nm: Mapped[float | None]
+    valid_high_nm: Mapped[float | None]
+    expanded_uncertainty_percent: Mapped[float | None]
+    file: Mapped[str]
+    file_sha256: Mapped[str] = mapped_column(Sha256)
+    recorded: Mapped[datetime]
+
+    equipment: Mapped[EquipmentRow] = relationship()
+
+
+class ZeroingRow(Base):
+    """The unloaded zero of a transducer, read and taken for 0 N·m."""
+
+    __tablename__ = "zeroings"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
+    run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
+    performed: Mapped[datetime]
+    zero_hz: Mapped[float]
+    zero_nm: Mapped[float]
+    temperature_c: Mapped[float | None]
+    simulated: Mapped[bool]
+
+    transducer: Mapped[EquipmentRow] = relationship()
+    run: Mapped["RunRow | None"] = relationship()
+
+    __table_args__ = (Index("ix_zeroings_transducer", "transducer_key", "performed"),)
+
+
+# Runs
 
 
 class RunRow(Base):
-    """One run of a procedure and its folder."""
+    """One run of a procedure and its folder, as it began."""
 
     __tablename__ = "runs"
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    run_id: Mapped[str] = mapped_column(String(120), unique=True)
-    kind: Mapped[str] = mapped_column(String(60))
+    run_id: Mapped[str] = mapped_column(unique=True)
+    kind: Mapped[str]
     started: Mapped[datetime]
-    finished: Mapped[datetime | None]
-    status: Mapped[str] = mapped_column(String(20))
-    reason: Mapped[str] = mapped_column(default="")
-    side: Mapped[str] = mapped_column(String(20), default="")
-    operator: Mapped[str] = mapped_column(String(120), default="")
-    bench: Mapped[str] = mapped_column(String(120), default="")
+    side: Mapped[str]
+    operator: Mapped[str]
+    bench: Mapped[str]
     simulated: Mapped[bool]
-    profile_name: Mapped[str] = mapped_column(String(120), default="")
-    profile_sha256: Mapped[str] = mapped_column(String(64), default="")
-    software_version: Mapped[str] = mapped_column(String(40))
+    profile_name: Mapped[str]
+    profile_sha256: Mapped[str] = mapped_column(Sha256)
+    software_version: Mapped[str]
     folder: Mapped[str]
-    manifest_sha256: Mapped[str] = mapped_column(String(64), default="")
 
     __table_args__ = (
         # The list of runs is always the newest first; this index alone answers it.
         Index("ix_runs_started", text("started DESC"), text("id DESC")),
         Index("ix_runs_kind_started", "kind", text("started DESC")),
     )
+
+
+class RunEndRow(Base):
+    """How a run ended, and the hash of the manifest that seals its folder."""
+
+    __tablename__ = "run_ends"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    run_key: Mapped[int] = mapped_column(ForeignKey("runs.id"), unique=True)
+    finished: Mapped[datetime]
+    status: Mapped[str]
+    reason: Mapped[str]
+    manifest_sha256: Mapped[str] = mapped_column(Sha256)
+
+    run: Mapped[RunRow] = relationship()
+
+
+# Calibrations, models, verifications
 
 
 class CalibrationRow(Base):
@@ -93,21 +263,27 @@ class CalibrationRow(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
-    transducer_key: Mapped[int] = mapped_column(ForeignKey("instruments.id"), index=True)
-    counter_key: Mapped[int] = mapped_column(ForeignKey("instruments.id"))
-    standard_key: Mapped[int | None] = mapped_column(ForeignKey("instruments.id"))
+    transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    counter_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
+    standard_key: Mapped[int | None] = mapped_column(ForeignKey("equipment.id"))
     performed: Mapped[datetime]
+    measured_by: Mapped[str]
     range_nm: Mapped[float]
+    valid_low_nm: Mapped[float]
+    valid_high_nm: Mapped[float]
+    due: Mapped[date | None]
     points: Mapped[int]
-    data_sha256: Mapped[str] = mapped_column(String(64))
-    profile_name: Mapped[str] = mapped_column(String(120), default="")
-    profile_sha256: Mapped[str] = mapped_column(String(64), default="")
+    data_sha256: Mapped[str] = mapped_column(Sha256)
+    profile_name: Mapped[str]
+    profile_sha256: Mapped[str] = mapped_column(Sha256)
     simulated: Mapped[bool]
-    summary: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    files: Mapped[dict[str, Any]]
+    summary: Mapped[dict[str, Any]]
 
     run: Mapped[RunRow | None] = relationship()
-    transducer: Mapped[InstrumentRow] = relationship(foreign_keys=[transducer_key])
-    counter: Mapped[InstrumentRow] = relationship(foreign_keys=[counter_key])
+    transducer: Mapped[EquipmentRow] = relationship(foreign_keys=[transducer_key])
+    counter: Mapped[EquipmentRow] = relationship(foreign_keys=[counter_key])
+    standard: Mapped[EquipmentRow | None] = relationship(foreign_keys=[standard_key])
 
 
 class ModelRow(Base):
@@ -117,12 +293,12 @@ class ModelRow(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     calibration_key: Mapped[int] = mapped_column(ForeignKey("calibrations.id"), index=True)
-    kind: Mapped[str] = mapped_column(String(60))
+    kind: Mapped[str]
     file: Mapped[str]
-    file_sha256: Mapped[str] = mapped_column(String(64))
+    file_sha256: Mapped[str] = mapped_column(Sha256)
     range_nm: Mapped[float]
-    side: Mapped[str] = mapped_column(String(20), default="")
-    metrics: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    side: Mapped[str]
+    metrics: Mapped[dict[str, Any]]
     created: Mapped[datetime]
 
     calibration: Mapped[CalibrationRow] = relationship()
@@ -134,12 +310,12 @@ class ActivationRow(Base):
     __tablename__ = "activations"
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    transducer_key: Mapped[int] = mapped_column(ForeignKey("instruments.id"))
-    counter_key: Mapped[int] = mapped_column(ForeignKey("instruments.id"))
+    transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
+    counter_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
     model_key: Mapped[int | None] = mapped_column(ForeignKey("models.id"))
     activated: Mapped[datetime]
-    operator: Mapped[str] = mapped_column(String(120), default="")
-    reason: Mapped[str] = mapped_column(default="")
+    operator: Mapped[str]
+    reason: Mapped[str]
 
     model: Mapped[ModelRow | None] = relationship()
 
@@ -157,9 +333,88 @@ class VerificationRow(Base):
     model_key: Mapped[int] = mapped_column(ForeignKey("models.id"), index=True)
     run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
     performed: Mapped[datetime]
-    data_sha256: Mapped[str] = mapped_column(String(64))
+    measured_by: Mapped[str]
+    data_sha256: Mapped[str] = mapped_column(Sha256)
     simulated: Mapped[bool]
-    summary: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    summary: Mapped[dict[str, Any]]
 
     model: Mapped[ModelRow] = relationship()
     run: Mapped[RunRow | None] = relationship()
+
+
+class CheckRow(Base):
+    """A quick check of a chain against the check standard, with its verdict."""
+
+    __tablename__ = "checks"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
+    standard_key: Mapped[int | None] = mapped_column(ForeignKey("equipment.id"))
+    model_key: Mapped[int | None] = mapped_column(ForeignKey("models.id"))
+    run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
+    performed: Mapped[datetime]
+    measured_by: Mapped[str]
+    verdict: Mapped[str]
+    worst_percent_fs: Mapped[float]
+    tolerance_percent_fs: Mapped[float]
+    simulated: Mapped[bool]
+    summary: Mapped[dict[str, Any]]
+
+    transducer: Mapped[EquipmentRow] = relationship(foreign_keys=[transducer_key])
+    standard: Mapped[EquipmentRow | None] = relationship(foreign_keys=[standard_key])
+    run: Mapped[RunRow | None] = relationship()
+
+    __table_args__ = (Index("ix_checks_transducer", "transducer_key", "performed"),)
+
+
+# Certificates, reviews, amendments
+
+
+class CertificateRow(Base):
+    """A certificate that was issued, with the hashes of its files."""
+
+    __tablename__ = "certificates"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    number: Mapped[str] = mapped_column(unique=True)
+    calibration_key: Mapped[int] = mapped_column(ForeignKey("calibrations.id"), index=True)
+    supersedes_key: Mapped[int | None] = mapped_column(ForeignKey("certificates.id"))
+    issued: Mapped[datetime]
+    authorised_by: Mapped[str]
+    files: Mapped[dict[str, Any]]
+    summary: Mapped[dict[str, Any]]
+
+    calibration: Mapped[CalibrationRow] = relationship()
+    supersedes: Mapped["CertificateRow | None"] = relationship(remote_side="CertificateRow.id")
+
+
+class ReviewRow(Base):
+    """Who checked a record, and what came out."""
+
+    __tablename__ = "reviews"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    subject: Mapped[str]
+    subject_key: Mapped[int]
+    checked: Mapped[datetime]
+    checked_by: Mapped[str]
+    accepted: Mapped[bool]
+    remark: Mapped[str]
+
+    __table_args__ = (Index("ix_reviews_subject", "subject", "subject_key"),)
+
+
+class AmendmentRow(Base):
+    """What a record should have said; the record itself stays as it was."""
+
+    __tablename__ = "amendments"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    subject: Mapped[str]
+    subject_key: Mapped[int]
+    amended: Mapped[datetime]
+    amended_by: Mapped[str]
+    reason: Mapped[str]
+    changes: Mapped[dict[str, Any]]
+
+    __table_args__ = (Index("ix_amendments_subject", "subject", "subject_key"),)

@@ -11,7 +11,7 @@ import torquebench
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import SIDES
-from torquebench.records import Instrument, Registry, RunSummary, RunWriter
+from torquebench.records import Equipment, Registry, RunSummary, RunWriter
 
 __all__ = ["register_instruments", "run_metadata", "run_summary"]
 
@@ -27,8 +27,8 @@ def register_instruments(registry: Registry, description: BenchDescription) -> N
             "nominal_torque_nm": transducer.nominal_torque_nm,
             "option_khz": transducer.option_khz,
         }
-        registry.add_instrument(
-            Instrument(
+        registry.add_equipment(
+            Equipment(
                 "transducer",
                 transducer.serial,
                 transducer.manufacturer,
@@ -38,8 +38,8 @@ def register_instruments(registry: Registry, description: BenchDescription) -> N
             )
         )
     counter = description.counter
-    registry.add_instrument(
-        Instrument("counter", counter.identity, details={"timebase_hz": counter.timebase_hz})
+    registry.add_equipment(
+        Equipment("counter", counter.identity, details={"timebase_hz": counter.timebase_hz})
     )
     for kind, standard in (
         ("calibrator", description.calibrator),
@@ -50,8 +50,8 @@ def register_instruments(registry: Registry, description: BenchDescription) -> N
             "certificate_date": standard.certificate_date,
             "expanded_uncertainty_percent": standard.expanded_uncertainty_percent,
         }
-        registry.add_instrument(
-            Instrument(kind, standard.serial, model=standard.model, details=certificate)  # type: ignore[arg-type] # both are kinds
+        registry.add_equipment(
+            Equipment(kind, standard.serial, model=standard.model, details=certificate)  # type: ignore[arg-type] # both are kinds
         )
 
 

@@ -1,0 +1,457 @@
+"""The registry's calibrations, models and which of them are in use, verifications and checks."""
+
+from collections.abc import Mapping
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import aliased
+
+from torquebench.calibration import CalibrationData, VerificationResult, span_errors
+from torquebench.errors import ModelMismatchError, RecordError
+from torquebench.records.database import Database, as_json, equipment_row, run_row
+from torquebench.records.entries import (
+    Activation,
+    CalibrationEntry,
+    CheckEntry,
+    ModelEntry,
+    VerificationEntry,
+)
+from torquebench.records.files import sha256_of_file
+from torquebench.records.schema import (
+    ActivationRow,
+    CalibrationRow,
+    CheckRow,
+    EquipmentRow,
+    ModelRow,
+    VerificationRow,
+)
+
+__all__ = ["CalibrationRecords"]
+
+
+class CalibrationRecords(Database):
+    """Calibrations, models, activations, verifications and checks."""
+
+    def add_calibration(
+        self,
+        data: CalibrationData,
+        *,
+        performed: datetime | None = None,
+        run_id: str | None = None,
+        standard_serial: str = "",
+        profile_name: str = "",
+        profile_sha256: str = "",
+        measured_by: str = "",
+        due: date | None = None,
+        files: Mapping[str, str] | None = None,
+        summary: Mapping[str, Any] | None = None,
+    ) -> CalibrationEntry:
+        """Register a calibration; its transducer and counter are registered where they aren't yet.
+
+        Parameters
+        ----------
+        data : CalibrationData
+            The table, with transducer serial and counter identity.
+        performed : datetime.datetime, optional
+            When, with time zone; now by default.
+        run_id : str, optional
+            The run that measured it.
+        standard_serial : str
+            Serial of the calibrator.
+        profile_name, profile_sha256 : str
+            The profile that was followed.
+        measured_by : str
+            Who did it. Who checked it is entered later; see `review`.
+        due : datetime.date, optional
+            When the chain is to be calibrated again.
+        files : mapping of str to str, optional
+            SHA-256 of the files that hold it, by their names.
+        summary : mapping, optional
+            What else to keep beside it. The errors of its span are always kept: control charts
+            are drawn from them.
+
+        Raises
+        ------
+        RecordError
+            Where transducer or counter aren't named, or the run isn't registered.
+        """
+        if not data.transducer_serial or not data.counter_identity:
+            raise RecordError(
+                f"a calibration of transducer {data.transducer_serial!r} "
+                f"with counter {data.counter_identity!r}",
+                "the serial of the transducer and the identity of its counter",
+                "name both in the table or the bench description",
+            )
+        with self.writing() as session:
+            row = CalibrationRow(
+                run=None if run_id is None else run_row(session, run_id),
+                transducer=equipment_row(session, "transducer", data.transducer_serial),
+                counter=equipment_row(session, "counter", data.counter_identity),
+                performed=performed or datetime.now(UTC),
+                measured_by=measured_by,
+                range_nm=data.range_nm,
+                valid_low_nm=float(min(data.standard_nm.min(), 0.0)),
+                valid_high_nm=float(max(data.standard_nm.max(), 0.0)),
+                due=due,
+                points=len(data),
+                data_sha256=data.sha256(),
+                profile_name=profile_name,
+                profile_sha256=profile_sha256,
+                simulated=data.simulated,
+                files=dict(files or {}),
+                summary=as_json({**(summary or {}), "span_error_percent": span_errors(data)}),
+            )
+            if standard_serial:
+                row.standard_key = equipment_row(session, "calibrator", standard_serial).id
+            session.add(row)
+            session.flush()
+            return _calibration_entry(row)
+
+    def calibration(self, calibration_id: int) -> CalibrationEntry:
+        """Return one calibration.
+
+        Raises
+        ------
+        RecordError
+            Where it isn't registered.
+        """
+        with self.session() as session:
+            row = session.get(CalibrationRow, calibration_id)
+            if row is None:
+                raise RecordError(
+                    f"calibration {calibration_id} isn't registered", "a registered calibration"
+                )
+            return _calibration_entry(row)
+
+    def calibrations(
+        self, transducer_serial: str | None = None, *, limit: int | None = None
+    ) -> list[CalibrationEntry]:
+        """Return calibrations, all or of one transducer, the newest first."""
+        query = select(CalibrationRow).order_by(CalibrationRow.id.desc()).limit(limit)
+        if transducer_serial is not None:
+            query = query.join(CalibrationRow.transducer).where(
+                EquipmentRow.serial == transducer_serial
+            )
+        with self.session() as session:
+            return [_calibration_entry(row) for row in session.scalars(query)]
+
+    def add_model(
+        self,
+        calibration: CalibrationEntry,
+        *,
+        kind: str,
+        file: Path,
+        side: str = "",
+        metrics: Mapping[str, Any] | None = None,
+        created: datetime | None = None,
+    ) -> ModelEntry:
+        """Register a fitted model by its file.
+
+        Parameters
+        ----------
+        calibration : CalibrationEntry
+            What it was fitted to.
+        kind : str
+            Kind of model.
+        file : pathlib.Path
+            The model file, which is hashed.
+        side : str
+            ``"input"`` or ``"output"``.
+        metrics : mapping, optional
+            Errors of its cross-validation.
+        created : datetime.datetime, optional
+            When, with time zone; now by default.
+
+        Raises
+        ------
+        RecordError
+            Where the file is missing.
+        """
+        if not file.is_file():
+            raise RecordError(f"model file {file} is missing", "a model file")
+        with self.writing() as session:
+            row = ModelRow(
+                calibration_key=calibration.calibration_id,
+                kind=kind,
+                file=self.stored(file),
+                file_sha256=sha256_of_file(file),
+                range_nm=calibration.range_nm,
+                side=side,
+                metrics=as_json(metrics or {}),
+                created=created or datetime.now(UTC),
+            )
+            session.add(row)
+            session.flush()
+            return self._model_entry(row)
+
+    def model(self, model_id: int) -> ModelEntry:
+        """Return one model.
+
+        Raises
+        ------
+        RecordError
+            Where it isn't registered.
+        """
+        with self.session() as session:
+            row = session.get(ModelRow, model_id)
+            if row is None:
+                raise RecordError(f"model {model_id} isn't registered", "a registered model")
+            return self._model_entry(row)
+
+    def models(
+        self, transducer_serial: str | None = None, *, limit: int | None = None
+    ) -> list[ModelEntry]:
+        """Return models, all or of one transducer, the newest first."""
+        query = select(ModelRow).order_by(ModelRow.id.desc()).limit(limit)
+        if transducer_serial is not None:
+            query = (
+                query.join(ModelRow.calibration)
+                .join(CalibrationRow.transducer)
+                .where(EquipmentRow.serial == transducer_serial)
+            )
+        with self.session() as session:
+            return [self._model_entry(row) for row in session.scalars(query)]
+
+    # Activation
+
+    def activate(self, model_id: int, *, operator: str = "", reason: str = "") -> None:
+        """Put a model into use for the transducer and the counter that it was made with.
+
+        Raises
+        ------
+        RecordError
+            Where the model isn't registered.
+        """
+        with self.writing() as session:
+            model = session.get(ModelRow, model_id)
+            if model is None:
+                raise RecordError(f"model {model_id} isn't registered", "a registered model")
+            session.add(
+                ActivationRow(
+                    transducer_key=model.calibration.transducer_key,
+                    counter_key=model.calibration.counter_key,
+                    model=model,
+                    activated=datetime.now(UTC),
+                    operator=operator,
+                    reason=reason,
+                )
+            )
+
+    def deactivate(
+        self,
+        transducer_serial: str,
+        counter_identity: str,
+        *,
+        operator: str = "",
+        reason: str = "",
+    ) -> None:
+        """Take the compensation of a chain out of use; the history keeps what was active."""
+        with self.writing() as session:
+            session.add(
+                ActivationRow(
+                    transducer_key=equipment_row(session, "transducer", transducer_serial).id,
+                    counter_key=equipment_row(session, "counter", counter_identity).id,
+                    model=None,
+                    activated=datetime.now(UTC),
+                    operator=operator,
+                    reason=reason,
+                )
+            )
+
+    def active_model(self, transducer_serial: str, counter_identity: str) -> ModelEntry | None:
+        """Return the model in use for a transducer read by a counter, or None.
+
+        Raises
+        ------
+        ModelMismatchError
+            Where the transducer has a model in use, but only together with another counter: a
+            timebase error is part of what was calibrated.
+        """
+        latest = {
+            activation.counter_identity: activation.model_id
+            for activation in self.activations(transducer_serial)
+        }
+        model_id = latest.get(counter_identity)
+        if model_id is not None:
+            return self.model(model_id)
+        others = sorted(name for name, other in latest.items() if other is not None)
+        if others and counter_identity not in latest:
+            raise ModelMismatchError(
+                f"transducer {transducer_serial} is read by counter {counter_identity}",
+                f"counter {', '.join(others)}, which its model was made with",
+                "calibrate again with this counter",
+            )
+        return None
+
+    def activations(self, transducer_serial: str) -> list[Activation]:
+        """Return the history of a transducer's models in use, the oldest first."""
+        counter = aliased(EquipmentRow)
+        query = (
+            select(ActivationRow, counter.serial)
+            .join(EquipmentRow, ActivationRow.transducer_key == EquipmentRow.id)
+            .join(counter, ActivationRow.counter_key == counter.id)
+            .where(EquipmentRow.serial == transducer_serial)
+            .order_by(ActivationRow.id)
+        )
+        with self.session() as session:
+            return [
+                Activation(
+                    model_id=row.model_key,
+                    transducer_serial=transducer_serial,
+                    counter_identity=identity,
+                    activated=row.activated,
+                    operator=row.operator,
+                    reason=row.reason,
+                )
+                for row, identity in session.execute(query)
+            ]
+
+    # Verifications
+
+    def add_verification(
+        self,
+        model_id: int,
+        result: VerificationResult,
+        *,
+        run_id: str | None = None,
+        performed: datetime | None = None,
+        measured_by: str = "",
+    ) -> None:
+        """Register what a verification found for a model.
+
+        Raises
+        ------
+        RecordError
+            Where the model or the run isn't registered.
+        """
+        with self.writing() as session:
+            model = session.get(ModelRow, model_id)
+            if model is None:
+                raise RecordError(f"model {model_id} isn't registered", "a registered model")
+            session.add(
+                VerificationRow(
+                    model=model,
+                    run=None if run_id is None else run_row(session, run_id),
+                    performed=performed or datetime.now(UTC),
+                    measured_by=measured_by,
+                    data_sha256=result.data_sha256,
+                    simulated=result.simulated,
+                    summary=as_json(result),
+                )
+            )
+
+    def verifications(self, model_id: int) -> list[VerificationEntry]:
+        """Return what verifications found for a model, the oldest first."""
+        query = (
+            select(VerificationRow)
+            .where(VerificationRow.model_key == model_id)
+            .order_by(VerificationRow.id)
+        )
+        with self.session() as session:
+            return [
+                VerificationEntry(
+                    model_id=row.model_key,
+                    run_id=row.run.run_id if row.run else None,
+                    performed=row.performed,
+                    data_sha256=row.data_sha256,
+                    simulated=row.simulated,
+                    summary=row.summary,
+                    measured_by=row.measured_by,
+                )
+                for row in session.scalars(query)
+            ]
+
+    # Checks
+
+    def add_check(self, entry: CheckEntry) -> None:
+        """Register a quick check against the check standard.
+
+        Raises
+        ------
+        RecordError
+            Where its run isn't registered.
+        """
+        with self.writing() as session:
+            row = CheckRow(
+                transducer=equipment_row(session, "transducer", entry.transducer_serial),
+                run=None if entry.run_id is None else run_row(session, entry.run_id),
+                model_key=entry.model_id,
+                performed=entry.performed,
+                measured_by=entry.measured_by,
+                verdict=entry.verdict,
+                worst_percent_fs=entry.worst_percent_fs,
+                tolerance_percent_fs=entry.tolerance_percent_fs,
+                simulated=entry.simulated,
+                summary=as_json(entry.summary),
+            )
+            if entry.standard_serial:
+                standard = equipment_row(session, "verification-standard", entry.standard_serial)
+                row.standard_key = standard.id
+            session.add(row)
+
+    def checks(self, transducer_serial: str) -> list[CheckEntry]:
+        """Return the checks of a transducer, the oldest first."""
+        query = (
+            select(CheckRow)
+            .join(CheckRow.transducer)
+            .where(EquipmentRow.serial == transducer_serial)
+            .order_by(CheckRow.performed, CheckRow.id)
+        )
+        with self.session() as session:
+            return [
+                CheckEntry(
+                    transducer_serial=transducer_serial,
+                    performed=row.performed,
+                    verdict=row.verdict,
+                    worst_percent_fs=row.worst_percent_fs,
+                    tolerance_percent_fs=row.tolerance_percent_fs,
+                    simulated=row.simulated,
+                    standard_serial=row.standard.serial if row.standard else "",
+                    model_id=row.model_key,
+                    run_id=row.run.run_id if row.run else None,
+                    measured_by=row.measured_by,
+                    summary=row.summary,
+                )
+                for row in session.scalars(query)
+            ]
+
+    def _model_entry(self, row: ModelRow) -> ModelEntry:
+        calibration = row.calibration
+        return ModelEntry(
+            model_id=row.id,
+            calibration_id=row.calibration_key,
+            kind=row.kind,
+            file=self.root / row.file,
+            file_sha256=row.file_sha256,
+            range_nm=row.range_nm,
+            side=row.side,
+            transducer_serial=calibration.transducer.serial,
+            counter_identity=calibration.counter.serial,
+            metrics=row.metrics,
+            created=row.created,
+            simulated=calibration.simulated,
+        )
+
+
+def _calibration_entry(row: CalibrationRow) -> CalibrationEntry:
+    return CalibrationEntry(
+        calibration_id=row.id,
+        run_id=row.run.run_id if row.run else None,
+        transducer_serial=row.transducer.serial,
+        counter_identity=row.counter.serial,
+        performed=row.performed,
+        range_nm=row.range_nm,
+        points=row.points,
+        data_sha256=row.data_sha256,
+        profile_name=row.profile_name,
+        profile_sha256=row.profile_sha256,
+        simulated=row.simulated,
+        summary=row.summary,
+        standard_serial=row.standard.serial if row.standard else "",
+        measured_by=row.measured_by,
+        valid_nm=(row.valid_low_nm, row.valid_high_nm),
+        due=row.due,
+        files=row.files,
+    )

@@ -1,0 +1,262 @@
+"""The registry's certificates, and what people have said about records: reviews, amendments."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, Literal, get_args
+
+from sqlalchemy import Table, select
+from sqlalchemy.orm import Session
+
+from torquebench.errors import RecordError
+from torquebench.records.database import Database, as_json
+from torquebench.records.entries import Amendment, CertificateEntry, Review
+from torquebench.records.schema import (
+    AmendmentRow,
+    Base,
+    CalibrationRow,
+    CertificateRow,
+    ReviewRow,
+)
+
+__all__ = ["ConformityRecords", "Subject"]
+
+Subject = Literal[
+    "equipment",
+    "equipment_descriptions",
+    "components",
+    "adjustments",
+    "reports",
+    "zeroings",
+    "runs",
+    "run_ends",
+    "calibrations",
+    "models",
+    "activations",
+    "verifications",
+    "checks",
+    "certificates",
+]
+"""Tables whose records can be checked and amended."""
+
+
+class ConformityRecords(Database):
+    """Certificates, reviews and amendments."""
+
+    def add_certificate(
+        self,
+        number: str,
+        calibration_id: int,
+        *,
+        authorised_by: str,
+        files: Mapping[str, str],
+        summary: Mapping[str, Any] | None = None,
+        supersedes: str = "",
+        issued: datetime | None = None,
+    ) -> CertificateEntry:
+        """Register a certificate that is issued.
+
+        Parameters
+        ----------
+        number : str
+            Its unique number.
+        calibration_id : int
+            The calibration that it states.
+        authorised_by : str
+            Who answers for it.
+        files : mapping of str to str
+            SHA-256 by file name.
+        summary : mapping, optional
+            What it states: results, verdict, deviations, profile.
+        supersedes : str
+            Number of the certificate that it replaces.
+        issued : datetime.datetime, optional
+            When, with time zone; now by default.
+
+        Raises
+        ------
+        RecordError
+            Where the number is taken, or calibration or replaced certificate aren't registered.
+        """
+        with self.writing() as session:
+            if _certificate(session, number) is not None:
+                raise RecordError(
+                    f"certificate {number} is issued",
+                    "a new number",
+                    "issue an amended certificate under its own number that supersedes it",
+                )
+            if session.get(CalibrationRow, calibration_id) is None:
+                raise RecordError(
+                    f"calibration {calibration_id} isn't registered", "a registered calibration"
+                )
+            replaced = _certificate(session, supersedes) if supersedes else None
+            if supersedes and replaced is None:
+                raise RecordError(f"certificate {supersedes} isn't registered", "an issued one")
+            row = CertificateRow(
+                number=number,
+                calibration_key=calibration_id,
+                supersedes=replaced,
+                issued=issued or datetime.now(UTC),
+                authorised_by=authorised_by,
+                files=dict(files),
+                summary=as_json(summary or {}),
+            )
+            session.add(row)
+            session.flush()
+            return _certificate_entry(row)
+
+    def certificates(self, calibration_id: int | None = None) -> list[CertificateEntry]:
+        """Return certificates, all or of one calibration, the newest first."""
+        query = select(CertificateRow).order_by(CertificateRow.id.desc())
+        if calibration_id is not None:
+            query = query.where(CertificateRow.calibration_key == calibration_id)
+        with self.session() as session:
+            return [_certificate_entry(row) for row in session.scalars(query)]
+
+    # Reviews
+
+    def review(
+        self,
+        subject: Subject,
+        subject_id: int,
+        *,
+        checked_by: str,
+        accepted: bool = True,
+        remark: str = "",
+    ) -> None:
+        """Enter who checked a record.
+
+        Raises
+        ------
+        RecordError
+            Where there is no such record, nobody is named, or who measured checks it.
+        """
+        with self.writing() as session:
+            content = _subject(session, subject, subject_id)
+            measured_by = next((content[name] for name in _DOERS if content.get(name)), "")
+            if not checked_by.strip() or checked_by.strip() == measured_by:
+                raise RecordError(
+                    f"{subject} {subject_id} checked by {checked_by.strip() or 'nobody'}",
+                    f"somebody else than {measured_by}" if measured_by else "a name",
+                    "have a second person look over it",
+                )
+            session.add(
+                ReviewRow(
+                    subject=subject,
+                    subject_key=subject_id,
+                    checked=datetime.now(UTC),
+                    checked_by=checked_by.strip(),
+                    accepted=accepted,
+                    remark=remark,
+                )
+            )
+
+    def reviews(self, subject: Subject, subject_id: int) -> list[Review]:
+        """Return who checked a record, the oldest first."""
+        query = (
+            select(ReviewRow)
+            .where(ReviewRow.subject == subject, ReviewRow.subject_key == subject_id)
+            .order_by(ReviewRow.id)
+        )
+        with self.session() as session:
+            return [
+                Review(subject, subject_id, row.checked, row.checked_by, row.accepted, row.remark)
+                for row in session.scalars(query)
+            ]
+
+    # Amendments
+
+    def amend(
+        self,
+        subject: Subject,
+        subject_id: int,
+        changes: Mapping[str, Any],
+        *,
+        amended_by: str,
+        reason: str,
+    ) -> None:
+        """Enter what a record should have said. The record itself stays as it was.
+
+        Parameters
+        ----------
+        subject, subject_id : str, int
+            The record that is amended: its table and number.
+        changes : mapping of str to value
+            Field to what it should have said.
+        amended_by, reason : str
+            Who says so, and why.
+
+        Raises
+        ------
+        RecordError
+            Where there is no such record or field, or nobody or no reason is named.
+        """
+        for what, given in (
+            ("changes", changes),
+            ("a name", amended_by.strip()),
+            ("a reason", reason.strip()),
+        ):
+            if not given:
+                raise RecordError(
+                    f"an amendment of {subject} {subject_id} without {what}",
+                    "what it should have said, who says so, and why",
+                )
+        with self.writing() as session:
+            content = _subject(session, subject, subject_id)
+            for name in changes:
+                if name not in content or name == "id":
+                    known = ", ".join(sorted(set(content) - {"id"}))
+                    raise RecordError(f"{subject} have no field {name}", known)
+            session.add(
+                AmendmentRow(
+                    subject=subject,
+                    subject_key=subject_id,
+                    amended=datetime.now(UTC),
+                    amended_by=amended_by.strip(),
+                    reason=reason.strip(),
+                    changes=as_json(changes),
+                )
+            )
+
+    def amendments(self, subject: Subject, subject_id: int) -> list[Amendment]:
+        """Return the amendments of a record, the oldest first."""
+        query = (
+            select(AmendmentRow)
+            .where(AmendmentRow.subject == subject, AmendmentRow.subject_key == subject_id)
+            .order_by(AmendmentRow.id)
+        )
+        with self.session() as session:
+            return [
+                Amendment(subject, subject_id, row.amended, row.amended_by, row.reason, row.changes)
+                for row in session.scalars(query)
+            ]
+
+
+_DOERS = ("measured_by", "performed_by", "authorised_by", "operator")
+
+
+def _certificate(session: Session, number: str) -> CertificateRow | None:
+    return session.scalar(select(CertificateRow).where(CertificateRow.number == number))
+
+
+def _certificate_entry(row: CertificateRow) -> CertificateEntry:
+    return CertificateEntry(
+        certificate_id=row.id,
+        number=row.number,
+        calibration_id=row.calibration_key,
+        issued=row.issued,
+        authorised_by=row.authorised_by,
+        files=row.files,
+        summary=row.summary,
+        supersedes=row.supersedes.number if row.supersedes else "",
+    )
+
+
+def _subject(session: Session, subject: Subject, subject_id: int) -> dict[str, Any]:
+    """Return the fields of the record that a review or an amendment points to."""
+    if subject not in get_args(Subject):
+        raise RecordError(f"a record of kind {subject}", ", ".join(get_args(Subject)))
+    table: Table = Base.metadata.tables[subject]
+    found = session.execute(select(table).where(table.c.id == subject_id)).one_or_none()
+    if found is None:
+        raise RecordError(f"{subject} {subject_id} isn't registered", "a registered record")
+    return dict(found._mapping)

@@ -1,0 +1,63 @@
+"""Bring a registry's tables to the version that this software writes."""
+
+from pathlib import Path
+
+from sqlalchemy import Engine, inspect, text
+
+from torquebench.errors import RecordError
+
+__all__ = ["SCHEMA_VERSION", "upgrade"]
+
+SCHEMA_VERSION = "0001"
+"""The last migration in ``records/migrations/versions``; a test keeps the two equal."""
+
+_VERSIONS = "alembic_version"
+_MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+def upgrade(engine: Engine) -> None:
+    """Create or upgrade the tables of a registry.
+
+    Raises
+    ------
+    RecordError
+        Where a newer version of torquebench has made the registry, or something else has.
+    """
+    found = _version(engine)
+    if found == SCHEMA_VERSION:
+        return
+    # Imported only where something is to be done: most registries are up to date.
+    from alembic import command
+    from alembic.config import Config
+
+    known = {path.stem.removeprefix("version_") for path in _MIGRATIONS.glob("versions/version_*")}
+    if found is not None and found not in known:
+        raise RecordError(
+            f"the registry {engine.url.render_as_string()} has the schema {found}",
+            f"{SCHEMA_VERSION} or older",
+            "a newer torquebench has made it: upgrade this one",
+        )
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
+    with engine.execution_options(writes=True).begin() as connection:
+        if engine.dialect.name == "postgresql":
+            # Two benches that open a new database at once upgrade it one after the other.
+            connection.execute(text("SELECT pg_advisory_xact_lock(7240514)"))
+        config.attributes["connection"] = connection
+        command.upgrade(config, SCHEMA_VERSION)
+
+
+def _version(engine: Engine) -> str | None:
+    """Return the schema's version; None for an empty database."""
+    with engine.execution_options(writes=False).connect() as connection:
+        tables = inspect(connection).get_table_names()
+        if _VERSIONS in tables:
+            found = connection.scalar(text(f"SELECT version_num FROM {_VERSIONS}"))
+            return None if found is None else str(found)
+        if tables:
+            raise RecordError(
+                f"{engine.url.render_as_string()} holds other tables: {', '.join(tables[:5])}",
+                "an empty database, or a registry of this version or an older one",
+                "name another data directory or database",
+            )
+    return None

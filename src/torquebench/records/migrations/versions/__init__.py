@@ -1,0 +1,1 @@
+"""The versions of the schema, from the oldest to the newest."""

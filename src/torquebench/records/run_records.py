@@ -1,0 +1,139 @@
+"""The registry's runs: entered when they start, and again when they end."""
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import Select, select
+
+from torquebench.errors import RecordError
+from torquebench.records.database import Database, run_row
+from torquebench.records.entries import RunSummary
+from torquebench.records.files import sha256_of_file
+from torquebench.records.run_folder import RunFolder
+from torquebench.records.schema import RunEndRow, RunRow
+
+__all__ = ["RunRecords"]
+
+_BEGIN = (
+    "run_id",
+    "kind",
+    "started",
+    "simulated",
+    "software_version",
+    "side",
+    "operator",
+    "bench",
+    "profile_name",
+    "profile_sha256",
+)
+_END = ("finished", "status", "reason", "manifest_sha256")
+
+
+class RunRecords(Database):
+    """Runs and how they ended."""
+
+    def add_run(self, summary: RunSummary) -> None:
+        """Register a run when it starts.
+
+        Raises
+        ------
+        RecordError
+            Where the identifier is taken.
+        """
+        with self.writing() as session:
+            if session.scalar(select(RunRow.id).where(RunRow.run_id == summary.run_id)):
+                raise RecordError(f"run {summary.run_id} is registered", "a new identifier")
+            values = {name: getattr(summary, name) for name in _BEGIN}
+            row = RunRow(**values, folder=self.stored(summary.folder))
+            session.add(row)
+            if summary.status != "running" and summary.finished is not None:
+                ended = {name: getattr(summary, name) for name in _END}
+                session.flush()
+                session.add(RunEndRow(run=row, **ended))
+
+    def finish_run(self, folder: RunFolder, finished: datetime | None = None) -> None:
+        """Enter how a sealed run ended, and the hash of its manifest.
+
+        Parameters
+        ----------
+        folder : RunFolder
+            The sealed run.
+        finished : datetime.datetime, optional
+            When it ended, with time zone; by default when it was sealed.
+
+        Raises
+        ------
+        RecordError
+            Where the run isn't registered, isn't sealed, or its end is entered already.
+        """
+        manifest = folder.manifest
+        with self.writing() as session:
+            row = run_row(session, folder.run_id)
+            if session.scalar(select(RunEndRow.id).where(RunEndRow.run_key == row.id)):
+                raise RecordError(
+                    f"the end of run {folder.run_id} is registered",
+                    "one end",
+                    "records are never overwritten",
+                )
+            session.add(
+                RunEndRow(
+                    run=row,
+                    status=manifest["status"],
+                    reason=manifest["reason"],
+                    finished=finished or datetime.fromisoformat(manifest["sealed"]),
+                    manifest_sha256=sha256_of_file(folder.path / "manifest.json"),
+                )
+            )
+
+    def runs(self, limit: int = 100, offset: int = 0, kind: str | None = None) -> list[RunSummary]:
+        """Return runs, the newest first.
+
+        Parameters
+        ----------
+        limit, offset : int
+            How many, and how many of the newest to pass over.
+        kind : str, optional
+            Only runs of this kind.
+        """
+        query = self.runs_query(kind).limit(limit).offset(offset)
+        with self.session() as session:
+            return [self._run(row) for row in session.execute(query)]
+
+    def runs_beginning(self, name: str, limit: int = 100) -> list[RunSummary]:
+        """Return runs whose identifier begins with a text, by identifier."""
+        end = name[:-1] + chr(ord(name[-1]) + 1) if name else "\U0010ffff"
+        query = self._runs_and_ends().where(RunRow.run_id >= name, RunRow.run_id < end)
+        query = query.order_by(RunRow.run_id).limit(limit)
+        with self.session() as session:
+            return [self._run(row) for row in session.execute(query)]
+
+    def run(self, run_id: str) -> RunSummary:
+        """Return one run.
+
+        Raises
+        ------
+        RecordError
+            Where it isn't registered.
+        """
+        found = [run for run in self.runs_beginning(run_id, limit=1) if run.run_id == run_id]
+        if not found:
+            raise RecordError(f"run {run_id} isn't registered", "a registered run")
+        return found[0]
+
+    def runs_query(self, kind: str | None = None) -> Select[Any]:
+        """Return the query of the list of runs, without its limit."""
+        query = self._runs_and_ends().order_by(RunRow.started.desc(), RunRow.id.desc())
+        return query if kind is None else query.where(RunRow.kind == kind)
+
+    @staticmethod
+    def _runs_and_ends() -> Select[Any]:
+        columns = [getattr(RunRow, name) for name in (*_BEGIN, "folder")]
+        columns += [getattr(RunEndRow, name) for name in _END]
+        return select(*columns).outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
+
+    def _run(self, row: Any) -> RunSummary:
+        values = dict(row._mapping)
+        folder = self.root / values.pop("folder")
+        if values["finished"] is None:
+            values |= {"status": "running", "reason": "", "manifest_sha256": ""}
+        return RunSummary(**values, folder=folder)
