@@ -109,7 +109,7 @@ def test_a_run_leaves_its_result_its_documents_its_samples_and_a_seal(station: S
     (summary,) = station.registry.runs()
     assert (summary.run_id, summary.status) == (record.run_id, "completed")
     assert summary.operator == "A. Tester"
-    kinds = {instrument.kind for instrument in station.registry.instruments()}
+    kinds = {each.kind for each in station.registry.equipment()}
     assert kinds == {"transducer", "counter", "calibrator", "verification-standard"}
 
 
@@ -162,6 +162,22 @@ def test_an_error_of_a_plan_comes_through_as_it_is(station: Station) -> None:
 
     with pytest.raises(InputError, match="too few points"):
         station.run(plan(), kind="wrong")
+
+
+def test_a_result_that_cannot_be_kept_fails_the_run(station: Station) -> None:
+    def plan() -> Plan:
+        yield from bps.null()
+        return object()
+
+    with pytest.raises(RecordError, match="object"):
+        station.run(plan(), kind="unkept")
+    (summary,) = station.registry.runs()
+    assert summary.status == "failed"
+    RunFolder.open(summary.folder).verify()
+
+
+def test_a_plan_stub_of_bluesky_runs_as_it_is(station: Station) -> None:
+    assert station.run(bps.sleep(5.0), kind="stub").bench_seconds == pytest.approx(5.0, abs=0.06)
 
 
 def test_a_kind_that_is_no_folder_name_is_refused_before_anything_moves(station: Station) -> None:

@@ -187,7 +187,8 @@ class Acquisition:
         for side, angle in raw.angles.items():
             self._check_encoder(side, angle)
             self._angles[side].append(angle.time_s, angle.counts)
-            speeds[side] = _speed(angle.time_s, angle.counts, angle.counts_per_revolution)
+            if angle.time_s.size >= 2:  # else the encoder is silent, which is no standstill
+                speeds[side] = _speed(angle.time_s, angle.counts, angle.counts_per_revolution)
         temperatures = dict(self._drivers.temperature.temperatures())
         return AcquiredBlock(
             index=self._index,
@@ -222,7 +223,9 @@ class Acquisition:
             if readings is not None:
                 probe = self._description.module(side).temperature_probe
                 found[side] = active.samples(
-                    readings.torque_nm, speeds[side] * RPM, temperatures.get(probe, np.nan)
+                    readings.torque_nm,
+                    speeds.get(side, np.nan) * RPM,
+                    temperatures.get(probe, np.nan),
                 )
         return found
 
@@ -394,12 +397,23 @@ class Acquisition:
         return float(angles.angle_rad[-1])
 
     def speed_rad_s(self, side: Side) -> float:
-        """Mean speed of a side over the newest block, rad/s."""
-        return self.latest_block.speed_rad_s[side]
+        """Mean speed of a side over the newest block, rad/s.
+
+        Raises
+        ------
+        SignalFault
+            The encoder is silent.
+        """
+        speed = self.latest_block.speed_rad_s.get(side)
+        if speed is None:
+            raise _silent_encoder(side)
+        return speed
 
     def mean_speed_rad_s(self, side: Side, start_s: float, stop_s: float) -> float:
-        """Mean speed of a side over a window of bench time, rad/s."""
+        """Mean speed of a side over a window of bench time, rad/s; raises like `speed_rad_s`."""
         time_s, counts = self._angles[side].window(start_s, stop_s)
+        if time_s.size < 2:
+            raise _silent_encoder(side)
         return _speed(time_s, counts, self.latest_block.angles[side].counts_per_revolution)
 
     def angles(self, side: Side, start_s: float, stop_s: float) -> AngleSamples:
@@ -426,13 +440,17 @@ class Acquisition:
         return temperatures[probe]
 
 
+def _silent_encoder(side: Side) -> SignalFault:
+    return SignalFault(
+        f"no angle from the {side} encoder", "samples in every block", "check its connection"
+    )
+
+
 def _speed(
     time_s: np.ndarray[Any, np.dtype[np.float64]],
     counts: np.ndarray[Any, Any],
     per_revolution: int,
 ) -> float:
     """Mean speed between the first and the last sample, rad/s."""
-    if time_s.size < 2:
-        return 0.0
     turns = float(counts[-1] - counts[0]) / per_revolution
     return 2.0 * np.pi * turns / float(time_s[-1] - time_s[0])

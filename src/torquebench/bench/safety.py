@@ -239,8 +239,8 @@ class SafetySupervisor:
     def _violation(self, block: AcquiredBlock) -> tuple[AlarmKind, str, str, str, str] | None:
         for side in SIDES:
             limits = self._description.module(side).limits
-            speed = abs(block.speed_rad_s.get(side, 0.0)) * RPM
-            if speed > limits.speed_rpm:
+            speed = abs(block.speed_rad_s.get(side, 0.0)) * RPM  # a silent encoder: see below
+            if not speed <= limits.speed_rpm:
                 return (
                     AlarmKind.SPEED_LIMIT,
                     side,
@@ -285,6 +285,20 @@ class SafetySupervisor:
     def _signal_violation(
         self, block: AcquiredBlock
     ) -> tuple[AlarmKind, str, str, str, str] | None:
+        for side in SIDES:
+            probe = self._description.module(side).temperature_probe
+            for signal, present in (
+                (f"{side} encoder", side in block.speed_rad_s),
+                (f"probe {probe}", probe in block.temperatures),
+            ):
+                if not present:
+                    return (
+                        AlarmKind.SIGNAL_LOST,
+                        signal,
+                        f"no sample of the {signal}",
+                        "samples in every block",
+                        "check its connection",
+                    )
         window_s = self._description.counter.window_s
         for name, samples in block.channels.items():
             if samples.fault.size == 0:  # nothing at all came: as bad as a fault

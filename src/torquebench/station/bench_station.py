@@ -19,12 +19,13 @@ from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
+from torquebench.bench.identification import check_identities
 from torquebench.bench.interlocks import Interlocks
 from torquebench.bench.roles import Side
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor
 from torquebench.bench.state import CommandState
 from torquebench.compensation import load_model
-from torquebench.errors import BenchError, ModelMismatchError, TorquebenchError
+from torquebench.errors import BenchError, ModelMismatchError, RecordError, TorquebenchError
 from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.journal import RunJournal
@@ -37,6 +38,8 @@ from torquebench.station.runs import ProgressCallback, RunRecord
 
 __all__ = ["Station", "data_directory"]
 
+REST_TIMEOUT_S = 5.0
+"""How long to wait for the drives after an alarm, beyond a stall's own time, s of wall time."""
 LOOP_TIMEOUT_S = 2.0
 """How long the run engine's loop may not answer while it runs in real time, s."""
 
@@ -161,6 +164,7 @@ class Station:
     def _start(self) -> None:
         self.data_dir.mkdir(parents=True, exist_ok=True)
         self.registry = Registry.open(self.data_dir)
+        check_identities(self.description, self.drivers.identities())
         register_instruments(self.registry, self.description)
         self.supervisor.start()
         self.acquisition.start()
@@ -244,13 +248,15 @@ class Station:
         TorquebenchError
             What made the plan fail, or the alarm that ended it. The folder is sealed as failed.
         """
-        if not self._run_lock.acquire(blocking=False):
-            plan.close()
-            raise BenchError("a run is under way", "one run at a time", "wait or abort it")
         try:
-            return self._run(plan, kind, dict(metadata or {}), progress, on_pause)
+            if not self._run_lock.acquire(blocking=False):
+                raise BenchError("a run is under way", "one run at a time", "wait or abort it")
+            try:
+                return self._run(plan, kind, dict(metadata or {}), progress, on_pause)
+            finally:
+                self._run_lock.release()
         finally:
-            self._run_lock.release()
+            plan.close()  # one that never started, too
 
     def _run(
         self,
@@ -274,19 +280,19 @@ class Station:
             self._watch_loop()
         try:
             outcome = self.engine.run(plan, self._recorder(writer))
+            aborted = outcome.exit_status != "success"
+            if not aborted and outcome.plan_result is not None:
+                writer.write_results(outcome.plan_result)
         except Exception as error:
             cause = self._cause(error, alarms_before)
-            self._finish(writer, "failed", str(cause))
+            self._finish_failed(writer, cause, str(cause))
             if cause is error:
                 raise
             raise cause from error
-        except BaseException:  # a second Ctrl-C: the folder is still sealed
-            self._finish(writer, "failed", "the program was interrupted")
+        except BaseException as error:  # a second Ctrl-C: the folder is still sealed
+            self._finish_failed(writer, error, "the program was interrupted")
             raise
-        aborted = outcome.exit_status != "success"
         reason = outcome.reason if aborted else ""
-        if not aborted and outcome.plan_result is not None:
-            writer.write_results(outcome.plan_result)
         self._finish(writer, "aborted" if aborted else "completed", reason)
         return RunRecord(
             run_id=writer.run_id,
@@ -307,10 +313,18 @@ class Station:
         """Come to rest, end the recording, seal the folder, enter it into the registry."""
         self.supervisor.release("run engine")
         self._come_to_rest(disable=status != "completed")
+        self.supervisor.wait_safe(self.description.safety.stall_s + REST_TIMEOUT_S)
         self.acquisition.set_journal(None)
         self.engine.progress = None
         self.engine.attend = lambda: None
         self.registry.finish_run(writer.seal(status, reason))
+
+    def _finish_failed(self, writer: RunWriter, error: BaseException, reason: str) -> None:
+        """Finish a failed run; a folder that can't even be sealed doesn't hide why it failed."""
+        try:
+            self._finish(writer, "failed", reason)
+        except (RecordError, OSError) as unsealed:
+            error.add_note(f"{writer.path} stays open to be recovered: {unsealed}")
 
     def _cause(self, error: Exception, alarms_before: int) -> Exception:
         """Return the alarm that ended a run, or else the error itself."""

@@ -79,6 +79,7 @@ class BenchEngine:
         self.on_held: Callable[[], None] = lambda: None
         self.attend: Callable[[], None] = lambda: None
         self._pausing = False
+        self._reason = ""
         self._resumed: asyncio.Event | None = None
         self.loop = clock.new_event_loop()
         self._engine = RunEngine(
@@ -124,10 +125,10 @@ class BenchEngine:
         Exception
             What made the plan fail, without the wrapping of bluesky.
         """
-        self._pausing = False
+        self._pausing, self._reason = False, ""
         try:
             return self._engine(plan, on_document)
-        except RunEngineInterrupted:
+        except RunEngineInterrupted:  # aborted, or paused by bluesky's own means
             return self._interrupted()
         except FailedStatus as failed:
             raise _cause(failed) from failed
@@ -135,11 +136,10 @@ class BenchEngine:
             self._resumed = None
 
     def _interrupted(self) -> RunEngineResult:
-        """Finish a run that was aborted, or that paused itself by bluesky's own `pause`."""
+        """End what may still be paused; return that the run was aborted, and why."""
         if str(self._engine.state) == "paused":
-            with contextlib.suppress(RunEngineInterrupted):
-                self._engine.abort("bluesky's own pause: use Station.pause, which holds at points")
-        return RunEngineResult((), None, "abort", True, self._engine._reason, None)
+            self.abort("bluesky's own pause: use Station.pause, which holds at points")
+        return RunEngineResult((), None, "abort", True, self._reason, None)
 
     def call(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
         """Run a coroutine on the engine's loop and wait for it."""
@@ -160,6 +160,7 @@ class BenchEngine:
 
     def abort(self, reason: str = "") -> None:
         """End the plan under way through its own clean-up."""
+        self._reason = reason
         said = io.StringIO()  # bluesky prints that it aborts; whoever aborts says it better
         with contextlib.suppress(TransitionError), contextlib.redirect_stdout(said):
             self._engine.abort(reason)  # a TransitionError: it has ended meanwhile

@@ -180,6 +180,60 @@ def test_the_torque_goes_off_although_acquisition_hangs(open_bench: OpenBench) -
         counters[0].released.set()
 
 
+def test_a_silent_encoder_is_a_lost_signal_and_no_standstill(open_bench: OpenBench) -> None:
+    class Silent(HangingCounter):
+        def read_block(self, duration_s: float) -> CounterBlock:
+            block = self._counter.read_block(duration_s)
+            angles = {side: a for side, a in block.angles.items() if side != "output"}
+            return replace(block, angles=angles) if self.hang.is_set() else block
+
+    counters: list[Silent] = []
+
+    def wrap(drivers: DriverSet) -> DriverSet:
+        counters.append(Silent(drivers))
+        return replace(drivers, counter=counters[0])
+
+    with open_bench(wrap=wrap) as bench:
+        bench.load_output(200.0)
+        bench.clock.wait(0.3)
+        counters[0].hang.set()
+        with pytest.raises(SignalFault, match="no sample of the output encoder"):
+            bench.clock.wait(1.0)
+        assert_safe(bench, AlarmKind.SIGNAL_LOST, "output encoder")
+        with pytest.raises(SignalFault, match="no angle from the output encoder"):
+            bench.acquisition.speed_rad_s("output")
+        with pytest.raises(SignalFault, match="no angle from the output encoder"):
+            bench.interlocks.check_unloaded("output", "change the mode")
+
+
+def test_a_missing_probe_is_a_lost_signal(open_bench: OpenBench) -> None:
+    class Deaf:
+        lost = False
+
+        def __init__(self, drivers: DriverSet) -> None:
+            self._temperature = drivers.temperature
+
+        def temperatures(self) -> dict[str, float]:
+            probes = dict(self._temperature.temperatures())
+            if self.lost:
+                del probes["output_transducer"]
+            return probes
+
+    probes: list[Deaf] = []
+
+    def wrap(drivers: DriverSet) -> DriverSet:
+        probes.append(Deaf(drivers))
+        return replace(drivers, temperature=probes[0])
+
+    with open_bench(wrap=wrap) as bench:
+        bench.load_output(200.0)
+        bench.clock.wait(0.3)
+        probes[0].lost = True
+        with pytest.raises(SignalFault, match="no sample of the probe output_transducer"):
+            bench.clock.wait(1.0)
+        assert_safe(bench, AlarmKind.SIGNAL_LOST, "probe output_transducer")
+
+
 def test_an_alarm_stays_latched_until_a_person_acknowledges_it(bench: LowBench) -> None:
     heard: list[Alarm] = []
     bench.supervisor.subscribe(heard.append)

@@ -1,0 +1,37 @@
+"""Nothing moves before the instruments that answer are those of the description."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.drivers.base import Identity
+from torquebench.errors import BenchError
+
+__all__ = ["check_identities"]
+
+
+def check_identities(description: BenchDescription, identities: Iterable[Identity]) -> None:
+    """Compare the serial numbers that instruments report with those of the description.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    identities : iterable of Identity
+        What the instruments say of themselves. Roles that the description doesn't name by a
+        serial number of their own (a read-out) aren't compared.
+
+    Raises
+    ------
+    BenchError
+        An instrument is another one than described: limits and calibrations would be wrong.
+    """
+    for identity in identities:
+        described = description.serials.get(identity.role)
+        if described is not None and identity.serial != described:
+            raise BenchError(
+                f"{identity.role}: {identity.manufacturer} {identity.model} answers with serial "
+                f"{identity.serial!r}",
+                f"serial {described!r}, as described",
+                "connect the described instrument or correct the bench description",
+            )

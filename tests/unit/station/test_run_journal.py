@@ -1,0 +1,72 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torquebench.bench.drivers.base import AngleSamples
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.records import RunFolder
+from torquebench.signals import SignalFaultKind
+from torquebench.station.journal import NOT_IN_USE, RunJournal
+
+WINDOWS = 5
+
+
+def channel(name: str, time_s: np.ndarray, frequency_hz: float, fault: int = 0) -> ChannelSamples:
+    frequency = np.full(time_s.shape, np.nan if fault else frequency_hz)
+    return ChannelSamples(
+        name,
+        "input" if name.startswith("input") else "output",
+        name.endswith("reference"),
+        time_s,
+        frequency,
+        frequency / 15.0,
+        np.full(time_s.shape, fault, dtype=np.uint8),
+    )
+
+
+def block(index: int, channels: list[ChannelSamples]) -> AcquiredBlock:
+    start_s = index * 0.05
+    time_s = start_s + np.arange(50) * 1e-3
+    angles = AngleSamples(time_s, np.arange(50, dtype=np.int64) + 50 * index, 1000)
+    return AcquiredBlock(
+        index=index,
+        start_s=start_s,
+        stop_s=start_s + 0.05,
+        channels={samples.channel: samples for samples in channels},
+        compensated={},
+        angles={"input": angles, "output": angles},
+        speed_rad_s={"input": 0.0, "output": 0.0},
+        temperatures={"ambient": 23.0},
+        edges={},
+    )
+
+
+def times(index: int) -> np.ndarray:
+    return index * 0.05 + (np.arange(WINDOWS) + 0.5) * 0.01
+
+
+def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -> None:
+    writer = RunFolder.create(tmp_path, {}, kind="test")
+    journal = RunJournal(writer)
+    both = [channel("input_torque", times(0), 60e3), channel("output_torque", times(0), 61e3)]
+    journal.write(block(0, both))
+    faulty = channel("output_torque", times(1), 0.0, SignalFaultKind.NO_PULSES)
+    late = channel("output_reference", times(1)[2:], 62e3)
+    journal.write(block(1, [channel("input_torque", times(1), 60e3), faulty, late]))
+    folder = writer.seal()
+    columns = folder.raw().columns
+    assert columns["time_s"].tolist() == pytest.approx([*times(0), *times(1)])
+    assert columns["output_torque_fault"].tolist() == [0] * 5 + [SignalFaultKind.NO_PULSES] * 5
+    assert np.isnan(columns["output_torque_hz"][5:]).all()
+    assert columns["output_reference_fault"].tolist() == [NOT_IN_USE] * 7 + [0] * 3
+    assert columns["output_reference_hz"][7:].tolist() == [62e3] * 3
+    assert (columns["input_reference_fault"] == NOT_IN_USE).all()
+    assert columns["input_angle_counts"][:3].tolist() == [5, 15, 25]
+    assert (columns["ambient_c"] == 23.0).all()
+
+
+def test_a_block_without_a_window_keeps_nothing(tmp_path: Path) -> None:
+    writer = RunFolder.create(tmp_path, {}, kind="test")
+    RunJournal(writer).write(block(0, [channel("input_torque", np.empty(0), 60e3)]))
+    assert writer.seal().raw().rows == 0
