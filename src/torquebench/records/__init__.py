@@ -23,6 +23,13 @@ from torquebench.records.entries import (
     Zeroing,
 )
 from torquebench.records.files import json_text, sha256_of_file, write_atomically
+from torquebench.records.integrity import (
+    Finding,
+    IntegrityReport,
+    anchor_of,
+    check_records,
+    folder_changes,
+)
 from torquebench.records.raw_stream import RawReading
 from torquebench.records.registry import Registry
 from torquebench.records.run_folder import Recovery, RunFolder, RunWriter, new_run_id
@@ -48,6 +55,8 @@ __all__ = [
     "Component",
     "Equipment",
     "EquipmentKind",
+    "Finding",
+    "IntegrityReport",
     "ModelEntry",
     "RawReading",
     "ReadingsTable",
@@ -60,7 +69,10 @@ __all__ = [
     "RunWriter",
     "VerificationEntry",
     "Zeroing",
+    "anchor_of",
     "calibration_csv",
+    "check_records",
+    "folder_changes",
     "json_text",
     "new_run_id",
     "read_calibration_csv",
