@@ -1,0 +1,218 @@
+"""Torsion of supports' sections in closed form: rectangle, circle, hollow circle."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit, zeta
+
+from torquebench.errors import InputError
+
+__all__ = [
+    "circle_twist_per_length",
+    "equal_area_twist_ratio",
+    "hollow_circle_gain",
+    "rectangle_torsion_constant",
+    "rectangle_torsion_factor",
+    "rectangle_twist_per_length",
+]
+
+FloatArray = NDArray[np.float64]
+
+
+def _positive(name: str, value: ArrayLike) -> FloatArray:
+    array = np.asarray(value, dtype=np.float64)
+    if not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
+        raise InputError(f"{name} = {value!r}", "finite and above 0")
+    return array
+
+
+def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
+    """Torsion factor β_s of a solid rectangle with sides a ≥ b.
+
+    β_s(q) = ⅓ [1 − 192/(π⁵ q) Σ_{n odd} tanh(nπq/2)/n⁵]. The sum is taken as (31/32) ζ(5) less
+    the terms of 1 − tanh, which fall exponentially, so that it is exact to rounding.
+
+    Parameters
+    ----------
+    aspect_ratio : array_like
+        q = a/b, at least 1.
+
+    Returns
+    -------
+    float64[...]
+        β_s, of the ratio's shape; ⅓ for an endless strip.
+
+    Raises
+    ------
+    InputError
+        If a ratio is below 1.
+
+    References
+    ----------
+    S. Timoshenko, J. N. Goodier, Theory of Elasticity, torsion of a rectangular bar.
+
+    Examples
+    --------
+    >>> rectangle_torsion_factor([1.0, 2.0, 10.0]).round(4)
+    array([0.1406, 0.2287, 0.3123])
+    """
+    ratio = _positive("aspect ratio a/b", aspect_ratio)
+    if np.any(ratio < 1.0):
+        raise InputError(f"aspect ratio a/b = {aspect_ratio!r}", "a/b >= 1: a is the longer side")
+    odd = np.arange(1.0, 40.0, 2.0)
+    missing = 2.0 * expit(-np.pi * ratio[..., np.newaxis] * odd) / odd**5  # (1 − tanh(x/2)) / n⁵
+    total = 31.0 / 32.0 * zeta(5.0) - missing.sum(axis=-1)
+    return np.asarray((1.0 - 192.0 / (np.pi**5 * ratio) * total) / 3.0)
+
+
+def rectangle_torsion_constant(longer_m: ArrayLike, shorter_m: ArrayLike) -> FloatArray:
+    """Torsion constant β_s a b³ of a solid rectangle.
+
+    Parameters
+    ----------
+    longer_m, shorter_m : array_like
+        Sides a ≥ b in metres.
+
+    Returns
+    -------
+    float64[...]
+        Torsion constant in m⁴: twist per length = torque / (G · constant).
+
+    Raises
+    ------
+    InputError
+        If a side isn't positive or a < b.
+
+    Examples
+    --------
+    >>> float(rectangle_torsion_constant(0.02, 0.01).round(12))
+    4.574e-09
+    """
+    longer, shorter = _positive("longer side (m)", longer_m), _positive("shorter side", shorter_m)
+    return np.asarray(rectangle_torsion_factor(longer / shorter) * longer * shorter**3)
+
+
+def rectangle_twist_per_length(
+    torque_nm: ArrayLike, longer_m: ArrayLike, shorter_m: ArrayLike, shear_modulus_pa: ArrayLike
+) -> FloatArray:
+    """Twist per length θ = M / (β_s G a b³) of a solid rectangle.
+
+    Parameters
+    ----------
+    torque_nm : array_like
+        Torque, N·m.
+    longer_m, shorter_m : array_like
+        Sides a ≥ b in metres.
+    shear_modulus_pa : array_like
+        G in pascal.
+
+    Returns
+    -------
+    float64[...]
+        Twist in rad/m.
+
+    Raises
+    ------
+    InputError
+        If a side or the modulus isn't positive, or a < b.
+
+    Examples
+    --------
+    >>> float(rectangle_twist_per_length(100.0, 0.05, 0.05, 79e9).round(6))
+    0.001441
+    """
+    modulus = _positive("shear modulus (Pa)", shear_modulus_pa)
+    constant = rectangle_torsion_constant(longer_m, shorter_m)
+    return np.asarray(np.asarray(torque_nm, dtype=np.float64) / (constant * modulus))
+
+
+def circle_twist_per_length(
+    torque_nm: ArrayLike, radius_m: ArrayLike, shear_modulus_pa: ArrayLike
+) -> FloatArray:
+    """Twist per length θ = 2 M / (π G r⁴) of a solid circle.
+
+    Parameters
+    ----------
+    torque_nm : array_like
+        Torque, N·m.
+    radius_m, shear_modulus_pa : array_like
+        Radius in metres and G in pascal.
+
+    Returns
+    -------
+    float64[...]
+        Twist in rad/m.
+
+    Raises
+    ------
+    InputError
+        If the radius or the modulus isn't positive.
+
+    Examples
+    --------
+    >>> float(circle_twist_per_length(100.0, 0.05 / 3.141592653589793**0.5, 79e9).round(6))
+    0.001273
+    """
+    radius = _positive("radius (m)", radius_m)
+    modulus = _positive("shear modulus (Pa)", shear_modulus_pa)
+    torque = np.asarray(torque_nm, dtype=np.float64)
+    return np.asarray(2.0 * torque / (np.pi * modulus * radius**4))
+
+
+def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
+    """How much more a rectangle twists than a circle of the same area: (a/b) / (2π β_s).
+
+    Parameters
+    ----------
+    aspect_ratio : array_like
+        q = a/b, at least 1.
+
+    Returns
+    -------
+    float64[...]
+        θ of the rectangle by θ of the circle, above 1.
+
+    Raises
+    ------
+    InputError
+        If a ratio is below 1.
+
+    Examples
+    --------
+    >>> equal_area_twist_ratio([1.0, 3.0, 20.0]).round(3)
+    array([1.132, 1.813, 9.86 ])
+    """
+    ratio: NDArray[Any] = np.asarray(aspect_ratio, dtype=np.float64)
+    return np.asarray(ratio / (2.0 * np.pi * rectangle_torsion_factor(ratio)))
+
+
+def hollow_circle_gain(diameter_ratio: ArrayLike) -> FloatArray:
+    """Gain in stiffness of a hollow circle over a solid one of the same area.
+
+    (1 + k²) / (1 − k²) with k = d/D.
+
+    Parameters
+    ----------
+    diameter_ratio : array_like
+        Inner by outer diameter, 0 ≤ k < 1.
+
+    Returns
+    -------
+    float64[...]
+        Stiffness by that of the solid circle, at least 1.
+
+    Raises
+    ------
+    InputError
+        If a ratio isn't in [0, 1).
+
+    Examples
+    --------
+    >>> hollow_circle_gain([0.0, 0.5, 0.8]).round(3)
+    array([1.   , 1.667, 4.556])
+    """
+    ratio = np.asarray(diameter_ratio, dtype=np.float64)
+    if not np.all((ratio >= 0.0) & (ratio < 1.0)):
+        raise InputError(f"diameter ratio d/D = {diameter_ratio!r}", "0 <= d/D < 1")
+    return np.asarray((1.0 + ratio**2) / (1.0 - ratio**2))
