@@ -1,0 +1,266 @@
+"""Whether the records are still what was entered: chain, rows, model files, run folders."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sqlalchemy import select
+
+from torquebench.errors import InputError, RecordError
+from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
+from torquebench.records.database import Database, content_of
+from torquebench.records.files import sha256_of_file
+from torquebench.records.run_folder import RunFolder
+from torquebench.records.schema import Base, LinkRow, ModelRow, ReportRow, RunEndRow, RunRow
+
+__all__ = ["Finding", "IntegrityReport", "anchor_of", "check_records", "folder_changes"]
+
+FindingKind = Literal["changed", "removed", "added", "chain", "file", "anchor"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that isn't as it was entered.
+
+    Parameters
+    ----------
+    kind : {"changed", "removed", "added", "chain", "file", "anchor"}
+        What happened: a field was changed, a row removed, a row added past the registry, the
+        chain itself was touched, a file differs, or the chain lacks a link that was noted down.
+    where : str
+        Table and number of the row, or the path of the file.
+    field : str
+        Which field; empty where it isn't known.
+    found, registered : str
+        What is there now, and what was entered.
+    """
+
+    kind: FindingKind
+    where: str
+    field: str = ""
+    found: str = ""
+    registered: str = ""
+
+    def __str__(self) -> str:
+        place = f"{self.where}, {self.field}" if self.field else self.where
+        match self.kind:
+            case "changed":
+                return f"{place}: {self.found} instead of {self.registered}"
+            case "removed":
+                return f"{place}: removed after it was entered"
+            case "added":
+                return f"{place}: added past the registry"
+        return f"{place}: {self.found}"
+
+
+@dataclass(frozen=True)
+class IntegrityReport:
+    """What a check of all records found.
+
+    Parameters
+    ----------
+    head : ChainHead
+        The end of the chain.
+    records, runs, files : int
+        How many rows, sealed run folders and single files were compared.
+    findings : tuple of Finding
+        Empty where everything is as it was entered.
+    """
+
+    head: ChainHead
+    records: int
+    runs: int
+    files: int
+    findings: tuple[Finding, ...]
+
+    @property
+    def intact(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
+
+def anchor_of(text: str) -> ChainHead:
+    """Return the head of a chain that somebody noted down as ``number:hash``.
+
+    Raises
+    ------
+    InputError
+        Where the text isn't one.
+
+    Examples
+    --------
+    >>> anchor_of("3:" + "ab" * 32).sequence
+    3
+    """
+    number, _, digest = text.strip().partition(":")
+    hexadecimal = len(digest) == 64 and all(mark in "0123456789abcdef" for mark in digest)
+    if not (number.isdecimal() and hexadecimal):
+        raise InputError(
+            f"chain end {text!r}", "a number, a colon and 64 hexadecimal digits", "copy it whole"
+        )
+    return ChainHead(int(number), digest)
+
+
+def check_records(
+    registry: Database, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
+) -> IntegrityReport:
+    """Compare every record with what was entered.
+
+    Parameters
+    ----------
+    registry : Database
+        The open registry.
+    anchors : tuple of ChainHead
+        Ends of the chain that were noted down earlier, on a certificate for instance. Who
+        rewrites the whole chain can't make it pass through them again.
+    folders : bool, default True
+        Whether run folders and files are compared too, which reads all of them.
+
+    Returns
+    -------
+    IntegrityReport
+    """
+    check = _Check(registry)
+    findings = [*check.chain(), *check.rows()]
+    runs = 0
+    if folders:
+        for found in check.runs():
+            runs += 1
+            findings += found
+        findings += check.single_files()
+    findings += check.anchored(anchors)
+    return IntegrityReport(
+        registry.head(), check.compared, runs, check.files, tuple(dict.fromkeys(findings))
+    )
+
+
+class _Check:
+    """One pass over a registry."""
+
+    def __init__(self, registry: Database) -> None:
+        self.registry = registry
+        self.files = 0
+        self.compared = 0
+        with registry.session() as session:
+            query = select(LinkRow).order_by(LinkRow.sequence)
+            self.links = [
+                Link(**{name: getattr(row, name) for name in Link.__dataclass_fields__})
+                for row in session.scalars(query)
+            ]
+        self.anchors: list[tuple[ChainHead, str]] = []
+
+    def chain(self) -> Iterator[Finding]:
+        for link, what in broken_links(self.links):
+            yield Finding("chain", f"{link.table} {link.key}", found=what)
+
+    def rows(self) -> Iterator[Finding]:
+        registered: dict[str, dict[int, Link]] = {}
+        for link in self.links:
+            registered.setdefault(link.table, {})[link.key] = link
+        for mapper in sorted(Base.registry.mappers, key=lambda each: each.class_.__tablename__):
+            table = mapper.class_.__tablename__
+            if mapper.class_ is not LinkRow:
+                yield from self._table(mapper.class_, registered.pop(table, {}))
+        for table, links in registered.items():
+            for key in links:
+                yield Finding("removed", f"{table} {key}")
+
+    def _table(self, rows: Any, links: dict[int, Link]) -> Iterator[Finding]:
+        table = rows.__tablename__
+        with self.registry.session() as session:
+            query = select(rows).order_by(rows.id).execution_options(yield_per=1000)
+            for row in session.scalars(query):
+                self.compared += 1
+                link = links.pop(row.id, None)
+                where = f"{table} {row.id}"
+                if link is None:
+                    yield Finding("added", where)
+                    continue
+                try:
+                    entered = json.loads(link.content)
+                except json.JSONDecodeError:
+                    yield Finding("chain", where, found="its entry in the chain can't be read")
+                    continue
+                present = json.loads(canonical(content_of(row)))
+                for name, before, now in changed_fields(entered, present):
+                    yield Finding("changed", where, name, repr(now), repr(before))
+                session.expunge(row)
+        for key in links:
+            yield Finding("removed", f"{table} {key}")
+
+    def runs(self) -> Iterator[list[Finding]]:
+        query = select(RunRow.folder, RunEndRow.manifest_sha256).join(
+            RunEndRow, RunEndRow.run_key == RunRow.id
+        )
+        with self.registry.session() as session:
+            ended = list(session.execute(query.order_by(RunRow.id)))
+        for folder, manifest_sha256 in ended:
+            path = self.registry.root / folder
+            yield [
+                Finding("file", str(path), found=what)
+                for what in folder_changes(path, manifest_sha256)
+            ]
+            self._note_anchor(path)
+
+    def _note_anchor(self, path: Path) -> None:
+        try:
+            noted = RunFolder(path).metadata.get("registry_head")
+        except RecordError:
+            return
+        if isinstance(noted, str):
+            try:
+                self.anchors.append((anchor_of(noted), f"run folder {path}"))
+            except InputError:
+                return
+
+    def single_files(self) -> Iterator[Finding]:
+        with self.registry.session() as session:
+            files = [
+                *session.execute(select(ModelRow.file, ModelRow.file_sha256)),
+                *session.execute(
+                    select(ReportRow.file, ReportRow.file_sha256).where(ReportRow.file != "")
+                ),
+            ]
+        for name, digest in files:
+            path = self.registry.root / name
+            self.files += 1
+            if not path.is_file():
+                yield Finding("file", str(path), found="the file is missing")
+            elif sha256_of_file(path) != digest:
+                yield Finding("file", str(path), found="changed after it was registered")
+
+    def anchored(self, anchors: tuple[ChainHead, ...]) -> Iterator[Finding]:
+        known = {link.sequence: link.sha256 for link in self.links}
+        noted = [*((anchor, "the chain end that was given") for anchor in anchors), *self.anchors]
+        for anchor, source in noted:
+            if anchor.sequence and known.get(anchor.sequence) != anchor.sha256:
+                yield Finding(
+                    "anchor",
+                    source,
+                    found=f"the chain doesn't pass through entry {anchor.sequence}, "
+                    f"{anchor.sha256[:12]}…, that was noted there",
+                )
+
+
+def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
+    """Return what isn't as it was in a sealed run folder; empty where it is intact.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The folder.
+    manifest_sha256 : str
+        Hash of its manifest as the registry has it.
+    """
+    try:
+        folder = RunFolder.open(path)
+        if not folder.sealed:
+            return ["its manifest is missing"]
+        if sha256_of_file(path / "manifest.json") != manifest_sha256:
+            return ["its manifest was changed after the run was registered"]
+        folder.verify()
+    except RecordError as error:
+        return [error.found]
+    return []
