@@ -25,9 +25,9 @@ from torquebench.compensation.hybrid_inference import (
     Member,
     Problem,
     curve_variance,
+    deviation_kernel,
     explore,
     main_columns,
-    smooth_kernel,
 )
 
 __all__ = ["HybridModel"]
@@ -59,8 +59,8 @@ class HybridModel(CompensationModel):
         Shapes of effects that the data support.
     main_ : float64 array of shape (5,)
         Posterior means of the scaled coefficients of equation 15.
-    smooth_ : float64 array of shape (n,)
-        Weights of the smooth deviation's kernel at `train_u_`.
+    deviation_ : float64 array of shape (n,)
+        Weights of the deviation's kernel at `train_u_`.
     effects_ : list of float64 array
         Posterior means of the coefficients of every kind of effect.
     present_ : dict of str to float
@@ -89,7 +89,7 @@ class HybridModel(CompensationModel):
 
     dictionary_: Dictionary
     main_: FloatArray
-    smooth_: FloatArray
+    deviation_: FloatArray
     effects_: list[FloatArray]
     train_u_: FloatArray
     present_: dict[str, float]
@@ -138,12 +138,12 @@ class HybridModel(CompensationModel):
         """Merge all members' means: they are linear in the same columns."""
         scale = problem.prior_scale
         self.train_u_ = problem.points.u
-        self.main_, self.smooth_ = np.zeros(5), np.zeros(self.train_u_.size)
+        self.main_, self.deviation_ = np.zeros(5), np.zeros(self.train_u_.size)
         effects = [np.zeros(kind.columns.shape[:2]) for kind in problem.kinds]
         absent = np.zeros(len(problem.kinds))
         for share, member in zip(shares, members, strict=True):
             self.main_ += share * scale * (problem.main.T @ member.solved)
-            self.smooth_ += share * (scale * member.setting.smooth) ** 2 * member.solved
+            self.deviation_ += share * (scale * member.setting.amplitude) ** 2 * member.solved
             index = 0
             for k, kind in enumerate(problem.kinds):
                 chance = 1.0
@@ -183,7 +183,7 @@ class HybridModel(CompensationModel):
 
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the mean additional torque as a fraction of full scale."""
-        mean = main_columns(u) @ self.main_ + smooth_kernel(u, self.train_u_) @ self.smooth_
+        mean = main_columns(u) @ self.main_ + deviation_kernel(u, self.train_u_) @ self.deviation_
         columns = all_columns(at_zero_time(u, branch), self.dictionary_)
         for new, means in zip(columns, self.effects_, strict=True):
             mean += np.einsum("jqn,jq->n", new, means)

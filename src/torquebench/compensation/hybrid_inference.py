@@ -2,11 +2,11 @@
 
 With everything in fractions of full scale, the additional torque is
 
-    a = main form (equation 15 per direction) + smooth deviation (Gaussian process)
+    a = main form (equation 15 per direction) + deviation (Gaussian process)
         + structured effects + noise.
 
-For one setting of noise and smoothness, the main form, whose coefficients have wide normal priors,
-and the smooth deviation are marginalised in closed form (C. E. Rasmussen, C. K. I. Williams,
+For one setting of noise and deviation, the main form, whose coefficients have wide normal priors,
+and the deviation are marginalised in closed form (C. E. Rasmussen, C. K. I. Williams,
 Gaussian Processes for Machine Learning, 2006, eq. 2.39-2.42, explicit basis functions) by whitening
 with the Cholesky factor of their covariance plus noise; the effects are averaged on the whitened
 data. Settings on a grid round the noise of best evidence are then averaged by their evidence.
@@ -44,15 +44,17 @@ __all__ = [
     "Problem",
     "Setting",
     "curve_variance",
+    "deviation_kernel",
     "explore",
     "main_columns",
-    "smooth_kernel",
 ]
 
 _MAIN_SCALES = np.array([1e-4, 3e-2, 3e-2, 3e-2, 3e-2])
 """Prior standard deviations of c₀ (the zero was taken), and of c₁, c₂ per direction (free)."""
 _SMOOTH_LENGTH = 0.4
-_SMOOTH_AMPLITUDES = (3e-5, 1.5e-4, 7e-4)
+_ROUGH_LENGTH = 0.1
+_ROUGH_SHARE = 0.3
+_AMPLITUDES = (3e-5, 1.5e-4, 7e-4)
 _USUAL_NOISE = 2e-4
 _LEAST_NOISE = 1e-6
 _NEGLIGIBLE_SHARE = 2e-3
@@ -73,15 +75,27 @@ def main_columns(u: FloatArray) -> FloatArray:
     return np.asarray(columns * _MAIN_SCALES)
 
 
-def smooth_kernel(u: FloatArray, v: FloatArray) -> FloatArray:
-    """Return the covariance of the smooth deviation from equation 15, one per direction.
+def deviation_kernel(u: FloatArray, v: FloatArray) -> FloatArray:
+    """Return the covariance of the deviation from main form and effects, for unit amplitude.
 
-    Its standard deviation is √|u|: without torque there is nothing to deviate.
+    A smooth part, one per direction, whose standard deviation is √|u|: without torque there is
+    nothing to deviate; and a smaller rough part for what no effect describes.
+
+    Examples
+    --------
+    >>> deviation_kernel(np.array([0.5]), np.array([0.5, -0.5])).round(3)
+    array([[0.59, 0.  ]])
     """
     plus = np.sqrt(np.outer(np.maximum(u, 0.0), np.maximum(v, 0.0)))
     minus = np.sqrt(np.outer(np.minimum(u, 0.0), np.minimum(v, 0.0)))
-    shape = np.exp(-0.5 * ((u[:, None] - v[None, :]) / _SMOOTH_LENGTH) ** 2)
-    return np.asarray((plus + minus) * shape)
+    square = (u[:, None] - v[None, :]) ** 2
+    smooth = (plus + minus) * np.exp(-0.5 * square / _SMOOTH_LENGTH**2)
+    return np.asarray(smooth + _ROUGH_SHARE**2 * np.exp(-0.5 * square / _ROUGH_LENGTH**2))
+
+
+def deviation_variance(u: FloatArray) -> FloatArray:
+    """Return the diagonal of `deviation_kernel`."""
+    return np.abs(u) + _ROUGH_SHARE**2
 
 
 @dataclass(frozen=True)
@@ -92,12 +106,12 @@ class Setting:
     ----------
     noise : float
         Standard deviation of a point, as a fraction of full scale.
-    smooth : float
-        Amplitude of the smooth deviation, before the problem's prior scale.
+    amplitude : float
+        Amplitude of the deviation, before the problem's prior scale.
     """
 
     noise: float
-    smooth: float
+    amplitude: float
 
 
 @dataclass(frozen=True)
@@ -110,7 +124,7 @@ class Member:
     weights : float64 array of shape (n,)
         Weights of the points; a point's noise variance is noise² / weight.
     factor : float64 array of shape (n, n)
-        Lower Cholesky factor of the covariance of main form, smooth deviation and noise.
+        Lower Cholesky factor of the covariance of main form, deviation and noise.
     effects : AveragedEffects
         Posterior of the effects.
     log_evidence : float
@@ -144,7 +158,7 @@ class Member:
 
 
 class Problem:
-    """Calibration points with everything that doesn't depend on noise and smoothness.
+    """Calibration points with everything that doesn't depend on noise and deviation.
 
     Parameters
     ----------
@@ -167,7 +181,7 @@ class Problem:
         self.kinds: list[Effect] = make_effects(points, self.dictionary, prior_scale)
         self.main = prior_scale * main_columns(points.u)
         self._main_gram = self.main @ self.main.T
-        self._smooth = prior_scale**2 * smooth_kernel(points.u, points.u)
+        self._deviation = prior_scale**2 * deviation_kernel(points.u, points.u)
         blocks = [kind.columns.reshape(-1, target.size) for kind in self.kinds]
         self._stacked = np.vstack([target[None, :], *blocks]).T
 
@@ -176,10 +190,10 @@ class Problem:
         return [kind for kind in self.kinds for _ in range(kind.copies)]
 
     def solve(self, setting: Setting, weights: FloatArray | None = None) -> Member:
-        """Whiten by main form, smooth deviation and noise, then average over the effects."""
+        """Whiten by main form, deviation and noise, then average over the effects."""
         weights = self.weights if weights is None else weights
         noise2 = setting.noise**2 / weights
-        covariance = self._main_gram + setting.smooth**2 * self._smooth
+        covariance = self._main_gram + setting.amplitude**2 * self._deviation
         covariance[np.diag_indices_from(covariance)] += noise2
         factor = cholesky(covariance, lower=True, check_finite=False)
         white = solve_triangular(factor, self._stacked, lower=True, check_finite=False)
@@ -223,7 +237,7 @@ class Problem:
 
 
 def explore(problem: Problem, start_noise: float) -> list[Member]:
-    """Find the noise of best evidence, then lay a grid of noise and smoothness round it.
+    """Find the noise of best evidence, then lay a grid of noise and deviation round it.
 
     Parameters
     ----------
@@ -236,14 +250,14 @@ def explore(problem: Problem, start_noise: float) -> list[Member]:
     members : list of Member
         To be averaged by their evidence.
     """
-    best = problem.settle_noise(problem.solve(Setting(start_noise, _SMOOTH_AMPLITUDES[1])))
+    best = problem.settle_noise(problem.solve(Setting(start_noise, _AMPLITUDES[1])))
     if _looks_heavy_tailed(best):
         best = _with_tails(problem, best)
     freedom = max(problem.target.size - best.effective, 4.0)
     step = 1.5 / np.sqrt(2 * freedom)
     settings = [
-        Setting(best.setting.noise * float(np.exp(k * step)), smooth)
-        for k, smooth in product((-1, 0, 1), _SMOOTH_AMPLITUDES)
+        Setting(best.setting.noise * float(np.exp(k * step)), amplitude)
+        for k, amplitude in product((-1, 0, 1), _AMPLITUDES)
     ]
     return [problem.solve(setting, best.weights) for setting in settings]
 
@@ -307,13 +321,17 @@ def curve_variance(
     """
     points = at_zero_time(u, np.ones(u.size), len(problem.points.elapsed))
     columns = all_columns(points, problem.dictionary)
-    main, same = problem.prior_scale * main_columns(u), smooth_kernel(u, problem.points.u)
+    main, same = problem.prior_scale * main_columns(u), deviation_kernel(u, problem.points.u)
     first, second = np.zeros((2, u.size)), np.zeros((2, u.size))
     for share, member in zip(shares, members, strict=True):
-        smooth2 = (problem.prior_scale * member.setting.smooth) ** 2
-        cross = main @ problem.main.T + smooth2 * same
+        amplitude2 = (problem.prior_scale * member.setting.amplitude) ** 2
+        cross = main @ problem.main.T + amplitude2 * same
         gain = cho_solve((member.factor, True), cross.T, check_finite=False)
-        common = np.sum(main**2, axis=1) + smooth2 * np.abs(u) - np.sum(gain.T * cross, axis=1)
+        common = (
+            np.sum(main**2, axis=1)
+            + amplitude2 * deviation_variance(u)
+            - np.sum(gain.T * cross, axis=1)
+        )
         value, variance = np.tile(cross @ member.solved, (2, 1)), np.tile(common, (2, 1))
         start = 0
         for kind, new in zip(problem.kinds, columns, strict=True):
@@ -339,7 +357,7 @@ def _effect_moments(
 ) -> tuple[FloatArray, FloatArray]:
     """Return what all copies of one kind add to the mean and to the variance of the curve.
 
-    What an effect adds at calibration points is taken back from main form and smooth deviation
+    What an effect adds at calibration points is taken back from main form and deviation
     there, so that only columns minus their projection vary.
     """
     total: FloatArray = np.sum(moments, axis=0)
