@@ -22,7 +22,10 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
 
-__all__ = ["evaluate"]
+__all__ = ["Grid", "evaluate"]
+
+Grid = tuple[float, float, float, float, float, float, float, float]
+"""Numbers that `evaluate` locates an interval with."""
 
 _LANES = 8
 _THREAD_MINIMUM = 1 << 22
@@ -107,12 +110,18 @@ def _block_code(words_per_interval: int, with_branch: bool) -> Callable[..., Any
         )
         at, stride, grid = arguments[4:7]
         emit = _Emitter(builder)
-        scale, zero, low, high, gain = (
-            emit.splat(builder.extract_value(grid, number)) for number in range(5)
+        scale, zero, near_scale, near_zero, near, low, high, gain = (
+            emit.splat(builder.extract_value(grid, number)) for number in range(8)
         )
         value = emit.load(reading, at, _DOUBLES, 8)
         clamped = emit.clamp(value, low, high)
-        location = emit.call("fma", clamped, scale, zero)
+        is_near = builder.fcmp_ordered("<", emit.call("fabs", clamped), near)
+        location = emit.call(
+            "fma",
+            clamped,
+            builder.select(is_near, near_scale, scale),
+            builder.select(is_near, near_zero, zero),
+        )
         bias = ir.Constant(_DOUBLES, [_WHOLE_NUMBER_IN_LOW_BITS] * _LANES)
         shifted = builder.fadd(location, bias)
         fraction = builder.fsub(location, builder.fsub(shifted, bias))
@@ -145,7 +154,7 @@ def _block_signature(reading: Any, branch: Any, out: Any, table: Any, grid: Any)
 
 # Each block is called with: arrays of readings, branches (int8) and results, the table as 64-bit
 # words, position of the first of the eight readings, words between two branches' tables, and the
-# grid as a tuple (intervals per N·m, position of zero, low, high, gain of the reading).
+# grid as in `evaluate`.
 
 
 @intrinsic
@@ -205,13 +214,14 @@ def evaluate(
     branch: NDArray[np.int8] | None,
     out: NDArray[np.float64],
     coefficients: NDArray[np.float32],
-    grid: tuple[float, float, float, float, float],
+    grid: Grid,
     workers: int | None = None,
 ) -> int:
     """Evaluate a piecewise polynomial for many readings.
 
     Interval k of the grid is centred where ``reading · scale + zero == k``; with f the distance
     from that centre in intervals, the result is ``gain · reading + c₀ + c₁ f (+ c₂ f² + c₃ f³)``.
+    Near zero, where the torque turns round, a second grid with narrower intervals takes over.
 
     Parameters
     ----------
@@ -223,8 +233,10 @@ def evaluate(
         Filled with the results; may be `reading` itself.
     coefficients : float32 array of shape (3, intervals, 2 or 4), C-contiguous
         c₀, c₁ (, c₂, c₃) for the branches -1, 0 and +1.
-    grid : tuple of 5 floats
-        scale in 1/(N·m), zero, lower and upper limit of the reading in N·m, gain.
+    grid : tuple of 8 floats
+        scale in 1/(N·m) and zero of the grid, the same two of the grid near zero, the size of
+        reading in N·m below which that one is used, lower and upper limit of the reading in N·m,
+        gain.
     workers : int, optional
         Threads; by default as many as processors, and one for fewer than four million readings.
 
@@ -238,7 +250,8 @@ def evaluate(
     >>> table = np.zeros((3, 4, 2), dtype=np.float32)
     >>> table[1, :, 0] = [1.0, 2.0, 3.0, 4.0]
     >>> out = np.empty(3)
-    >>> evaluate(np.array([-1.0, 0.6, 9.0]), None, out, table, (1.0, 1.0, -1.0, 2.0, 1.0))
+    >>> grid = (1.0, 1.0, 1.0, 1.0, 0.0, -1.0, 2.0, 1.0)
+    >>> evaluate(np.array([-1.0, 0.6, 9.0]), None, out, table, grid)
     1
     >>> out.tolist()
     [0.0, 3.6, 13.0]
@@ -278,10 +291,10 @@ def _tail(
     out: NDArray[np.float64],
     words: NDArray[np.uint64],
     stride: int,
-    grid: tuple[float, float, float, float, float],
+    grid: Grid,
 ) -> int:
     """Evaluate the last few readings, filled up to a block of eight."""
-    padded = np.full(_LANES, grid[2])
+    padded = np.full(_LANES, grid[5])
     padded[: reading.size] = reading
     signs = np.zeros(_LANES if branch.size else 0, dtype=np.int8)
     signs[: branch.size] = branch

@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.lookup import evaluate
+from torquebench.compensation.lookup import Grid, evaluate
 from torquebench.errors import InputError
 
 __all__ = ["BRANCHES", "Curve", "PiecewisePolynomial", "approximate"]
@@ -20,12 +20,19 @@ Curve = Callable[[FloatArray, int], FloatArray]
 BRANCHES = (-1, 0, 1)
 """Order of the branches in `PiecewisePolynomial.coefficients`."""
 
-_POLICY = ((1, 4096), (3, 4096), (1, 1 << 19))
-"""Degree and largest number of intervals, in the order of their speed: the first one still fits
-the first-level cache, the last one is for curves with kinks, which no degree helps."""
+_POLICY = ((1, 4096), (3, 2048), (1, 1 << 18))
+"""Degree and largest number of intervals, in the order of their speed: the first two fit the
+first-level cache, the last one is for curves with kinks, which no degree helps."""
 
-_CHECKS_PER_INTERVAL = {1: 5, 3: 9}
-"""By degree; the middle and both ends among them, and points between those where they meet."""
+_FIRST_INTERVALS = 128
+_NEAR = 0.02
+"""Share of full scale round zero that has a finer grid of its own: there the torque turns round."""
+
+_CHECKS = {1: 5, 3: 9}
+"""Evenly spaced points of an interval where the deviation is taken, by degree."""
+
+_NODES = {1: (0, 4), 3: (0, 2, 6, 8)}
+"""Those among them where polynomial and curve meet: the Chebyshev-Lobatto points."""
 
 _MODEL_ROWS = 1 << 15
 """Readings evaluated at once: a Gaussian process makes a matrix of them and its points."""
@@ -36,17 +43,19 @@ _BESIDE_ZERO = 1e-12
 
 @dataclass(frozen=True)
 class PiecewisePolynomial:
-    """Polynomials of one degree on the intervals of a uniform grid, one set a branch.
+    """Polynomials of one degree on the intervals of two uniform grids, one set a branch.
 
     Attributes
     ----------
     coefficients : float32 array of shape (3, intervals, degree + 1)
         For the branches -1, 0, +1; powers of the distance from an interval's centre in intervals.
-    scale : float
-        Intervals per N·m.
-    zero : float
+    scale, near_scale : float
+        Intervals per N·m of the grid over the whole range and of the finer one near zero.
+    zero, near_zero : float
         Position of the reading 0 N·m in intervals; half-way between two whole numbers, so that 0
         lies between two intervals and a step at torque reversal is kept.
+    near : float
+        Size of reading in N·m below which the finer grid is used; 0 where there is none.
     low, high : float
         Limits of the reading in N·m.
     gain : float
@@ -60,6 +69,9 @@ class PiecewisePolynomial:
     coefficients: NDArray[np.float32]
     scale: float
     zero: float
+    near_scale: float
+    near_zero: float
+    near: float
     low: float
     high: float
     gain: float
@@ -73,18 +85,15 @@ class PiecewisePolynomial:
 
     @property
     def intervals(self) -> int:
-        """Number of intervals of a branch."""
+        """Number of intervals of a branch, both grids together."""
         return self.coefficients.shape[1]
 
     @property
-    def interval_nm(self) -> float:
-        """Width of an interval in N·m."""
-        return 1.0 / self.scale
-
-    @property
-    def grid(self) -> tuple[float, float, float, float, float]:
-        """The grid as `lookup.evaluate` takes it."""
-        return self.scale, self.zero, self.low, self.high, self.gain
+    def grid(self) -> Grid:
+        """The grids as `lookup.evaluate` takes them."""
+        far = (self.scale, self.zero)
+        near = (self.near_scale, self.near_zero, self.near)
+        return (*far, *near, self.low, self.high, self.gain)
 
     def evaluate(
         self,
@@ -97,9 +106,35 @@ class PiecewisePolynomial:
         signs = branch if self.branch_aware else None
         return evaluate(reading, signs, out, self.coefficients, self.grid, workers)
 
-    def edges(self) -> FloatArray:
-        """Edges of the intervals in N·m, shape (intervals + 1,)."""
-        return (np.arange(self.intervals + 1) - 0.5 - self.zero) / self.scale
+    def pieces(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+        """Intervals in use in ascending order: their numbers and both edges in N·m.
+
+        Intervals of the wide grid near zero are not in use, and edges are cut at the limits.
+        """
+        number = np.arange(self.intervals)
+        is_near = number >= self._near_first
+        scale = np.where(is_near, self.near_scale, self.scale)
+        zero = np.where(is_near, self.near_zero, self.zero)
+        left, right = (number - 0.5 - zero) / scale, (number + 0.5 - zero) / scale
+        middle = 0.5 * (left + right)
+        used = (is_near == (np.abs(middle) < self.near)) & (right > self.low) & (left < self.high)
+        order = np.argsort(middle[used])
+        edges = np.clip([left[used][order], right[used][order]], self.low, self.high)
+        return number[used][order], edges[0], edges[1]
+
+    @property
+    def _near_first(self) -> int:
+        """Number of the first interval of the finer grid."""
+        return round(self.near_zero + 0.5 - self.near * self.near_scale)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    piecewise: PiecewisePolynomial
+    worst_far: float
+    worst_near: float
+    worst_at: float
+    worst_branch: int
 
 
 def approximate(
@@ -119,7 +154,8 @@ def approximate(
     every interval of every branch, ends and middle included, at a step at 0 from both sides, and
     the largest one is enlarged by what the deviation's own curvature allows between the points,
     twice over. The proof holds for curves with no feature narrower than the points' distance; the
-    intervals are narrowed until the bound is met.
+    intervals are narrowed, near zero and elsewhere on their own, until the bound is met. Full
+    scale is an edge as well: models taper there.
 
     Parameters
     ----------
@@ -157,37 +193,38 @@ def approximate(
     (1, True)
     """
     allowed = tolerance * full_scale
-    used = BRANCHES if branch_aware else (0,)
-    builder = _Builder(curve, limits, full_scale, gain, used)
-    worst, at, branch = np.inf, 0.0, 0
+    builder = _Builder(curve, limits, full_scale, gain, BRANCHES if branch_aware else (0,))
+    attempt: _Attempt | None = None
     for degree, largest in _POLICY:
-        wanted, previous = 128, np.inf
-        while wanted <= largest:
-            attempt = builder.attempt(wanted, degree)
-            worst, at, branch = attempt.worst, attempt.worst_at, attempt.worst_branch
+        far, fineness = _FIRST_INTERVALS, 1
+        previous = np.inf
+        while builder.count(far, fineness) <= largest:
+            attempt = builder.attempt(far, fineness, degree)
+            worst = max(attempt.worst_far, attempt.worst_near)
             if worst <= allowed:
                 return attempt.piecewise
-            stalled = worst > 0.7 * previous
+            if worst > 0.7 * previous and builder.count(far, fineness) > 4096:
+                break  # a jump: narrower intervals don't help
             previous = worst
-            growth = (worst / allowed) ** (1.0 / (degree + 1))
-            # a curve with kinks gains less than its degree promises: grow by at least half
-            wanted = ceil(wanted * min(max(1.1 * growth, 1.5), 16.0))
-            if stalled and wanted > 4096:
-                break
-    where = {1: " on the upward branch", -1: " on the downward branch", 0: ""}[branch]
+            far = _narrower(far, attempt.worst_far / allowed, degree)
+            fineness = _narrower(fineness, attempt.worst_near / allowed, degree)
+    assert attempt is not None
+    where = {1: " on the upward branch", -1: " on the downward branch", 0: ""}
     raise InputError(
-        f"a table deviates from the {name} by {worst:.3g} N·m at {at:.6g} N·m{where}",
+        f"a table deviates from the {name} by {max(attempt.worst_far, attempt.worst_near):.3g} N·m "
+        f"at {attempt.worst_at:.6g} N·m{where[attempt.worst_branch]}",
         f"{allowed:.3g} N·m ({tolerance:.1g} of full scale)",
         "the model jumps there or has a feature far narrower than the range; use the model itself",
     )
 
 
-@dataclass(frozen=True)
-class _Attempt:
-    piecewise: PiecewisePolynomial
-    worst: float
-    worst_at: float
-    worst_branch: int
+def _narrower(count: int, excess: float, degree: int) -> int:
+    """Return the number of intervals that an excess of the deviation over its limit asks for."""
+    if excess <= 1.0:
+        return count
+    growth = 1.1 * float(excess ** (1.0 / (degree + 1)))
+    # a curve with kinks gains less than its degree promises: grow by at least a third
+    return ceil(count * min(max(growth, 1.35), 12.0))
 
 
 class _Builder:
@@ -203,71 +240,119 @@ class _Builder:
     ) -> None:
         self.curve, self.gain, self.branches = curve, gain, branches
         self.low, self.high = limits
-        self.beside_zero = _BESIDE_ZERO * full_scale
+        self.full_scale = full_scale
 
-    def attempt(self, wanted: int, degree: int) -> _Attempt:
-        width = (self.high - self.low) / wanted
-        # an even number of intervals below zero: ties round to even, so 0 itself counts as positive
+    def count(self, far: int, fineness: int) -> int:
+        """Count the intervals, nearly."""
+        near = 2.0 * _NEAR * self.full_scale / (self.high - self.low) * far * fineness
+        return far + (0 if fineness == 1 else ceil(near))
+
+    def attempt(self, far: int, fineness: int, degree: int) -> _Attempt:
+        """Approximate on a grid of about `far` intervals, near zero `fineness` times as fine."""
+        width = self.full_scale / ceil(self.full_scale * far / (self.high - self.low))
+        # even numbers below zero: ties round to even, so that 0 itself counts as positive
         below = 2 * ceil(-self.low / (2.0 * width) + 1e-9)
-        count = ceil(self.high / width + 1e-9) + below
-        zero = below - 0.5
-        centres = (np.arange(count) - zero) * width
-        sides = np.where(np.arange(count) >= below, 1.0, -1.0)
-        # where the limits cut an interval, its points keep to the part inside, at least half of it
-        first = np.clip(centres - 0.5 * width, self.low, self.high - 0.5 * width)
-        last = np.clip(centres + 0.5 * width, self.low + 0.5 * width, self.high)
-        lobatto = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
-        nodes = first[:, None] + (last - first)[:, None] * lobatto
-        places = (nodes - centres[:, None]) / width
-        powers = places[:, :, None] ** np.arange(degree + 1)
-        single = np.empty((3, count, degree + 1), dtype=np.float32)
+        far_count = 2 * ceil((ceil(self.high / width + 1e-9) + below) / 2)
+        near_half = 2 * ceil(_NEAR * self.full_scale / (2.0 * width)) if fineness > 1 else 0
+        near_count = 2 * near_half * fineness
+        number = np.concatenate([np.arange(far_count) - below, np.arange(near_count)])
+        number[far_count:] -= near_half * fineness
+        is_near = np.arange(number.size) >= far_count
+        widths = np.where(is_near, width / fineness, width)
+        single = np.zeros((3, number.size, degree + 1), dtype=np.float32)
+        pieces = _Pieces(
+            number, widths, np.where(number >= 0, 1.0, -1.0), self.low, self.high, degree
+        )
+        worst = {True: -1.0, False: -1.0}
+        at, worst_branch = 0.0, 0
+        near = near_half * width
+        zone = np.abs((number + 0.5) * width) < _NEAR * self.full_scale
+        zone = np.where(is_near, True, zone)
+        replaced = ~is_near & (np.abs((number + 0.5) * width) < near)
         for branch in self.branches:
-            value = self._difference(nodes, sides, branch)
-            single[branch + 1] = np.linalg.solve(powers, value[:, :, None])[:, :, 0]
+            value = self._difference(pieces.points, pieces.sides, branch)
+            single[branch + 1] = pieces.fit(value)
+            bound, place = pieces.bound(single[branch + 1], value)
+            bound[replaced] = -1.0
+            for part in (True, False):
+                here = np.where(zone == part, bound, -1.0)
+                index = int(np.argmax(here))
+                if here[index] > worst[part]:
+                    if here[index] >= max(worst.values()):
+                        at, worst_branch = float(place[index]), branch
+                    worst[part] = float(here[index])
         if len(self.branches) == 1:
             single[:] = single[1]
-        worst, at, worst_branch = self._check(single, centres, width, sides)
         piecewise = PiecewisePolynomial(
-            single, 1.0 / width, zero, self.low, self.high, self.gain, worst, len(self.branches) > 1
+            coefficients=single,
+            scale=1.0 / width,
+            zero=below - 0.5,
+            near_scale=fineness / width,
+            near_zero=far_count + near_half * fineness - 0.5,
+            near=near,
+            low=self.low,
+            high=self.high,
+            gain=self.gain,
+            bound=max(worst.values()),
+            branch_aware=len(self.branches) > 1,
         )
-        return _Attempt(piecewise, worst, at, worst_branch)
-
-    def _check(
-        self, single: NDArray[np.float32], centres: FloatArray, width: float, sides: FloatArray
-    ) -> tuple[float, float, int]:
-        first = np.clip(centres - 0.5 * width, self.low, self.high)
-        last = np.clip(centres + 0.5 * width, self.low, self.high)
-        steps = np.linspace(0.0, 1.0, _CHECKS_PER_INTERVAL[single.shape[2] - 1])
-        points = first[:, None] + (last - first)[:, None] * steps
-        places = (points - centres[:, None]) / width
-        worst, at, worst_branch = -1.0, 0.0, 0
-        for branch in self.branches:
-            rows = single[branch + 1].astype(np.float64)
-            value = np.zeros_like(places)
-            for column in rows.T[::-1]:
-                value = value * places + column[:, None]
-            deviation = value - self._difference(points, sides, branch)
-            bend = np.max(np.abs(np.diff(deviation, 2, axis=1)), axis=1)
-            deviation = np.abs(deviation)
-            # between two points a parabola rises by an eighth of its second difference
-            bound = np.max(deviation, axis=1) + 2.0 * bend / 8.0
-            index = int(np.argmax(bound))
-            if bound[index] > worst:
-                worst, worst_branch = float(bound[index]), branch
-                at = float(points[index, int(np.argmax(deviation[index]))])
-        return worst, at, worst_branch
+        return _Attempt(piecewise, worst[False], worst[True], at, worst_branch)
 
     def _difference(self, points: FloatArray, sides: FloatArray, branch: int) -> FloatArray:
         """Curve less `gain · reading`, at 0 from the interval's own side."""
-        beside = np.where(points == 0.0, sides[:, None] * self.beside_zero, points)
-        readings = np.clip(beside, self.low, self.high).ravel()
+        beside = sides[:, None] * _BESIDE_ZERO * self.full_scale
+        readings = np.clip(np.where(points == 0.0, beside, points), self.low, self.high)
+        distinct, back = np.unique(readings, return_inverse=True)
         value = np.concatenate(
             [
-                self.curve(readings[start : start + _MODEL_ROWS], branch)
-                for start in range(0, readings.size, _MODEL_ROWS)
+                self.curve(distinct[start : start + _MODEL_ROWS], branch)
+                for start in range(0, distinct.size, _MODEL_ROWS)
             ]
         )
         if not np.all(np.isfinite(value)):
-            place = float(readings[int(np.argmin(np.isfinite(value)))])
+            place = float(distinct[int(np.argmin(np.isfinite(value)))])
             raise InputError(f"the model gives no number at {place:.6g} N·m", "finite predictions")
-        return np.asarray((value - self.gain * readings).reshape(points.shape))
+        return np.asarray((value - self.gain * distinct)[back].reshape(points.shape))
+
+
+class _Pieces:
+    """Intervals with the points where their polynomials meet the curve and are checked."""
+
+    def __init__(
+        self,
+        number: NDArray[np.intp],
+        widths: FloatArray,
+        sides: FloatArray,
+        low: float,
+        high: float,
+        degree: int,
+    ) -> None:
+        self.sides, self.degree = sides, degree
+        left, right = number * widths, (number + 1) * widths
+        # where the limits cut an interval, its points keep to the part inside, at least half of it
+        first = np.clip(left, low, high - 0.5 * widths)
+        last = np.clip(right, low + 0.5 * widths, high)
+        steps = np.linspace(0.0, 1.0, _CHECKS[degree])
+        self.points = first[:, None] + (last - first)[:, None] * steps
+        self.points[:, -1] = last
+        self.places = (self.points - left[:, None]) / widths[:, None] - 0.5
+
+    def fit(self, value: FloatArray) -> FloatArray:
+        """Coefficients of the polynomials through the nodes, shape (intervals, degree + 1)."""
+        nodes = list(_NODES[self.degree])
+        powers = self.places[:, nodes, None] ** np.arange(self.degree + 1)
+        return np.asarray(np.linalg.solve(powers, value[:, nodes, None])[:, :, 0])
+
+    def bound(
+        self, single: NDArray[np.float32], value: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Bound of each interval's deviation, and where it is largest."""
+        result = np.zeros_like(self.places)
+        for column in single.astype(np.float64).T[::-1]:
+            result = result * self.places + column[:, None]
+        deviation = result - value
+        # between two points a parabola rises by an eighth of its second difference
+        bend = np.max(np.abs(np.diff(deviation, 2, axis=1)), axis=1)
+        size = np.abs(deviation)
+        place = self.points[np.arange(len(size)), np.argmax(size, axis=1)]
+        return np.max(size, axis=1) + 2.0 * bend / 8.0, place

@@ -270,7 +270,9 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
     down, unknown, up = ([tuple(row) for row in rows] for rows in curve.coefficients.tolist())
     # indexed by the branch itself: -1 is the last one
     tables = (unknown, up, down)
-    low, high, scale, zero = curve.low, curve.high, curve.scale, curve.zero + 0.5
+    low, high, near = curve.low, curve.high, curve.near
+    far_grid = curve.scale, curve.zero + 0.5
+    near_grid = curve.near_scale, curve.near_zero + 0.5
 
     def refuse(reading_nm: float) -> InputError:
         return InputError(
@@ -282,6 +284,7 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
     def linear(reading_nm: float, branch: int = 0) -> float:
         if not low <= reading_nm <= high:
             raise refuse(reading_nm)
+        scale, zero = near_grid if -near < reading_nm < near else far_grid
         location = reading_nm * scale + zero
         index = int(location)
         constant, slope = tables[branch][index]
@@ -290,6 +293,7 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
     def cubic(reading_nm: float, branch: int = 0) -> float:
         if not low <= reading_nm <= high:
             raise refuse(reading_nm)
+        scale, zero = near_grid if -near < reading_nm < near else far_grid
         location = reading_nm * scale + zero
         index = int(location)
         constant, slope, square, cube = tables[branch][index]
