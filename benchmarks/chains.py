@@ -21,11 +21,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-FloatArray = NDArray[np.float64]
-Shape = Callable[..., FloatArray]
+from benchmarks.chain_shapes import SHAPES, FloatArray
 
 REPEATABILITY = 2e-4
 """Standard deviation of one reading, as a fraction of full scale (0.02 % FS)."""
@@ -38,101 +36,6 @@ WILD_FACTOR = 5.0
 
 LOADING_ACCURACY = 1e-3
 """A commanded torque is met to this fraction of full scale, evenly distributed."""
-
-
-# --- shapes: value of a term with unit amplitude, x = torque / full scale in [-1, 1] ------------
-
-
-def _one_sided(x: FloatArray, side: float) -> FloatArray:
-    return np.where(np.sign(x) == side, np.abs(x), 0.0)
-
-
-def _offset(x: FloatArray, branch: FloatArray) -> FloatArray:  # noqa: ARG001
-    return np.ones_like(x)
-
-
-def _power(x: FloatArray, branch: FloatArray, side: float, exponent: float) -> FloatArray:  # noqa: ARG001
-    return side * _one_sided(x, side) ** exponent
-
-
-def _saturation(x: FloatArray, branch: FloatArray, side: float, knee: float) -> FloatArray:  # noqa: ARG001
-    return side * np.log1p(_one_sided(x, side) / knee)
-
-
-def _kink(x: FloatArray, branch: FloatArray, side: float, start: float, width: float) -> FloatArray:  # noqa: ARG001
-    distance = (side * x - start) / width
-    return np.asarray(side * width * np.logaddexp(0.0, distance))
-
-
-def _smooth_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
-    return np.tanh(x / width)
-
-
-def _rational_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
-    return x / (width + np.abs(x))
-
-
-def _sine(x: FloatArray, branch: FloatArray, period: float, quadrature: float) -> FloatArray:  # noqa: ARG001
-    return np.sin(2 * np.pi * x / period + quadrature * np.pi / 2)
-
-
-def _triangle(x: FloatArray, branch: FloatArray, period: float, phase: float) -> FloatArray:  # noqa: ARG001
-    return 2 / np.pi * np.arcsin(0.97 * np.sin(2 * np.pi * x / period + phase))
-
-
-def _chirp(
-    x: FloatArray,
-    branch: FloatArray,  # noqa: ARG001
-    period: float,
-    stretch: float,
-    quadrature: float,
-) -> FloatArray:
-    angle = 2 * np.pi * (x + stretch * np.abs(x) * x) / period
-    return np.sqrt(np.abs(x)) * np.sin(angle + quadrature * np.pi / 2)
-
-
-def _bump(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
-    return np.exp(-0.5 * ((x - centre) / width) ** 2)
-
-
-def _resonance(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
-    return 1.0 / (1.0 + ((x - centre) / width) ** 2)
-
-
-def _packet(
-    x: FloatArray,
-    branch: FloatArray,  # noqa: ARG001
-    centre: float,
-    width: float,
-    period: float,
-) -> FloatArray:
-    return np.exp(-0.5 * ((x - centre) / width) ** 2) * np.cos(2 * np.pi * (x - centre) / period)
-
-
-def _loop(x: FloatArray, branch: FloatArray, rise: float, fall: float) -> FloatArray:
-    """Half the hysteresis loop, scaled to one at its widest; closes at full scale."""
-    distance = np.minimum(np.abs(x), 1.0)
-    widest = rise / (rise + fall)
-    scale = widest**rise * (1 - widest) ** fall
-    half = np.sign(x) * branch * distance**rise * (1 - distance) ** fall / scale
-    return np.asarray(half)
-
-
-SHAPES: dict[str, Shape] = {
-    "offset": _offset,
-    "power": _power,
-    "saturation": _saturation,
-    "kink": _kink,
-    "smooth-step": _smooth_step,
-    "rational-step": _rational_step,
-    "sine": _sine,
-    "triangle": _triangle,
-    "chirp": _chirp,
-    "bump": _bump,
-    "resonance": _resonance,
-    "packet": _packet,
-    "loop": _loop,
-}
 
 
 @dataclass(frozen=True)
@@ -375,15 +278,6 @@ def _skewed_hysteresis(rng: np.random.Generator) -> list[Term]:
         Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
         *terms,
     ]
-
-
-def _one_sided_loop(
-    x: FloatArray, branch: FloatArray, side: float, rise: float, fall: float
-) -> FloatArray:
-    return np.where(np.sign(x) == side, _loop(x, branch, max(rise, 1e-9), fall), 0.0)
-
-
-SHAPES["one-sided-loop"] = _one_sided_loop
 
 
 def _contaminated(rng: np.random.Generator) -> list[Term]:

@@ -1,0 +1,116 @@
+"""Shapes of a torque chain's additional torque, each with unit amplitude.
+
+Every shape is a function of x = torque / full scale (-1 to 1), the branch (+1 up, -1 down) and its
+own constants.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["SHAPES", "FloatArray", "Shape"]
+
+FloatArray = NDArray[np.float64]
+Shape = Callable[..., FloatArray]
+
+
+def _one_sided(x: FloatArray, side: float) -> FloatArray:
+    return np.where(np.sign(x) == side, np.abs(x), 0.0)
+
+
+def _offset(x: FloatArray, branch: FloatArray) -> FloatArray:  # noqa: ARG001
+    return np.ones_like(x)
+
+
+def _power(x: FloatArray, branch: FloatArray, side: float, exponent: float) -> FloatArray:  # noqa: ARG001
+    return side * _one_sided(x, side) ** exponent
+
+
+def _saturation(x: FloatArray, branch: FloatArray, side: float, knee: float) -> FloatArray:  # noqa: ARG001
+    return side * np.log1p(_one_sided(x, side) / knee)
+
+
+def _kink(x: FloatArray, branch: FloatArray, side: float, start: float, width: float) -> FloatArray:  # noqa: ARG001
+    distance = (side * x - start) / width
+    return np.asarray(side * width * np.logaddexp(0.0, distance))
+
+
+def _smooth_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
+    return np.tanh(x / width)
+
+
+def _rational_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
+    return x / (width + np.abs(x))
+
+
+def _sine(x: FloatArray, branch: FloatArray, period: float, quadrature: float) -> FloatArray:  # noqa: ARG001
+    return np.sin(2 * np.pi * x / period + quadrature * np.pi / 2)
+
+
+def _triangle(x: FloatArray, branch: FloatArray, period: float, phase: float) -> FloatArray:  # noqa: ARG001
+    return 2 / np.pi * np.arcsin(0.97 * np.sin(2 * np.pi * x / period + phase))
+
+
+def _chirp(
+    x: FloatArray,
+    branch: FloatArray,  # noqa: ARG001
+    period: float,
+    stretch: float,
+    quadrature: float,
+) -> FloatArray:
+    angle = 2 * np.pi * (x + stretch * np.abs(x) * x) / period
+    return np.sqrt(np.abs(x)) * np.sin(angle + quadrature * np.pi / 2)
+
+
+def _bump(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
+    return np.exp(-0.5 * ((x - centre) / width) ** 2)
+
+
+def _resonance(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
+    return 1.0 / (1.0 + ((x - centre) / width) ** 2)
+
+
+def _packet(
+    x: FloatArray,
+    branch: FloatArray,  # noqa: ARG001
+    centre: float,
+    width: float,
+    period: float,
+) -> FloatArray:
+    return np.exp(-0.5 * ((x - centre) / width) ** 2) * np.cos(2 * np.pi * (x - centre) / period)
+
+
+def _loop(x: FloatArray, branch: FloatArray, rise: float, fall: float) -> FloatArray:
+    """Half the hysteresis loop, scaled to one at its widest; closes at full scale."""
+    distance = np.minimum(np.abs(x), 1.0)
+    widest = rise / (rise + fall)
+    scale = widest**rise * (1 - widest) ** fall
+    half = np.sign(x) * branch * distance**rise * (1 - distance) ** fall / scale
+    return np.asarray(half)
+
+
+def _one_sided_loop(
+    x: FloatArray, branch: FloatArray, side: float, rise: float, fall: float
+) -> FloatArray:
+    return np.where(np.sign(x) == side, _loop(x, branch, max(rise, 1e-9), fall), 0.0)
+
+
+SHAPES: dict[str, Shape] = {
+    "offset": _offset,
+    "power": _power,
+    "saturation": _saturation,
+    "kink": _kink,
+    "smooth-step": _smooth_step,
+    "rational-step": _rational_step,
+    "sine": _sine,
+    "triangle": _triangle,
+    "chirp": _chirp,
+    "bump": _bump,
+    "resonance": _resonance,
+    "packet": _packet,
+    "loop": _loop,
+    "one-sided-loop": _one_sided_loop,
+}
