@@ -371,16 +371,16 @@ def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
         branch = np.sign(X[:, 1])
         columns += [branch * u, branch * u * np.abs(u)]
     basis = np.column_stack(columns)
-    weights = np.ones_like(u)
-    residual = y - np.mean(y)
+    weights, before = np.ones_like(u), np.inf
     for _ in range(12):  # iteratively re-weighted towards least absolute deviations
         solution = np.linalg.lstsq(basis * weights[:, None], y * weights, rcond=None)[0]
         residual = y - basis @ solution
         scale = float(np.median(np.abs(residual)))
-        if scale == 0.0:
+        if scale == 0.0 or abs(scale - before) < 1e-3 * scale:
             break
+        before = scale
         weights = 1.0 / np.sqrt(1.0 + np.abs(residual) / scale)
-    return residual
+    return np.asarray(residual, dtype=np.float64)
 
 
 def _wild_scales(count: int) -> float:

@@ -200,9 +200,7 @@ def jacobian(
     return np.concatenate([slope * x[:, None], slope, t, np.ones((x.size, 1))], axis=1)
 
 
-def tangent_kernels(
-    parameters: NetworkParameters, x: FloatArray, hidden: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatArray) -> FloatArray:
     """Return J_g J_gᵀ of each group of parameters, without forming J.
 
     One input makes the first two share one product: rows of the input weights' part are those of
@@ -218,14 +216,16 @@ def tangent_kernels(
 
     Returns
     -------
-    kernels : tuple of three float64 arrays of shape (n, n)
+    kernels : float64 array of shape (3, n, n)
         In the order of `GROUPS`.
     """
     slope = (1.0 - hidden * hidden) * parameters.output_weights
-    of_biases = slope @ slope.T
-    of_outputs = hidden @ hidden.T
-    of_outputs += 1.0
-    return of_biases * np.multiply.outer(x, x), of_biases, of_outputs
+    kernels = np.empty((len(GROUPS), x.size, x.size))
+    np.matmul(slope, slope.T, out=kernels[1])
+    np.multiply(kernels[1], np.multiply.outer(x, x), out=kernels[0])
+    np.matmul(hidden, hidden.T, out=kernels[2])
+    kernels[2] += 1.0
+    return kernels
 
 
 def posterior_factor(

