@@ -201,7 +201,7 @@ def test_rectangles_unite():
         (lambda: spline_shaft(0.03, 0.026, 30, 0.006), "gaps between"),
         (lambda: closed_curve([[0, 0], [1, 0], [1, 1]]), "at least 4 points"),
         (lambda: section_torsion(rectangle(1, 1), triangles=3), "at least 20"),
-        (lambda: section_torsion(polygon([[0, 0], [2, 0], [0, 1], [2, 3]])), "cross"),
+        (lambda: section_torsion(polygon([[0, 0], [2, 0], [0, 1], [3, 2]])), "cross"),
         (
             lambda: section_torsion(
                 polygon([[0, 0], [2, 0], [2, 2], [0, 2]], [[[1, 1], [3, 1], [3, 1.5], [1, 1.5]]])
