@@ -225,34 +225,16 @@ def compare(
         name: clone(model).set_params(range_nm=model.range_nm or full_scale)
         for name, model in _candidates(models).items()
     }
-    errors, fitted, times, refused = {}, {}, {}, {}
-    for number, (name, model) in enumerate(candidates.items()):
-
-        def report(fraction: float, text: str, number: int = number, name: str = name) -> None:
-            if progress is not None:
-                progress((number + fraction) / len(candidates), f"{name}, {text}")
-
-        try:
-            fitted[name], times[name] = _timed_fit(model, features, torque)
-            errors[name] = _left_out_errors(
-                model, features, torque, fold_of_point, fold_count, report
-            )
-        except InputError as refusal:
-            refused[name] = str(refusal)
-            fitted.pop(name, None)
-    if not errors:
-        raise InputError(
-            f"no candidate takes the data ({'; '.join(refused.values())})",
-            remedy="record more points",
-        )
-    left_out = {name: error[scored] for name, error in errors.items()}
+    trials, refused = _try_all(candidates, features, torque, fold_of_point, fold_count, progress)
+    fitted = {name: trial.model for name, trial in trials.items()}
+    left_out = {name: trial.errors[scored] for name, trial in trials.items()}
     tally = _Tally(left_out, step[scored], fold_of_point[scored], fitted)
     selected = tally.select(np.ones(np.count_nonzero(scored), dtype=bool))
     scores = [
         _score(name, left_out[name], torque[scored], step[scored], full_scale, fitted[name])
         for name in tally.order
     ]
-    scores = [replace(score, fit_time_s=times[score.name]) for score in scores]
+    scores = [replace(score, fit_time_s=trials[score.name].fit_time_s) for score in scores]
     return Comparison(
         scores=tally.explained(scores, selected),
         selected=selected,
@@ -405,12 +387,47 @@ def _candidates(
     return {name: make_model(name) for name in names}
 
 
-def _timed_fit(
-    model: CompensationModel, X: FloatArray, y: FloatArray
-) -> tuple[CompensationModel, float]:
-    started = time.perf_counter()
-    fitted = _quiet_fit(model, X, y)
-    return fitted, time.perf_counter() - started
+@dataclass(frozen=True)
+class _Trial:
+    """A candidate fitted to all points, and its errors at points left out."""
+
+    model: CompensationModel
+    fit_time_s: float
+    errors: FloatArray
+
+
+def _try_all(
+    candidates: Mapping[str, CompensationModel],
+    X: FloatArray,
+    y: FloatArray,
+    fold_of_point: IntArray,
+    folds: int,
+    progress: Progress | None,
+) -> tuple[dict[str, _Trial], dict[str, str]]:
+    """Fit every candidate to all points and without each fold; keep what others refuse with."""
+    trials: dict[str, _Trial] = {}
+    refused: dict[str, str] = {}
+    for number, (name, model) in enumerate(candidates.items()):
+
+        def report(fraction: float, text: str, number: int = number, name: str = name) -> None:
+            if progress is not None:
+                progress((number + fraction) / len(candidates), f"{name}, {text}")
+
+        try:
+            started = time.perf_counter()
+            fitted = _quiet_fit(model, X, y)
+            fit_time_s = time.perf_counter() - started
+            errors = _left_out_errors(model, X, y, fold_of_point, folds, report)
+        except InputError as refusal:
+            refused[name] = str(refusal)
+        else:
+            trials[name] = _Trial(fitted, fit_time_s, errors)
+    if not trials:
+        raise InputError(
+            f"no candidate takes the data ({'; '.join(refused.values())})",
+            remedy="record more points",
+        )
+    return trials, refused
 
 
 def _quiet_fit(model: CompensationModel, X: FloatArray, y: FloatArray) -> CompensationModel:
