@@ -31,8 +31,9 @@ _LANES = 8
 _THREAD_MINIMUM = 1 << 22
 """Readings below which a second thread costs more than it gains."""
 
-# Adding 2**52 to a small whole number leaves it in the low bits of the double.
-_WHOLE_NUMBER_IN_LOW_BITS = 2.0**52
+# Adding 1.5 · 2**52 rounds a small number, a little below zero too, and leaves the whole number in
+# the low bits of the double.
+_WHOLE_NUMBER_IN_LOW_BITS = 1.5 * 2.0**52
 
 _LANE = ir.IntType(32)
 _WORD = ir.IntType(64)

@@ -125,7 +125,7 @@ class PiecewisePolynomial:
     @property
     def _near_first(self) -> int:
         """Number of the first interval of the finer grid."""
-        return round(self.near_zero + 0.5 - self.near * self.near_scale)
+        return round(self.near_zero + 0.5 - self.near * self.near_scale * (1.0 + 1e-9))
 
 
 @dataclass(frozen=True)
@@ -289,7 +289,8 @@ class _Builder:
             zero=below - 0.5,
             near_scale=fineness / width,
             near_zero=far_count + near_half * fineness - 0.5,
-            near=near,
+            # just inside its last edge, where rounding could name an interval too many
+            near=near * (1.0 - 1e-9),
             low=self.low,
             high=self.high,
             gain=self.gain,

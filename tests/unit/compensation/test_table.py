@@ -1,0 +1,260 @@
+"""Compiled tables: the kernel against NumPy, the bound against the model, ranges and faults."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from torquebench.compensation import MODELS, features, make_model
+from torquebench.compensation.lookup import evaluate
+from torquebench.compensation.piecewise import approximate
+from torquebench.compensation.table import CompensationTable, compile_table
+from torquebench.errors import InputError
+
+_RANGE = 2000.0
+
+
+def _calibration(points=60, seed=3):
+    generator = np.random.default_rng(seed)
+    quarter = np.linspace(0.0, 1.0, points // 4)
+    share = np.concatenate([quarter, quarter[::-1], -quarter, -quarter[::-1]])
+    branch = np.repeat([1.0, -1.0, 1.0, -1.0], quarter.size)
+    standard = _RANGE * share
+    extra = 3e-3 * share + 2e-3 * share * np.abs(share) + 3e-4 * np.tanh(share / 0.01)
+    extra += 2e-4 * np.sign(share) * branch * np.abs(share) * (1 - np.abs(share))
+    reading = standard - _RANGE * (extra + 2e-4 * generator.standard_normal(share.size))
+    return features(reading, branch), standard
+
+
+def _parameters(kind):
+    return {"published-network": {"epochs": 300}}.get(kind, {})
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    X, y = _calibration()
+    return {
+        kind: make_model(kind, range_nm=_RANGE, **_parameters(kind)).fit(X, y) for kind in MODELS
+    }
+
+
+@pytest.mark.parametrize("kind", sorted(MODELS))
+def test_every_model_compiles_within_its_bound(fitted, kind):
+    model = fitted[kind]
+    table = compile_table(model, uncertainty=kind in ("hybrid", "polynomial", "spline"))
+    assert table.bound_nm < 1e-6 * _RANGE
+    generator = np.random.default_rng(11)
+    low, high = table.reading_low_nm, table.reading_high_nm
+    reading = np.concatenate(
+        [
+            generator.uniform(low, high, 3000),
+            generator.uniform(-0.03, 0.03, 1000) * _RANGE,
+            [low, high, _RANGE, -_RANGE, 1e-9, -1e-9],
+        ]
+    )
+    for branch in (-1, 0, 1):
+        signs = np.full(reading.size, branch, dtype=np.int8)
+        expected, deviation = model.predict(features(reading, signs), return_std=True)
+        assert np.max(np.abs(table.torque(reading, signs) - expected)) <= table.bound_nm * 1.0001
+        if table.uncertainty_curve is not None:
+            close = np.abs(table.standard_uncertainty(reading, signs) - deviation)
+            assert np.max(close) <= table.uncertainty_curve.bound * 1.0001
+
+
+def _reference(reading, branch, coefficients, grid):
+    """The formula that `lookup.evaluate` documents, in NumPy."""
+    scale, zero, near_scale, near_zero, near, low, high, gain = grid
+    clamped = np.clip(reading, low, high)
+    is_near = np.abs(clamped) < near
+    location = clamped * np.where(is_near, near_scale, scale) + np.where(is_near, near_zero, zero)
+    number = np.rint(location).astype(int)
+    place = location - number
+    rows = coefficients[branch.astype(int) + 1, number].astype(np.float64)
+    result = np.zeros_like(reading)
+    for column in rows.T[::-1]:
+        result = result * place + column
+    return gain * reading + result
+
+
+@given(
+    st.integers(0, 40),
+    st.sampled_from([2, 4]),
+    st.booleans(),
+    st.sampled_from([0.0, 1.0]),
+    st.sampled_from([1, 2, 3]),
+    st.integers(0, 1000),
+)
+def test_kernel_agrees_with_numpy(size, order, with_branch, gain, workers, seed):
+    generator = np.random.default_rng(seed)
+    coefficients = generator.standard_normal((3, 48, order)).astype(np.float32)
+    # 32 wide intervals from -16 to 16 and 16 half as wide from -4 to 4
+    grid = (1.0, 15.5, 2.0, 39.5, 4.0, -15.0, 15.0, gain)
+    reading = generator.uniform(-17.0, 17.0, size)
+    branch = generator.integers(-1, 2, size).astype(np.int8)
+    out = np.empty(size)
+    outside = evaluate(reading, branch if with_branch else None, out, coefficients, grid, workers)
+    assert outside == np.count_nonzero(np.abs(reading) > 15.0)
+    used = branch if with_branch else np.zeros(size, dtype=np.int8)
+    np.testing.assert_allclose(
+        out, _reference(reading, used, coefficients, grid), rtol=1e-12, atol=1e-10
+    )
+
+
+def test_threads_give_the_same_bits(fitted):
+    table = compile_table(fitted["hybrid"], uncertainty=False)
+    reading = np.random.default_rng(1).uniform(-_RANGE, _RANGE, 10_003)
+    branch = np.random.default_rng(2).integers(-1, 2, reading.size)
+    one, three = (table.torque(reading, branch, workers=workers) for workers in (1, 3))
+    np.testing.assert_array_equal(one, three)
+    in_place = reading.copy()
+    assert table.torque(in_place, branch, out=in_place) is in_place
+    np.testing.assert_array_equal(in_place, one)
+
+
+@given(st.floats(-2040.0, 2040.0), st.sampled_from([-1, 0, 1]))
+def test_single_reading_equals_the_array(fitted_table, reading, branch):
+    array = fitted_table.torque([reading], [branch])[0]
+    assert fitted_table.at(reading, branch) == pytest.approx(array, abs=1e-9)
+
+
+@pytest.fixture(scope="module", params=["physics", "published-network"])
+def fitted_table(request):
+    X, y = _calibration()
+    model = make_model(request.param, range_nm=_RANGE, **_parameters(request.param)).fit(X, y)
+    return compile_table(model, uncertainty=False)
+
+
+def test_step_at_reversal_is_kept():
+    """Two polynomials that don't meet at zero: the table jumps where the model does."""
+    reading = np.linspace(-100.0, 100.0, 41)
+    standard = reading + np.where(reading < 0, -0.5, 0.5)
+    model = make_model("polynomial", per_direction=True, degree=1, outliers="keep")
+    model.fit(features(reading), standard)
+    table = compile_table(model)
+    around = np.array([-1e-6, 0.0, 1e-6])
+    np.testing.assert_allclose(table.torque(around), model.predict(features(around)), atol=1e-4)
+    assert table.at(0.0) == pytest.approx(table.torque([0.0])[0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("readings", "range_nm", "margin"),
+    [
+        (np.linspace(0.0, 100.0, 12), 100.0, 0.02),
+        (np.linspace(0.0, 100.0, 12), 100.0, 0.0),
+        (np.linspace(-70.0, 0.0, 12), None, 0.05),
+        (np.linspace(20.0, 90.0, 12), None, 0.02),
+        (np.linspace(-33.0, 100.0, 12), None, 0.013),
+    ],
+)
+def test_lopsided_ranges(readings, range_nm, margin):
+    model = make_model("polynomial", degree=2, range_nm=range_nm, range_margin=margin)
+    model.fit(features(readings), 1.01 * readings + 1e-4 * readings**2)
+    table = compile_table(model)
+    low, high = model.reading_low_nm_, model.reading_high_nm_
+    inside = np.linspace(low, high, 777)
+    error = np.abs(table.torque(inside) - model.predict(features(inside)))
+    assert np.max(error) <= table.bound_nm * 1.0001
+    assert table.at(low) == pytest.approx(model.predict([[low]])[0], abs=1e-3)
+    assert table.at(high) == pytest.approx(model.predict([[high]])[0], abs=1e-3)
+
+
+def test_kink_is_followed_and_a_jump_is_refused():
+    kink = approximate(
+        lambda reading, _: np.abs(reading - 12.3) * 1e-3,
+        (-100.0, 100.0),
+        100.0,
+        1e-6,
+        gain=0.0,
+        branch_aware=False,
+        name="kink",
+    )
+    assert kink.bound <= 1e-4
+    with pytest.raises(InputError, match=r"from the jump by 0\.01 N·m at 12\.[23]"):
+        approximate(
+            lambda reading, _: np.where(reading > 12.3, 0.01, 0.0),
+            (-100.0, 100.0),
+            100.0,
+            1e-6,
+            gain=0.0,
+            branch_aware=False,
+            name="jump",
+        )
+
+
+def test_curve_that_is_not_a_number_is_refused():
+    with pytest.raises(InputError, match="no number at"), np.errstate(invalid="ignore"):
+        approximate(
+            lambda reading, _: np.sqrt(reading),
+            (-1.0, 1.0),
+            1.0,
+            1e-6,
+            gain=0.0,
+            branch_aware=False,
+            name="root",
+        )
+
+
+def test_pieces_cover_the_range_without_gap(fitted):
+    curve = compile_table(fitted["physics"], uncertainty=False).curve
+    number, left, right = curve.pieces()
+    assert (left[0], right[-1]) == (curve.low, curve.high)
+    np.testing.assert_allclose(left[1:], right[:-1], atol=1e-9)
+    assert np.unique(number).size == number.size
+    assert np.any(left == 0.0)
+
+
+@pytest.fixture(scope="module")
+def simple_table():
+    X, y = _calibration()
+    return compile_table(make_model("polynomial", range_nm=_RANGE).fit(X, y))
+
+
+def test_readings_outside_are_counted_and_named(simple_table):
+    reading = np.zeros(20)
+    reading[7], reading[13] = 2100.0, np.nan
+    with pytest.raises(InputError, match=r"2 readings .* first 2100 N·m at position 7"):
+        simple_table.torque(reading)
+    with pytest.raises(InputError, match="2 readings outside"):
+        simple_table.torque(reading, out=reading)
+    with pytest.raises(InputError, match="reading 2100"):
+        simple_table.at(2100.0)
+    with pytest.raises(InputError, match="reading nan"):
+        simple_table.at(float("nan"))
+
+
+def test_live_path_marks_instead(simple_table):
+    torque, fault = simple_table.torque_with_faults([0.0, 3000.0, np.nan, -3000.0])
+    assert fault.tolist() == [False, True, True, True]
+    # an overload keeps its size
+    assert torque[1] == pytest.approx(3000.0, rel=0.02)
+    assert torque[3] == pytest.approx(-3000.0, rel=0.02)
+    assert np.isnan(torque[2])
+    assert not simple_table.torque_with_faults([1.0, 2.0])[1].any()
+
+
+def test_empty_input(simple_table):
+    assert simple_table.torque([]).size == 0
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda t: t.torque([[1.0]]), "one row"),
+        (lambda t: t.torque([1.0, 2.0], [1]), "1 branches for 2 readings"),
+        (lambda t: t.torque([1.0], np.array([2], dtype=np.int8)), "a branch of 2"),
+        (lambda t: t.torque([1.0], out=np.empty(2)), "output array"),
+        (lambda t: t.torque([1.0], out=np.empty(1, np.float32)), "output array"),
+        (
+            lambda t: CompensationTable(t.curve, None, t.kind, 1.0).standard_uncertainty([1.0]),
+            "without uncertainty",
+        ),
+    ],
+)
+def test_bad_arguments_are_named(simple_table, call, message):
+    with pytest.raises(InputError, match=message):
+        call(simple_table)
+
+
+def test_impossible_tolerance_is_refused(fitted):
+    with pytest.raises(InputError, match="table tolerance"):
+        compile_table(fitted["polynomial"], tolerance=0.0)
