@@ -1,0 +1,250 @@
+"""Speed of compiled tables, side by side with what they replace: ``python -m benchmarks.table``.
+
+In one run, on the same array of readings: the fastest copy of the array, the 1-50-1 network in
+blocked NumPy in the fastest of three ways of writing it, and compiled tables with and without
+branches; then single readings from Python beside ``numpy.interp``. Every figure is the best of
+several rounds that take turns, so that other work on the machine hits all alike. Exits with 1
+where an aim is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import sys
+import time
+import timeit
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from os import cpu_count
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from benchmarks.chains import make_chain
+from torquebench.compensation import make_model
+from torquebench.compensation.table import CompensationTable, compile_table
+
+FloatArray = NDArray[np.float64]
+
+NETWORK_RATIO = 150.0
+"""Aim: times as fast as the network."""
+
+COPY_RATIO = 0.4
+"""Aim: share of the fastest copy's speed."""
+
+SCALAR_RATIO = 0.5
+"""Aim: share of the time of `numpy.interp` for one reading."""
+
+_HIDDEN = 50
+
+
+@dataclass(frozen=True)
+class Aim:
+    """One aim with what was measured."""
+
+    name: str
+    measured: float
+    limit: float
+    at_least: bool
+
+    @property
+    def met(self) -> bool:
+        """Whether the measurement is on the right side of the limit."""
+        return self.measured >= self.limit if self.at_least else self.measured <= self.limit
+
+    def __str__(self) -> str:
+        sign = "≥" if self.at_least else "≤"
+        verdict = "met" if self.met else "MISSED"
+        return f"{self.name}: {self.measured:.3g} (aim {sign} {self.limit:g}) {verdict}"
+
+
+def best_of(rounds: int, runs: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """Return the shortest time of each run in seconds, all taking turns."""
+    best = dict.fromkeys(runs, np.inf)
+    for _ in range(rounds):
+        for name, run in runs.items():
+            start = time.perf_counter()
+            run()
+            best[name] = min(best[name], time.perf_counter() - start)
+    return best
+
+
+# --- what tables are compared with -------------------------------------------------------------
+
+
+def copies(source: FloatArray, target: FloatArray) -> dict[str, Callable[[], object]]:
+    """Return every common way of copying an array."""
+    workers = cpu_count() or 1
+    parts = [
+        slice(source.size * k // workers, source.size * (k + 1) // workers) for k in range(workers)
+    ]
+
+    def threaded() -> None:
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(lambda part: np.copyto(target[part], source[part]), parts))
+
+    return {
+        "np.copyto": lambda: np.copyto(target, source),
+        "slice assignment": lambda: target.__setitem__(slice(None), source),
+        "memmove": lambda: ctypes.memmove(target.ctypes.data, source.ctypes.data, source.nbytes),
+        f"np.copyto, {workers} threads": threaded,
+    }
+
+
+class Network:
+    """The 1-50-1 network in blocked NumPy, without any allocation inside the loop."""
+
+    def __init__(self, seed: int) -> None:
+        generator = np.random.default_rng(seed)
+        self.weights = generator.normal(0.0, 5.0, _HIDDEN)
+        self.biases = generator.normal(0.0, 3.0, _HIDDEN)
+        self.outputs = generator.normal(0.0, 1e-3, _HIDDEN)
+        self.both = np.vstack([self.weights, self.biases])
+        self.full_scale = 2000.0
+
+    def rows(self, reading: FloatArray, out: FloatArray, block: int) -> None:
+        """One row a reading: outer product, tanh, matrix-vector product."""
+        hidden = np.empty((block, _HIDDEN))
+        for start in range(0, reading.size, block):
+            part = reading[start : start + block] / self.full_scale
+            layer = hidden[: part.size]
+            np.multiply.outer(part, self.weights, out=layer)
+            layer += self.biases
+            np.tanh(layer, out=layer)
+            np.dot(layer, self.outputs, out=out[start : start + block])
+
+    def columns(self, reading: FloatArray, out: FloatArray, block: int) -> None:
+        """One row a hidden unit."""
+        hidden = np.empty((_HIDDEN, block))
+        for start in range(0, reading.size, block):
+            part = reading[start : start + block] / self.full_scale
+            layer = hidden[:, : part.size]
+            np.multiply.outer(self.weights, part, out=layer)
+            layer += self.biases[:, None]
+            np.tanh(layer, out=layer)
+            np.dot(self.outputs, layer, out=out[start : start + block])
+
+    def product(self, reading: FloatArray, out: FloatArray, block: int) -> None:
+        """One row a reading, weights and biases by one matrix product."""
+        hidden, inputs = np.empty((block, _HIDDEN)), np.ones((block, 2))
+        for start in range(0, reading.size, block):
+            part = reading[start : start + block]
+            np.divide(part, self.full_scale, out=inputs[: part.size, 0])
+            layer = hidden[: part.size]
+            np.dot(inputs[: part.size], self.both, out=layer)
+            np.tanh(layer, out=layer)
+            np.dot(layer, self.outputs, out=out[start : start + block])
+
+    def fastest(self, reading: FloatArray, out: FloatArray) -> tuple[str, Callable[[], None]]:
+        """Return the fastest way and block size on a small part, to be run on the whole."""
+        part, ways = slice(0, 400_000), {}
+        for way in (self.rows, self.columns, self.product):
+            for block in (512, 1000, 2000, 4000):
+                ways[f"{way.__name__}, blocks of {block}"] = (way, block)
+        times = best_of(
+            2,
+            {
+                name: partial(way, reading[part], out[part], block)
+                for name, (way, block) in ways.items()
+            },
+        )
+        name = min(times, key=times.__getitem__)
+        way, block = ways[name]
+        return name, lambda: way(reading, out, block)
+
+
+# --- the measurement ---------------------------------------------------------------------------
+
+
+def compiled(kind: str) -> CompensationTable:
+    """Compile a model of one kind, fitted to 50 points of a generated chain."""
+    data = make_chain("reference", 1).calibration(50)
+    model = make_model(kind, range_nm=2000.0).fit(data.X, data.standard_nm)
+    return compile_table(model, uncertainty=False)
+
+
+def measure_arrays(size: int, rounds: int) -> list[Aim]:
+    """Compare on one large array."""
+    generator = np.random.default_rng(5)
+    reading = generator.uniform(-2000.0, 2000.0, size)
+    # branches as a bench has them: stretches, not single readings
+    branch = np.repeat(generator.integers(-1, 2, size // 1000 + 1), 1000)[:size].astype(np.int8)
+    out = np.empty_like(reading)
+    network_name, network = Network(7).fastest(reading, out)
+    copy_runs = copies(reading, out)
+    runs: dict[str, Callable[[], object]] = dict(copy_runs)
+    tables = {kind: compiled(kind) for kind in ("bayesian-network", "hybrid")}
+    for kind, table in tables.items():
+        label = f"{kind} (degree {table.curve.degree}, {table.curve.intervals} intervals)"
+        runs[f"table {label}"] = partial(table.torque, reading, out=out)
+        runs[f"table {label}, one thread"] = partial(table.torque, reading, out=out, workers=1)
+        if table.curve.branch_aware:
+            runs[f"table {label}, branches"] = partial(table.torque, reading, branch, out=out)
+    for table in tables.values():  # compiles the kernels outside the measurement
+        table.torque(reading[:9], branch[:9])
+        table.torque(reading[:9])
+    times = best_of(rounds, runs)
+    times[f"network 1-50-1 in NumPy, {network_name}"] = best_of(1, {"network": network})["network"]
+    print(f"{size:.0e} readings, best of {rounds} rounds; bounds of the tables in % FS:")
+    for kind, table in tables.items():
+        print(f"  {kind}: {100 * table.bound_nm / table.full_scale_nm:.1e}")
+    for name, seconds in times.items():
+        print(f"  {name:<75} {seconds:9.4f} s {seconds / size * 1e9:8.3f} ns a reading")
+    copy = min(times[name] for name in copy_runs)
+    slowest = max(times[n] for n in times if n.startswith("table") and "one thread" not in n)
+    network_time = next(times[name] for name in times if name.startswith("network"))
+    table_time = next(times[name] for name in times if name.startswith("table bayesian"))
+    return [
+        Aim(
+            "table of the network / network in NumPy, speed",
+            network_time / table_time,
+            NETWORK_RATIO,
+            True,
+        ),
+        Aim("slowest table / fastest copy, speed", copy / slowest, COPY_RATIO, True),
+    ]
+
+
+def measure_scalars(rounds: int) -> list[Aim]:
+    """Compare for one reading from plain Python."""
+    table = compiled("hybrid")
+    _, left, right = table.curve.pieces()
+    nodes = np.append(left, right[-1])
+    values = table.torque(nodes)
+    reading, calls = 1234.5, 20_000
+    statements: dict[str, Callable[[], object]] = {
+        "numpy.interp": lambda: np.interp(reading, nodes, values),
+        "table.at(reading)": lambda: table.at(reading),
+        "table.at(reading, branch)": lambda: table.at(reading, -1),
+    }
+    best = {
+        name: min(timeit.repeat(statement, number=calls, repeat=rounds)) / calls
+        for name, statement in statements.items()
+    }
+    for name, seconds in best.items():
+        print(f"  {name:<75} {1e9 * seconds:9.0f} ns")
+    return [
+        Aim(f"{name} / numpy.interp, time", best[name] / best["numpy.interp"], SCALAR_RATIO, False)
+        for name in statements
+        if name.startswith("table")
+    ]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print, and return 1 where an aim is missed."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.table", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="2e7 readings instead of 1e8")
+    options = parser.parse_args(arguments)
+    size, rounds = (20_000_000, 7) if options.quick else (100_000_000, 9)
+    with threadpool_limits(1):
+        aims = [*measure_arrays(size, rounds), *measure_scalars(rounds)]
+    print("\n".join(str(aim) for aim in aims))
+    return 0 if all(aim.met for aim in aims) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
