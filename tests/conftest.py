@@ -15,6 +15,7 @@ os.environ["MPLBACKEND"] = "Agg"
 
 import pytest
 from hypothesis import HealthCheck, settings
+from tests import postgresql_server
 
 _CI = bool(os.environ.get("CI"))
 _REPOSITORY = Path(__file__).resolve().parents[1]
@@ -38,14 +39,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=left_out)
 
 
-def pytest_report_header() -> str | None:
-    """Say in one line that tests are left out, and how to run them."""
-    if _CI or _REFERENCE_DATA.is_dir():
-        return None
-    return (
-        f"reference tests are left out: no folder {_REFERENCE_DATA} "
-        "(give it by TORQUEBENCH_REFERENCE_DATA)"
-    )
+def pytest_report_header() -> list[str]:
+    """Say in a line each which tests are left out, and how to run them."""
+    lines = []
+    if not (_CI or _REFERENCE_DATA.is_dir()):
+        lines.append(
+            f"reference tests are left out: no folder {_REFERENCE_DATA} "
+            "(give it by TORQUEBENCH_REFERENCE_DATA)"
+        )
+    if not (_CI or postgresql_server.binaries()):
+        lines.append(
+            "the registry isn't tested on PostgreSQL: no server is installed "
+            "(Debian package: postgresql)"
+        )
+    return lines
 
 
 @pytest.fixture(scope="session")

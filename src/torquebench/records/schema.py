@@ -19,7 +19,6 @@ from sqlalchemy import (
     String,
     Text,
     TypeDecorator,
-    text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
 
@@ -232,9 +231,9 @@ class RunRow(Base):
     folder: Mapped[str]
 
     __table_args__ = (
-        # The list of runs is always the newest first; this index alone answers it.
-        Index("ix_runs_started", text("started DESC"), text("id DESC")),
-        Index("ix_runs_kind_started", "kind", text("started DESC")),
+        # The list of runs is always the newest first: these answer it, read backwards.
+        Index("ix_runs_started", "started", "id"),
+        Index("ix_runs_kind_started", "kind", "started", "id"),
     )
 
 
@@ -319,9 +318,7 @@ class ActivationRow(Base):
 
     model: Mapped[ModelRow | None] = relationship()
 
-    __table_args__ = (
-        Index("ix_activations_chain", "transducer_key", "counter_key", text("id DESC")),
-    )
+    __table_args__ = (Index("ix_activations_chain", "transducer_key", "counter_key", "id"),)
 
 
 class VerificationRow(Base):

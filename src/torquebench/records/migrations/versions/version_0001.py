@@ -123,8 +123,8 @@ def _tables_without_references() -> None:
         sa.PrimaryKeyConstraint("id", name="pk_runs"),
         sa.UniqueConstraint("run_id", name="uq_runs_run_id"),
     )
-    op.create_index("ix_runs_started", "runs", [sa.text("started DESC"), sa.text("id DESC")])
-    op.create_index("ix_runs_kind_started", "runs", ["kind", sa.text("started DESC")])
+    op.create_index("ix_runs_started", "runs", ["started", "id"])
+    op.create_index("ix_runs_kind_started", "runs", ["kind", "started", "id"])
 
 
 def _equipment_tables() -> None:
@@ -370,5 +370,5 @@ def _model_tables() -> None:
     op.create_index(
         "ix_activations_chain",
         "activations",
-        ["transducer_key", "counter_key", sa.text("id DESC")],
+        ["transducer_key", "counter_key", "id"],
     )

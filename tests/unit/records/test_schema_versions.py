@@ -1,0 +1,158 @@
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import event, inspect, text
+
+from torquebench.errors import InputError, RecordError
+from torquebench.records import Registry
+from torquebench.records.database import REGISTRY_URL
+from torquebench.records.migrating import SCHEMA_VERSION
+from torquebench.records.migrations import versions
+from torquebench.records.run_records import RunRecords
+from torquebench.records.schema import Base, RunEndRow, RunRow
+
+START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
+
+
+def test_the_migrations_give_the_tables_that_the_code_writes(registry, around):
+    with around.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+        found = {
+            index["name"]
+            for table in Base.metadata.tables
+            for index in inspect(connection).get_indexes(table)
+        }
+    wanted = {index.name for table in Base.metadata.tables.values() for index in table.indexes}
+    assert wanted <= found
+
+
+def test_the_newest_migration_is_the_version_that_is_written():
+    import importlib
+    import pkgutil
+
+    names = sorted(module.name for module in pkgutil.iter_modules(versions.__path__))
+    modules = [importlib.import_module(f"{versions.__name__}.{name}") for name in names]
+    assert modules[-1].revision == SCHEMA_VERSION
+    assert [module.down_revision for module in modules] == [
+        None,
+        *(module.revision for module in modules[:-1]),
+    ]
+    tables = {table for module in modules for table in getattr(module, "TABLES", ())}
+    assert tables == set(Base.metadata.tables)
+
+
+def test_opening_again_changes_nothing(registry, tmp_path, registry_url):
+    before = registry.head()
+    with Registry.open(tmp_path, registry_url) as again:
+        assert again.head() == before
+
+
+def test_a_registry_of_a_newer_version_is_refused(registry, around, tmp_path, registry_url):
+    with around.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    with pytest.raises(RecordError, match=r"has the schema 9999; allowed: 0001 or older"):
+        Registry.open(tmp_path, registry_url)
+
+
+def test_a_database_with_other_tables_is_refused(around, tmp_path, registry_url):
+    with around.begin() as connection:
+        connection.execute(text("CREATE TABLE guests (id INTEGER)"))
+    with pytest.raises(RecordError, match="holds other tables: guests"):
+        Registry.open(tmp_path, registry_url)
+
+
+def test_the_registry_may_be_named_by_the_environment(tmp_path, monkeypatch):
+    monkeypatch.setenv(REGISTRY_URL, f"sqlite:///{tmp_path}/elsewhere.sqlite")
+    with Registry.open(tmp_path / "data") as registry:
+        assert registry.name.endswith("elsewhere.sqlite")
+    assert not (tmp_path / "data" / "registry.sqlite").exists()
+
+
+@pytest.mark.parametrize("url", ["nonsense", "mysql://user@server/database", "sqlite+x:///a"])
+def test_a_url_of_something_else_is_refused(tmp_path, url):
+    with pytest.raises(InputError, match="registry"):
+        Registry.open(tmp_path, url)
+
+
+def test_a_server_that_does_not_answer_is_named_without_its_password(tmp_path):
+    socket = tmp_path / "none"
+    with pytest.raises(RecordError, match=r"user:\*\*\*@/registry") as caught:
+        Registry.open(tmp_path, f"postgresql://user:secret@/registry?unix_sock={socket}")
+    assert "secret" not in str(caught.value)
+
+
+def enter_runs(engine, count):
+    runs = [
+        {
+            "id": number + 1,
+            "run_id": f"run-{number:06}",
+            "kind": ("calibrate-output", "verify-output", "zero")[number % 3],
+            "started": START + timedelta(minutes=(number * 7919) % count),
+            "side": "output",
+            "operator": "Ana",
+            "bench": "Bench 1",
+            "simulated": True,
+            "profile_name": "",
+            "profile_sha256": "",
+            "software_version": "0.1.0",
+            "folder": f"runs/run-{number:06}",
+        }
+        for number in range(count)
+    ]
+    ends = [
+        {
+            "run_key": run["id"],
+            "finished": run["started"],
+            "status": "completed",
+            "reason": "",
+            "manifest_sha256": "",
+        }
+        for run in runs
+    ]
+    with engine.begin() as connection:
+        connection.execute(RunRow.__table__.insert(), runs)
+        connection.execute(RunEndRow.__table__.insert(), ends)
+        connection.execute(text("ANALYZE"))
+
+
+def test_the_first_page_of_a_long_list_of_runs_reads_that_page_only(registry, around):
+    enter_runs(around, 3000)
+    page = registry.runs(limit=50)
+    assert [run.started for run in page] == [
+        START + timedelta(minutes=2999 - number) for number in range(50)
+    ]
+    for kind in (None, "zero"):
+        steps = plan_of(around, RunRecords.runs_query(registry, kind).limit(50))
+        assert "SCAN run_ends" not in steps
+        assert "Seq Scan" not in steps
+        assert "TEMP B-TREE" not in steps
+        assert "Sort" not in steps
+        assert "ix_runs_" in steps
+
+
+def plan_of(engine, query):
+    explain = "EXPLAIN QUERY PLAN " if engine.dialect.name == "sqlite" else "EXPLAIN "
+    compiled = query.compile(engine, compile_kwargs={"literal_binds": True})
+    with engine.connect() as connection:
+        return "\n".join(str(row) for row in connection.exec_driver_sql(explain + str(compiled)))
+
+
+def test_the_list_of_runs_is_one_query(registry, around):
+    enter_runs(around, 20)
+    seen = []
+    engine = registry._engine
+    event.listen(engine, "before_cursor_execute", lambda *arguments: seen.append(arguments[2]))
+    assert len(registry.runs(limit=10)) == 10
+    assert len([statement for statement in seen if statement.startswith("SELECT")]) == 1
+
+
+def test_runs_are_found_by_the_beginning_of_their_name(registry, around):
+    enter_runs(around, 30)
+    assert [run.run_id for run in registry.runs_beginning("run-00002")] == [
+        f"run-00002{digit}" for digit in range(10)
+    ]
+    assert registry.runs_beginning("x") == []
+    assert len(registry.runs_beginning("", limit=7)) == 7
