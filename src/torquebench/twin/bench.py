@@ -224,8 +224,13 @@ class BenchTwin:
             self._orders.target[index] = speed
 
     def set_ambient(self, temperature_c: float) -> None:
-        """Set the hall's temperature; the parts follow with their own time constants."""
+        """Set the hall's temperature; the parts follow with their own time constants.
+
+        Before the first block everything is put at this temperature.
+        """
         self._orders.ambient_c[0] = _finite(temperature_c, "temperature", "°C")
+        if self._tick == 0:
+            self._state.temperature_c[:] = temperature_c
 
     def inject_fault(
         self,

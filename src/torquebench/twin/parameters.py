@@ -10,7 +10,7 @@ from torquebench.mechanics import Chain
 from torquebench.twin import presets
 from torquebench.twin.blocks import SIDES, Side
 from torquebench.twin.calibrator import ReferenceParameters
-from torquebench.twin.chain import ChainConstants, chain_is_invertible
+from torquebench.twin.chain import ChainConstants, steepest_slope
 from torquebench.twin.counter import CounterConstants
 from torquebench.twin.drive import DriveConstants
 from torquebench.twin.presets import BANDWIDTH, DESIGNS, WEAR, Preset
@@ -170,7 +170,7 @@ def _draw_side(
     while True:
         geometry = presets.draw_geometry(generator, design, wear)
         chain = presets.draw_chain(generator, design, geometry, wear)
-        if chain_is_invertible(chain):
+        if steepest_slope(chain) < 0.5:
             break
     calibrator, standard = presets.draw_references(generator, design, wear, carrier_hz)
     arcsec = np.pi / 180.0 / 3600.0

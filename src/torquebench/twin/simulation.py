@@ -132,7 +132,7 @@ def _signals(
             state.transducers[side],
             row[mechanism.SHAFT_TORQUE],
             state.temperature_c[thermal.INPUT_TRANSDUCER + side],
-            row[mechanism.FLANGE_SPEED],
+            row[mechanism.MOTOR_SPEED],
             STEP_S,
             normal[5 * side : 5 * side + 5],
         )
@@ -188,7 +188,7 @@ def simulate(
             recording.speed_rad_s[side, step] = row[mechanism.FLANGE_SPEED]
             recording.angle_rad[side, step] = row[mechanism.FLANGE_ANGLE]
             recording.encoder_rad[side, step] = row[mechanism.FLANGE_ANGLE] + twist
-            speed[side] = row[mechanism.FLANGE_SPEED]
+            speed[side] = row[mechanism.MOTOR_SPEED]
             added[side] = _added_torque(constants, state, orders, side)
             control = orders.control[side]
             if orders.conversion[side] != mechanism.CONVERSION_DRIVEN:
