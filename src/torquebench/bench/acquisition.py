@@ -114,8 +114,15 @@ class Acquisition:
     # -- life -------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start to acquire."""
-        self._wall_start = time.monotonic()
+        """Acquire a first block on the calling thread, then go on in acquisition's own.
+
+        Raises
+        ------
+        BenchError
+            An instrument fails, or is another one than described.
+        """
+        self._step()  # also compiles what has to be compiled, before anything can be loaded
+        self._wall_start = time.monotonic() - self._block_s
         self._thread.start()
 
     def close(self) -> None:

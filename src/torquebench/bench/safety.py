@@ -36,6 +36,7 @@ from torquebench.signals import SignalFaultKind
 __all__ = ["Alarm", "AlarmKind", "SafetySupervisor"]
 
 WATCH_PERIOD_S = 0.05
+ROUNDING_S = 1e-6
 RPM = 60.0 / (2.0 * np.pi)
 
 
@@ -230,7 +231,7 @@ class SafetySupervisor:
             violation = self._violation(block)
             if violation is not None:
                 self.trip(*violation)
-        if not self._safe.is_set() and block.stop_s >= self._disable_at_s:
+        if not self._safe.is_set() and block.stop_s > self._disable_at_s - ROUNDING_S:
             self.disable()
         if self._alarm is None or not self._safe.is_set():
             for drive in self._drivers.drives.values():
@@ -414,7 +415,7 @@ class SafetySupervisor:
         while not self._closing.wait(WATCH_PERIOD_S):
             busy_since = self._busy_since
             stalled = busy_since is not None and time.monotonic() - busy_since > stall_s
-            if stalled and self._alarm is None:
+            if stalled and self._alarm is None and self._commands.any_enabled:
                 self.trip(
                     AlarmKind.STALL,
                     "acquisition",

@@ -85,9 +85,9 @@ def _open(
     supervisor = SafetySupervisor(description, drivers, clock, commands)
     acquisition = Acquisition(description, drivers, clock, supervisor, commands)
     interlocks = Interlocks(description, drivers, supervisor, commands, acquisition)
-    supervisor.start()
-    acquisition.start()
     try:
+        supervisor.start()
+        acquisition.start()
         yield LowBench(description, drivers, clock, commands, supervisor, acquisition, interlocks)
     finally:
         acquisition.close()

@@ -34,14 +34,13 @@ class Journal:
 
 def test_torque_comes_out_of_edges_within_the_chains_error(bench: LowBench) -> None:
     bench.load_output(400.0)
-    bench.clock.wait(1.0)
+    bench.clock.wait_until(1.0)
     reading = bench.acquisition.channel("output_torque").window(0.6, 0.9)
     standard = bench.acquisition.channel("output_reference").window(0.6, 0.9)
     assert reading.time_s.size == standard.time_s.size == 30
     assert reading.torque_nm.mean() == pytest.approx(400.0, abs=0.02 * 2000.0)
     true = bench.simulated.true_torque("output", 0.6, 0.9)
-    bias = bench.acquisition.channel("output_reference").window(0.0, 0.05).torque_nm
-    assert standard.torque_nm.mean() == pytest.approx(true, abs=2.0 + np.abs(bias).max())
+    assert standard.torque_nm.mean() == pytest.approx(true, abs=5.0)
 
 
 def test_it_stands_still_when_nobody_needs_time(bench: LowBench) -> None:
@@ -52,7 +51,6 @@ def test_it_stands_still_when_nobody_needs_time(bench: LowBench) -> None:
 
 
 def test_the_modules_always_run_and_a_standard_only_while_it_is_used(bench: LowBench) -> None:
-    bench.clock.wait(0.05)
     assert set(bench.acquisition.latest_block.channels) == {"input_torque", "output_torque"}
     with pytest.raises(SignalFault, match="nothing mounted"):
         bench.acquisition.latest("output_reference")
@@ -71,11 +69,11 @@ def test_the_modules_always_run_and_a_standard_only_while_it_is_used(bench: LowB
 def test_a_measured_zero_holds_until_another_standard_is_mounted(bench: LowBench) -> None:
     bench.drivers.operator.mount("calibrator")
     bench.acquisition.select_for("calibrator")
-    bench.clock.wait(0.3)
+    bench.clock.wait_until(0.3)
     for channel in ("output_torque", "output_reference"):
         mean = bench.acquisition.channel(channel).window(0.1, 0.3).frequency_hz.mean()
         bench.acquisition.set_zero(channel, float(mean))
-    bench.clock.wait(0.2)
+    bench.clock.wait_until(0.5)
     reading = bench.acquisition.channel("output_torque").window(0.35, 0.5).torque_nm
     assert abs(reading.mean()) < 0.5
     bench.acquisition.select_for("verification_standard")
@@ -97,9 +95,9 @@ def test_a_measured_zero_holds_until_another_standard_is_mounted(bench: LowBench
 def test_a_fault_is_carried_as_a_fault_and_never_as_a_number(
     bench: LowBench, kind: Any, expected: set[SignalFaultKind]
 ) -> None:
-    bench.clock.wait(0.2)
+    bench.clock.wait_until(0.2)
     bench.simulated.twin.inject_fault("output_torque", kind, duration_s=0.1)
-    bench.clock.wait(0.2)
+    bench.clock.wait_until(0.4)
     samples = bench.acquisition.channel("output_torque").window(0.22, 0.29)
     assert {SignalFaultKind(code) for code in samples.fault.tolist()} <= expected
     assert np.isnan(samples.torque_nm).all()
@@ -107,7 +105,7 @@ def test_a_fault_is_carried_as_a_fault_and_never_as_a_number(
         samples.raise_on_fault()
     other = bench.acquisition.channel("input_torque").window(0.22, 0.29)
     assert not other.fault.any()
-    bench.clock.wait(0.2)
+    bench.clock.wait_until(0.6)
     assert not bench.acquisition.channel("output_torque").window(0.4, 0.6).fault.any()
 
 
@@ -115,10 +113,10 @@ def test_a_standard_with_its_own_readout_gives_the_same_torque(open_bench: OpenB
     def standard(reference: str) -> Any:
         with open_bench(driver__reference=reference) as bench:
             bench.load_output(300.0)
-            bench.clock.wait(0.8)
+            bench.clock.wait_until(0.8)
             channel = bench.acquisition.channel("output_reference")
             channel.zero_hz = 60_010.0
-            bench.clock.wait(0.2)
+            bench.clock.wait_until(1.0)
             return channel.window(0.5, 1.0)
 
     by_edges, by_readout = standard("edges"), standard("readout")
@@ -128,7 +126,7 @@ def test_a_standard_with_its_own_readout_gives_the_same_torque(open_bench: OpenB
 
 def test_the_journal_gets_every_block_in_order(bench: LowBench) -> None:
     journal = Journal()
-    bench.clock.wait(0.1)
+    bench.clock.wait_until(0.1)
     bench.acquisition.set_journal(journal)
     bench.clock.wait(1.0)
     bench.acquisition.set_journal(None)
@@ -161,7 +159,7 @@ def test_a_slow_viewer_loses_blocks_and_nobody_else_does(bench: LowBench) -> Non
     quick = viewer.drain()
     assert len(quick) == len(journal.blocks) == 20
     assert slow.dropped == 17
-    assert [block.index for block in slow.drain()] == [17, 18, 19]
+    assert [block.index for block in slow.drain()] == [18, 19, 20]
     bench.acquisition.remove_viewer(slow)
     bench.clock.wait(0.5)
     assert slow.drain() == []
@@ -193,7 +191,7 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
 def test_speed_angle_and_temperature_are_those_of_the_bench(bench: LowBench) -> None:
     bench.load_output(0.0)
     bench.drivers.drives["output"].command_speed(1.0, 100.0)
-    bench.clock.wait(2.0)
+    bench.clock.wait_until(2.0)
     assert bench.acquisition.speed_rad_s("output") == pytest.approx(1.0, abs=0.05)
     assert bench.acquisition.mean_speed_rad_s("output", 1.0, 2.0) == pytest.approx(1.0, abs=0.02)
     angles = bench.acquisition.angles("output", 1.0, 2.0)
@@ -220,10 +218,10 @@ def test_an_instrument_that_fails_ends_acquisition_and_wakes_whoever_waits(
 
 def test_a_wrongly_described_encoder_is_found_with_the_first_block(open_bench: OpenBench) -> None:
     with (
-        open_bench(input__encoder__counts_per_revolution=1000) as bench,
         pytest.raises(BenchError, match="360000 counts per revolution"),
+        open_bench(input__encoder__counts_per_revolution=1000),
     ):
-        bench.clock.wait(0.1)
+        pass
 
 
 def test_real_time_follows_the_wall(open_bench: OpenBench) -> None:

@@ -40,7 +40,6 @@ async def ready(bench: Any) -> AsyncIterator[BenchDevices]:
     )
     devices = BenchDevices(context)
     await devices.connect()
-    await bench.clock.sleep(0.05)
     await devices.mounting.set("calibrator")
     await devices.clamp.set(True)
     await devices.input.mode.set("locked")

@@ -75,11 +75,20 @@ def test_a_drive_that_runs_away_is_stopped(open_bench: OpenBench) -> None:
 
 
 def test_heat_stops_the_bench(open_bench: OpenBench) -> None:
-    with open_bench(driver__ambient_c=40.0, output__limits__temperature_c=24.0) as bench:
+    with open_bench(output__limits__temperature_c=24.5) as bench:
         bench.load_output(100.0)
+        bench.clock.wait(1.0)
+        assert bench.supervisor.alarm is None
+        bench.simulated.twin.set_ambient(90.0)
         with pytest.raises(LimitError, match="temperature limit: probe output_transducer"):
-            bench.clock.wait(7200.0)
+            bench.clock.wait(600.0)
         assert_safe(bench, AlarmKind.TEMPERATURE_LIMIT, "output_transducer")
+
+
+def test_a_bench_that_is_too_warm_already_is_not_switched_on(open_bench: OpenBench) -> None:
+    warm = {"driver__ambient_c": 40.0, "output__limits__temperature_c": 35.0}
+    with open_bench(**warm) as bench, pytest.raises(InterlockError, match="temperature limit"):
+        bench.interlocks.check_enable("output")
 
 
 @pytest.mark.parametrize("channel", ["output_torque", "output_reference", "input_torque"])
@@ -97,9 +106,9 @@ def test_a_lost_signal_takes_the_torque_off(bench: LowBench, channel: Any, kind:
 
 def test_one_faulty_window_is_no_alarm(bench: LowBench) -> None:
     bench.load_output(800.0)
-    bench.clock.wait(0.5)
+    bench.clock.wait_until(0.5)
     bench.simulated.twin.inject_fault("output_torque", "missing_pulses", duration_s=0.012)
-    bench.clock.wait(0.5)
+    bench.clock.wait_until(1.0)
     assert bench.acquisition.channel("output_torque").window(0.5, 1.0).fault.any()
     assert bench.supervisor.alarm is None
 
