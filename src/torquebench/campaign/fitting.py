@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from sklearn.base import clone
+
 from torquebench.calibration import CalibrationData, summarise_errors
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.results import FitResult
@@ -16,6 +18,7 @@ from torquebench.compensation import (
     FEATURES,
     MODELS,
     CompensationModel,
+    OutlierWarning,
     compare,
     make_model,
 )
@@ -216,8 +219,11 @@ def fit_table(
             f"model {taken} refuses the points: {comparison.refused[taken]}",
             remedy="take another model, or record what it needs",
         )
-    model = comparison.models[taken]
-    torque = model.predict(data.features(COMPARED_COLUMNS))
+    model = clone(comparison.models[taken])
+    X = data.features(feature_columns(model))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OutlierWarning)  # the comparison names the wild points
+        model.fit(X, data.standard_nm)
     return FitResult(
         source=source,
         data=data,
@@ -226,10 +232,10 @@ def fit_table(
         title=model_title(model.kind, model.get_params(deep=False)),
         model=model,
         raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
-        fitted=summarise_errors(torque, data.standard_nm, data.range_nm),
+        fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
         remarks=tuple(f"wild point, weighted down: {point}" for point in comparison.wild_points),
     )
 
 
 COMPARED_COLUMNS = 2
-"""Reading and branch: what every table has. A model looks at no more of them than it uses."""
+"""Reading and branch, which every table has; the model taken is fitted to those that it uses."""

@@ -13,6 +13,7 @@ import numpy as np
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import Profile
 from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.zeros import register_zeroings
 from torquebench.errors import BenchError
 from torquebench.procedures import (
     FrictionSettings,
@@ -35,6 +36,7 @@ __all__ = [
     "measure_calibration",
     "measure_friction",
     "measure_verification",
+    "operator_name",
     "rehearse_calibration",
 ]
 
@@ -191,6 +193,7 @@ def _measure(
             done = step.done
 
     record = station.run(plan(), kind=kind, metadata=metadata, progress=watch, on_pause=on_pause)
+    register_zeroings(station, record)
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

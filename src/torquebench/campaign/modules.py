@@ -18,11 +18,12 @@ from torquebench.calibration import (
     ErrorSummary,
     Profile,
     VerificationResult,
+    propose_due_date,
     summarise_errors,
     verify,
 )
 from torquebench.campaign.fitting import FittedModel, feature_columns, model_title
-from torquebench.campaign.measuring import Measured
+from torquebench.campaign.measuring import Measured, operator_name
 from torquebench.campaign.results import CompensationResult, DenseSweep, ModuleResult
 from torquebench.compensation import (
     CompensationModel,
@@ -32,7 +33,7 @@ from torquebench.compensation import (
     save_model,
 )
 from torquebench.procedures import StaircaseResult
-from torquebench.records import CalibrationEntry, ModelEntry
+from torquebench.records import MANIFEST, CalibrationEntry, ModelEntry, sha256_of_file
 from torquebench.station import Station
 
 __all__ = [
@@ -90,6 +91,9 @@ def register_calibration(
         standard_serial=result.standard_serial,
         profile_name=profile.name,
         profile_sha256=profile.sha256,
+        measured_by=operator_name(),
+        due=propose_due_date(datetime.now(UTC), None, longest_days=profile.valid_days),
+        files={MANIFEST: sha256_of_file(measured.record.folder / MANIFEST)},
         summary={"unsettled points": result.unsettled},
     )
     models = {}
@@ -148,7 +152,9 @@ def register_verification(
     """Register what a verification found, for each model beside the raw reading."""
     for name, entry in registered.models.items():
         part = replace(result, models=(result.of(RAW), result.of(name)))
-        station.registry.add_verification(entry.model_id, part, run_id=run_id)
+        station.registry.add_verification(
+            entry.model_id, part, run_id=run_id, measured_by=operator_name()
+        )
 
 
 def dense_sweep(station: Station, side: Side) -> DenseSweep | None:

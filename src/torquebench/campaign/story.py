@@ -42,8 +42,8 @@ class StorySettings:
     calibration, verification : Profile
         By default the rapid calibration in place (50 points per direction, up and down) and ten
         groups of 50 fresh points.
-    friction : FrictionSettings
-        By default 20 to 1200 rpm with three repeats.
+    friction : FrictionSettings or None
+        By default 20 to 1200 rpm with three repeats; None leaves the reducer out.
     models : tuple of ModelChoice
         What is fitted beside the recommended model.
     seed : int
@@ -52,7 +52,7 @@ class StorySettings:
 
     calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
     verification: Profile = field(default_factory=lambda: load_profile("verification"))
-    friction: FrictionSettings = field(default_factory=FrictionSettings)
+    friction: FrictionSettings | None = field(default_factory=FrictionSettings)
     models: tuple[ModelChoice, ...] = (
         ModelChoice("bayesian-network"),
         ModelChoice("published-network"),
@@ -85,8 +85,10 @@ def tell_story(
     started, clock_started = datetime.now(UTC), time.perf_counter()
     bench_started = station.clock.now()
     modules = _modules(station, settings, progress)
-    station.activate_compensation("input")
-    friction = measure_friction(station, settings.friction, progress=progress)
+    friction = None
+    if settings.friction is not None:
+        station.activate_compensation("input")
+        friction = measure_friction(station, settings.friction, progress=progress)
     description = station.description
     return DemoResult(
         bench_name=description.name,
@@ -97,8 +99,8 @@ def tell_story(
         bench_seconds=station.clock.now() - bench_started,
         elapsed_seconds=time.perf_counter() - clock_started,
         modules=tuple(modules),
-        friction=friction.result,
-        friction_run_id=friction.record.run_id,
+        friction=None if friction is None else friction.result,
+        friction_run_id="" if friction is None else friction.record.run_id,
         software_version=__version__,
     )
 

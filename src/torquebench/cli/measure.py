@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -114,13 +115,12 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
 def measured_line(station: Station, blocks: list[AcquiredBlock]) -> str:
     """Return one line of at most 80 columns about an interval."""
     newest = blocks[-1]
-    parts = [f"{newest.stop_s:7.1f} s"]
-    parts += [f"in {_torque('input', blocks)}", f"out {_torque('output', blocks)}"]
-    rpm = newest.speed_rad_s["input"] * 60.0 / 6.283185307179586
-    probe = station.description.input.temperature_probe
-    parts.append(f"{rpm:7.1f} rpm")
-    parts.append(f"{newest.temperatures[probe]:.1f} °C")
-    return "  ".join(parts)
+    rpm = newest.speed_rad_s["input"] * 60.0 / (2.0 * math.pi)
+    temperature = newest.temperatures[station.description.input.temperature_probe]
+    return (
+        f"{newest.stop_s:6.1f} s  in {_torque('input', blocks)}  out {_torque('output', blocks)}"
+        f" N·m  {rpm:7.1f} rpm  {temperature:.1f} °C"
+    )
 
 
 def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
@@ -132,13 +132,13 @@ def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
     samples = [block.channels[torque_channel(side)] for block in blocks]
     fault = next((each.fault_kind for each in samples if each.fault.any()), None)
     if fault is not None:
-        return f"{fault.name.lower().replace('_', ' '):>22}"
+        return f"{fault.name.lower().replace('_', ' '):>17}"
     compensated = [block.compensated[side] for block in blocks if side in block.compensated]
     if len(compensated) == len(blocks):
         torque = np.concatenate([each.torque_nm for each in compensated])
         uncertainty = np.concatenate([each.standard_uncertainty_nm for each in compensated])
         if not np.all(np.isfinite(torque)):
-            return f"{'beyond the range':>22}"
-        return f"{np.mean(torque):9.3f} ± {2.0 * np.mean(uncertainty):.3f} N·m"
+            return f"{'beyond range':>17}"
+        return f"{np.mean(torque):9.3f} ± {2.0 * np.mean(uncertainty):5.3f}"
     torque = np.concatenate([each.torque_nm for each in samples])
-    return f"{np.mean(torque):9.3f} N·m raw "
+    return f"{np.mean(torque):9.3f} raw    "

@@ -129,10 +129,10 @@ class _Loader:
         self.seen = self.devices.interruptions
         step = self.steps[number]
         if step.kind == "point" and step.branch < 0:
-            yield from bps.mv(self._module.drive.torque, self._turning_point(number))
+            yield from bps.mv(self._module.drive.torque, self.turning_point(number))
             yield from bps.sleep(step.duration_s)
 
-    def _turning_point(self, number: int) -> float:
+    def turning_point(self, number: int) -> float:
         """Torque at which the falling branch of a step began."""
         target = 0.0
         for step in reversed(self.steps[: number + 1]):

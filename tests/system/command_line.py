@@ -1,0 +1,107 @@
+"""Starts the installed `torquebench` command as a user does: real processes, real terminals."""
+
+import contextlib
+import errno
+import fcntl
+import os
+import pty
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+COMMAND = str(Path(sys.executable).parent / "torquebench")
+TIMEOUT_S = 240.0
+
+
+def environment(**changes: str) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    return {**kept, "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", **changes}
+
+
+def run(*arguments: object, cwd: Path, **changes: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end, output and messages apart."""
+    return subprocess.run(
+        [COMMAND, *map(str, arguments)],
+        cwd=cwd,
+        env=environment(**changes),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+
+
+@contextlib.contextmanager
+def started(*arguments: object, cwd: Path) -> Iterator[subprocess.Popen[str]]:
+    """Start the command without a terminal; it is gone when the block ends."""
+    process = subprocess.Popen(
+        [COMMAND, *map(str, arguments)],
+        cwd=cwd,
+        env=environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def wait_until(condition: Callable[[], bool], what: str) -> None:
+    """Wait for something that the process brings about."""
+    deadline = time.monotonic() + TIMEOUT_S
+    while not condition():
+        if time.monotonic() > deadline:
+            raise AssertionError(f"waited in vain for {what}")
+        time.sleep(0.05)
+
+
+def at_terminal(*arguments: object, cwd: Path, dialogue: list[tuple[str, str]]) -> tuple[int, str]:
+    """Run the command at a terminal of 80 columns and answer what it shows.
+
+    Each pair of `dialogue` waits for a text and then types an answer ("\\x03" is Ctrl-C).
+    """
+    process, terminal = pty.fork()
+    if process == 0:  # pragma: no cover - the child becomes the command
+        os.chdir(cwd)
+        os.execvpe(COMMAND, [COMMAND, *map(str, arguments)], environment(TERM="xterm"))
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
+    shown, answered, waiting = b"", 0, list(dialogue)
+    deadline = time.monotonic() + TIMEOUT_S
+    try:
+        while time.monotonic() < deadline:
+            ready, _, _ = select.select([terminal], [], [], 0.2)
+            if ready:
+                try:
+                    fresh = os.read(terminal, 65536)
+                except OSError as error:  # Linux's way to say that the other end is gone
+                    if error.errno != errno.EIO:
+                        raise
+                    break
+                if not fresh:
+                    break
+                shown += fresh
+            if waiting and waiting[0][0].encode() in shown[answered:]:
+                os.write(terminal, waiting.pop(0)[1].encode())
+                answered = len(shown)
+        else:
+            os.kill(process, signal.SIGKILL)
+    finally:
+        _, status = os.waitpid(process, 0)
+        os.close(terminal)
+    return os.waitstatus_to_exitcode(status), shown.decode()
+
+
+def widest_line(text: str) -> int:
+    """Return the number of columns of the widest line."""
+    return max((len(line.rstrip()) for line in text.splitlines()), default=0)

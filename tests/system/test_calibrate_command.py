@@ -1,0 +1,88 @@
+"""Calibrate on the simulated bench, then measure with the model and look at the records."""
+
+import re
+from pathlib import Path
+
+from tests.system.command_line import run, widest_line
+
+
+def test_a_dry_run_shows_the_staircase_and_leaves_nothing(tmp_path: Path) -> None:
+    result = run("calibrate", "both", "--dry-run", "--data", "data", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "200 points" in result.stdout
+    assert "mount the calibrator" in " ".join(result.stdout.split())
+    assert "limit 2400 N·m" in result.stdout
+    assert "nothing was moved" in result.stdout
+    assert widest_line(result.stdout) <= 80
+    assert not list(tmp_path.iterdir())
+
+
+def test_rising_only_halves_the_staircase(tmp_path: Path) -> None:
+    result = run("calibrate", "output", "--rising-only", "--dry-run", cwd=tmp_path)
+    assert "100 points" in result.stdout
+    assert "points down" not in result.stdout
+
+
+def test_calibrate_measure_records(tmp_path: Path) -> None:
+    options = ("--step-percent", 10, "--data", "data")
+    calibrated = run("calibrate", "both", *options, cwd=tmp_path)
+    assert calibrated.returncode == 0, calibrated.stderr
+    assert calibrated.stdout.count("In use: model-") == 2
+    assert calibrated.stdout.count("- simulated") == 2
+    assert widest_line(calibrated.stdout) <= 80
+    assert "\x1b" not in calibrated.stdout + calibrated.stderr
+
+    measured = run("measure", "--zero", "--count", 2, "--data", "data", cwd=tmp_path)
+    assert measured.returncode == 0, measured.stderr
+    lines = measured.stdout.splitlines()
+    assert len(lines) == 2
+    for line in lines:
+        assert len(line) <= 80
+        assert line.count("±") == 2, line
+        torques = re.findall(r"(-?\d+\.\d+) ± +(\d+\.\d+)", line)
+        assert abs(float(torques[0][0])) < 0.1
+        assert abs(float(torques[1][0])) < 4.0
+    assert "compensated by model-" in measured.stderr
+
+    listed = run("records", "list", "--data", "data", cwd=tmp_path)
+    assert listed.returncode == 0
+    for text in ("calibrate-input", "calibrate-output", "zero", "model-2", "calibration-2", "yes"):
+        assert text in listed.stdout
+    assert widest_line(listed.stdout) <= 80
+    for name in ("latest", "model-1", "calibration-1"):
+        shown = run("records", "show", name, "--data", "data", cwd=tmp_path)
+        assert shown.returncode == 0, shown.stderr
+        assert "NOT INTACT" not in shown.stdout
+        assert widest_line(shown.stdout) <= 80
+    missing = run("records", "show", "model-99", "--data", "data", cwd=tmp_path)
+    assert missing.returncode == 2
+
+    checked = run("doctor", "--data", "data", cwd=tmp_path)
+    assert checked.returncode == 0, checked.stdout
+    assert "model-1" in checked.stdout
+    assert checked.stdout.rstrip().endswith("Ready.")
+
+
+def test_a_changed_model_file_is_noticed(tmp_path: Path) -> None:
+    run("calibrate", "input", "--step-percent", 25, "--data", "data", cwd=tmp_path)
+    (model,) = (tmp_path / "data" / "models").iterdir()
+    model.write_text(model.read_text().replace("created", "forged"))
+    shown = run("records", "show", "model-1", "--data", "data", cwd=tmp_path)
+    assert "NOT INTACT" in shown.stdout
+
+
+def test_doctor_without_records_is_ready_and_leaves_nothing(tmp_path: Path) -> None:
+    result = run("doctor", "--data", "data", cwd=tmp_path)
+    assert result.returncode == 0, result.stdout
+    assert "none in data yet" in result.stdout
+    assert "no active model" in " ".join(result.stdout.split())
+    assert widest_line(result.stdout) <= 80
+    assert not list(tmp_path.iterdir())
+
+
+def test_doctor_names_what_is_wrong(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text('[bench]\nname = "x"\n')
+    result = run("doctor", "--bench", "bench.toml", cwd=tmp_path)
+    assert result.returncode == 1
+    assert "problem" in result.stdout
+    assert "Traceback" not in result.stdout + result.stderr

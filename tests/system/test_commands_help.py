@@ -1,0 +1,52 @@
+"""The command answers at once and says what it can do within 80 columns."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.system.command_line import run, widest_line
+
+import torquebench
+
+COMMANDS = ("demo", "calibrate", "fit", "apply", "verify", "measure", "doctor", "records")
+
+
+def test_version(tmp_path: Path) -> None:
+    result = run("--version", cwd=tmp_path)
+    assert (result.returncode, result.stdout.strip()) == (
+        0,
+        f"torquebench {torquebench.__version__}",
+    )
+
+
+def test_help_names_every_command(tmp_path: Path) -> None:
+    result = run("--help", cwd=tmp_path)
+    assert result.returncode == 0
+    for name in COMMANDS:
+        assert name in result.stdout
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, torquebench.cli; "
+        "print(sorted({'numpy', 'scipy', 'sklearn', 'bluesky', 'numba', 'matplotlib', 'sqlalchemy'}"
+        " & set(sys.modules)))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_of_a_command_fits_80_columns(name: str, tmp_path: Path) -> None:
+    result = run(name, "--help", cwd=tmp_path)
+    assert result.returncode == 0
+    assert widest_line(result.stdout) <= 80
+
+
+def test_an_unknown_option_is_bad_input(tmp_path: Path) -> None:
+    result = run("demo", "--nonsense", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "--nonsense" in result.stderr

@@ -1,0 +1,29 @@
+"""What the bench promises: 0.1 % FS for single readings, 0.06 % FS for the model alone."""
+
+from pathlib import Path
+
+import pytest
+
+from torquebench.bench.description import default_bench
+from torquebench.campaign.story import StorySettings, tell_story
+from torquebench.station import Station
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_both_modules_keep_the_promise(seed: int, tmp_path: Path) -> None:
+    description = default_bench()
+    driver = {**description.driver, "seed": seed}
+    description = description.model_copy(update={"driver": driver})
+    settings = StorySettings(models=(), friction=None, seed=seed)
+    with Station.open(description, tmp_path) as station:
+        result = tell_story(station, settings)
+    assert [module.side for module in result.modules] == ["input", "output"]
+    for module in result.modules:
+        assert len(module.calibration) == 200
+        assert len(module.verification) == 500
+        assert len(module.raw.verification.groups) == 10
+        found = module.recommended
+        assert found.verification.against_truth.worst_percent_fs < 0.1
+        assert found.verification.against_standard.worst_percent_fs < 0.1
+        assert found.dense.worst_percent_fs < 0.06
+        assert module.raw.verification.against_truth.worst_percent_fs > 0.25

@@ -1,0 +1,36 @@
+"""At a terminal Ctrl-C pauses at the next point and asks."""
+
+from pathlib import Path
+
+from tests.system.command_line import at_terminal, run
+
+OPTIONS = ("calibrate", "input", "--real-time", "--step-percent", 50, "--data", "data")
+CTRL_C = "\x03"
+
+
+def test_pause_and_resume(tmp_path: Path) -> None:
+    dialogue = [("5/13", CTRL_C), ("[r]esume or [a]bort?", "r\n")]
+    code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
+    assert code == 0, shown
+    assert "Pausing at the next point" in shown
+    assert "13/13" in shown
+    assert "In use: model-1" in shown
+    listed = run("records", "list", "runs", "--data", "data", cwd=tmp_path)
+    assert "completed" in listed.stdout
+
+
+def test_pause_and_abort(tmp_path: Path) -> None:
+    dialogue = [("5/13", CTRL_C), ("[r]esume or [a]bort?", "what?\n"), ("[a]bort?", "a\n")]
+    code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
+    assert code == 130, shown
+    assert "without torque" in shown
+    assert "In use" not in shown
+
+
+def test_a_second_interrupt_aborts(tmp_path: Path) -> None:
+    dialogue = [("5/13", CTRL_C), ("[r]esume or [a]bort?", CTRL_C)]
+    code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
+    assert code == 130, shown
+    assert "Traceback" not in shown
+    listed = run("records", "list", "runs", "--data", "data", cwd=tmp_path)
+    assert "aborted" in listed.stdout

@@ -1,0 +1,129 @@
+"""A plan is gone through, checked and timed before anything moves."""
+
+import bluesky.plan_stubs as bps
+import numpy as np
+import pytest
+
+from torquebench.calibration import Step, load_profile
+from torquebench.errors import InterlockError, LimitError
+from torquebench.procedures import calibrate, friction_sweep, rehearse, verify
+from torquebench.procedures.friction import FrictionSettings
+from torquebench.station import Station
+
+COARSE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
+
+
+def test_the_rehearsed_plan_gives_the_staircase_it_will_load(station: Station) -> None:
+    rehearsal = rehearse(station.devices, calibrate(station.devices, "output", COARSE))
+    points = [step for step in COARSE.staircase(2000.0) if step.recorded]
+    assert rehearsal.points == len(points)
+    assert rehearsal.result.data.reading_nm.tolist() == [step.target_nm for step in points]
+    assert rehearsal.result.data.branch.tolist() == [step.branch for step in points]
+
+
+def test_a_rehearsal_moves_nothing(station: Station) -> None:
+    before = station.clock.now()
+    rehearse(station.devices, calibrate(station.devices, "output", COARSE))
+    assert station.drivers.operator.mounted() == "nothing"
+    assert not station.drivers.clamp.clamped()
+    assert not station.drivers.drives["output"].state().enabled
+    assert station.clock.now() == before
+
+
+def test_it_ends_without_torque_and_with_drives_off(station: Station) -> None:
+    rehearsal = rehearse(station.devices, calibrate(station.devices, "input", COARSE))
+    by_device = {}
+    for move in rehearsal.moves:
+        by_device[move.device] = move.value
+    assert by_device["input torque"] == 0.0
+    assert by_device["input power"] is False
+
+
+def test_the_setup_comes_before_any_torque(station: Station) -> None:
+    rehearsal = rehearse(station.devices, calibrate(station.devices, "output", COARSE))
+    names = [move.device for move in rehearsal.moves]
+    first_torque = names.index("output torque")
+    for earlier in ("mounting", "clamp", "input mode", "output mode", "output power"):
+        assert names.index(earlier) < first_torque
+
+
+def test_the_duration_counts_steps_ramps_and_zeros(station: Station) -> None:
+    rehearsal = rehearse(station.devices, calibrate(station.devices, "output", COARSE))
+    held = sum(step.duration_s for step in COARSE.staircase(2000.0))
+    assert held < rehearsal.duration_s < held + 10.0
+    taken = station.run(calibrate(station.devices, "output", COARSE), kind="calibrate-output")
+    assert taken.bench_seconds == pytest.approx(rehearsal.duration_s, abs=5.0)
+
+
+def test_a_step_beyond_the_limit_is_refused_before_anything_moves(station: Station) -> None:
+    excess = Step(kind="point", series=1, index=0, target_nm=2500.0, branch=1, duration_s=0.5)
+    plan = verify(station.devices, "output", load_profile("verification"), [excess])
+    with pytest.raises(LimitError, match="2500"):
+        rehearse(station.devices, plan)
+    assert station.drivers.operator.mounted() == "nothing"
+
+
+def test_a_speed_beyond_the_limit_is_refused(station: Station) -> None:
+    settings = FrictionSettings(speeds_rpm=(100.0, 2000.0))
+    with pytest.raises(LimitError, match="2000"):
+        rehearse(station.devices, friction_sweep(station.devices, settings))
+
+
+def test_torque_without_clamp_and_power_is_refused(station: Station) -> None:
+    def careless():
+        yield from bps.mv(station.devices.output.drive.torque, 100.0)
+
+    with pytest.raises(InterlockError, match="clamp open"):
+        rehearse(station.devices, careless())
+
+
+def test_a_mode_change_under_load_is_refused(station: Station) -> None:
+    devices = station.devices
+
+    def careless():
+        yield from bps.mv(devices.mounting, "calibrator")
+        yield from bps.mv(devices.clamp, True)
+        yield from bps.mv(devices.output.mode, "driven")
+        yield from bps.mv(devices.output.drive.power, True)
+        yield from bps.mv(devices.output.drive.torque, 100.0)
+        yield from bps.mv(devices.output.mode, "free")
+
+    with pytest.raises(InterlockError, match="under load"):
+        rehearse(devices, careless())
+
+
+def test_a_calibration_without_the_calibrator_is_refused(station: Station) -> None:
+    from torquebench.procedures.setup import ProcedureGate
+
+    def careless():
+        yield from bps.mv(station.devices.mounting, "reducer")
+        yield from bps.abs_set(ProcedureGate(station.devices), "calibration", wait=True)
+
+    with pytest.raises(InterlockError, match="reducer"):
+        rehearse(station.devices, careless())
+
+
+def test_every_point_has_a_checkpoint_of_its_own(station: Station) -> None:
+    rng = np.random.default_rng(1)
+    profile = load_profile("verification").with_options(groups=1, points=8)
+    steps = profile.staircase(50.0, rng)
+    commands = []
+
+    def watched(plan):
+        answer = None
+        while True:
+            try:
+                message = plan.send(answer)
+            except StopIteration as end:
+                return end.value
+            commands.append((message.command, message.kwargs.get("name")))
+            answer = yield message
+
+    rehearse(station.devices, watched(verify(station.devices, "input", profile, steps)))
+    since_last = 0
+    for command, name in commands:
+        if command == "checkpoint":
+            since_last = 0
+        if (command, name) == ("create", "points"):
+            since_last += 1
+            assert since_last == 1
