@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import date
 from functools import cached_property
 from importlib import resources
 from math import pi
@@ -186,13 +187,16 @@ class StandardDescription(_Section):
     """A calibrator or verification standard: two reference transducers and their certificate.
 
     `certificate` may name a CSV file beside the `bench.toml` with the columns `side`,
-    `torque_nm`, `error_nm` and `expanded_uncertainty_nm` (k = 2).
+    `torque_nm`, `error_nm` and `expanded_uncertainty_nm` (k = 2). `certificate_due` is the last
+    day on which the certificate counts.
     """
 
     serial: Text
     model: Text = "unknown"
     certificate_number: Text
     certificate_date: Text = "unknown"
+    certificate_due: date | None = None
+    laboratory: Annotated[str, Field(max_length=200)] = ""
     certificate: str | None = None
     expanded_uncertainty_percent: Annotated[float, Field(gt=0, le=1.0, description="% of range")]
     input: TransducerDescription

@@ -145,7 +145,8 @@ class Profile(_Settings):
 
     Own profiles are TOML files of the same form as those in ``calibration/profiles``. The flag
     `verified` is false until somebody has checked the profile against the licensed text of the
-    standard that it follows; certificates print it beside the name and the hash.
+    standard that it follows; certificates print it beside the name and the hash. A calibration
+    is due again after `valid_days` at the latest.
 
     Examples
     --------
@@ -162,6 +163,7 @@ class Profile(_Settings):
     title: str
     source: str
     verified: bool = False
+    valid_days: Annotated[int, Field(ge=1, le=3660)] = 365
     loading: Loading
     preload: Preload = Preload()
     zero: Zero = Zero()

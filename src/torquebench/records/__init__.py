@@ -32,7 +32,7 @@ from torquebench.records.integrity import (
 )
 from torquebench.records.raw_stream import RawReading
 from torquebench.records.registry import Registry
-from torquebench.records.run_folder import Recovery, RunFolder, RunWriter, new_run_id
+from torquebench.records.run_folder import MANIFEST, Recovery, RunFolder, RunWriter, new_run_id
 from torquebench.records.tables import (
     ReadingsTable,
     calibration_csv,
@@ -43,6 +43,7 @@ from torquebench.records.tables import (
 )
 
 __all__ = [
+    "MANIFEST",
     "REGISTRY_FILE",
     "REGISTRY_URL",
     "Activation",

@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -51,6 +52,7 @@ class Database:
 
     def __init__(self, url: str | URL, root: Path) -> None:
         self.root = root.resolve()
+        self._open = threading.local()
         self._engine = create_engine(_with_driver(url))
         self._sqlite = self._engine.dialect.name == "sqlite"
         if self._sqlite:
@@ -133,21 +135,32 @@ class Database:
     def writing(self) -> Iterator[Session]:
         """Yield a session in one transaction: all of it is kept and chained, or nothing.
 
-        Writers follow each other, so that the chain has one end.
+        Writers follow each other, so that the chain has one end. A call inside another one of
+        the same thread takes part in its transaction: entries that belong together are kept
+        together.
 
         Raises
         ------
         RecordError
             Where the database fails, or something is changed instead of added.
         """
+        outer: Session | None = getattr(self._open, "session", None)
+        if outer is not None:
+            yield outer
+            outer.flush()
+            return
         with self._session(writes=True) as session:
             if not self._sqlite:
                 session.execute(text("LOCK TABLE chain IN SHARE ROW EXCLUSIVE MODE"))
             event.listen(session, "before_flush", _refuse_changes)
             event.listen(session, "after_flush", _note_new_rows)
-            yield session
-            session.flush()
-            _append_links(session)
+            self._open.session = session
+            try:
+                yield session
+                session.flush()
+                _append_links(session)
+            finally:
+                self._open.session = None
 
     @contextmanager
     def _session(self, *, writes: bool = False) -> Iterator[Session]:

@@ -97,7 +97,12 @@ class EquipmentRecords(Database):
     def components(self, whole: tuple[EquipmentKind, str]) -> list[Component]:
         """Return what is fitted into a whole now, by role."""
         with self.session() as session:
-            row = equipment_row(session, *whole)
+            kind, serial = whole
+            row = session.scalar(
+                select(EquipmentRow).where(EquipmentRow.kind == kind, EquipmentRow.serial == serial)
+            )
+            if row is None:
+                return []
             return [
                 Component(
                     whole=(row.kind, row.serial),

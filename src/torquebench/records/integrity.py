@@ -12,7 +12,7 @@ from torquebench.errors import InputError, RecordError
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
 from torquebench.records.database import Database, content_of
 from torquebench.records.files import sha256_of_file
-from torquebench.records.run_folder import RunFolder
+from torquebench.records.run_folder import MANIFEST, RunFolder
 from torquebench.records.schema import Base, LinkRow, ModelRow, ReportRow, RunEndRow, RunRow
 
 __all__ = ["Finding", "IntegrityReport", "anchor_of", "check_records", "folder_changes"]
@@ -258,7 +258,7 @@ def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
         folder = RunFolder.open(path)
         if not folder.sealed:
             return ["its manifest is missing"]
-        if sha256_of_file(path / "manifest.json") != manifest_sha256:
+        if sha256_of_file(path / MANIFEST) != manifest_sha256:
             return ["its manifest was changed after the run was registered"]
         folder.verify()
     except RecordError as error:

@@ -26,14 +26,15 @@ from torquebench.records.files import (
 )
 from torquebench.records.raw_stream import RawReading, RawStream, read_raw, seal_raw
 
-__all__ = ["Recovery", "RunFolder", "RunStatus", "RunWriter", "new_run_id"]
+__all__ = ["MANIFEST", "Recovery", "RunFolder", "RunStatus", "RunWriter", "new_run_id"]
 
 RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
 
 _METADATA = "run.json"
 _EVENTS = "events.jsonl"
 _RESULTS = "results.json"
-_MANIFEST = "manifest.json"
+MANIFEST = "manifest.json"
+"""The file that seals a run folder."""
 _RECOVERY = "recovery.json"
 
 
@@ -194,7 +195,7 @@ class RunWriter:
         InputError
             Where the name isn't a plain file name or belongs to the folder's own files.
         """
-        if name != Path(name).name or name in (_METADATA, _EVENTS, _MANIFEST, "raw.arrow"):
+        if name != Path(name).name or name in (_METADATA, _EVENTS, MANIFEST, "raw.arrow"):
             raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
         with self._lock:
             self._require_open()
@@ -303,7 +304,7 @@ class RunFolder:
     @property
     def sealed(self) -> bool:
         """Whether the run has ended and has its manifest."""
-        return (self.path / _MANIFEST).is_file()
+        return (self.path / MANIFEST).is_file()
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -314,7 +315,7 @@ class RunFolder:
     @property
     def manifest(self) -> dict[str, Any]:
         """Status, time of sealing, and hash and size of every file."""
-        content: dict[str, Any] = read_json(self.path / _MANIFEST)
+        content: dict[str, Any] = read_json(self.path / MANIFEST)
         return content
 
     @property
@@ -364,7 +365,7 @@ class RunFolder:
             raise RecordError(f"{self.path} isn't sealed", "a sealed run", "recover it first")
         listed = self.manifest.get("files")
         if not isinstance(listed, dict):
-            raise RecordError(f"{self.path / _MANIFEST} lists no files", "a manifest")
+            raise RecordError(f"{self.path / MANIFEST} lists no files", "a manifest")
         present = _files_of(self.path)
         for name, entry in listed.items():
             if name not in present:
@@ -424,11 +425,11 @@ class RunFolder:
 
 def _files_of(folder: Path) -> list[str]:
     names = (path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    return sorted(name for name in names if name != _MANIFEST)
+    return sorted(name for name in names if name != MANIFEST)
 
 
 def _seal(folder: Path, status: RunStatus, reason: str) -> None:
-    if (folder / _MANIFEST).exists():
+    if (folder / MANIFEST).exists():
         raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
     seal_raw(folder)
     files = {
@@ -443,4 +444,4 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         "software_version": torquebench.__version__,
         "files": files,
     }
-    write_atomically(folder / _MANIFEST, json_text(manifest, indent=2) + "\n")
+    write_atomically(folder / MANIFEST, json_text(manifest, indent=2) + "\n")

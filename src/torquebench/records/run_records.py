@@ -9,7 +9,7 @@ from torquebench.errors import RecordError
 from torquebench.records.database import Database, run_row
 from torquebench.records.entries import RunSummary
 from torquebench.records.files import sha256_of_file
-from torquebench.records.run_folder import RunFolder
+from torquebench.records.run_folder import MANIFEST, RunFolder
 from torquebench.records.schema import RunEndRow, RunRow
 
 __all__ = ["RunRecords"]
@@ -81,7 +81,7 @@ class RunRecords(Database):
                     status=manifest["status"],
                     reason=manifest["reason"],
                     finished=finished or datetime.fromisoformat(manifest["sealed"]),
-                    manifest_sha256=sha256_of_file(folder.path / "manifest.json"),
+                    manifest_sha256=sha256_of_file(folder.path / MANIFEST),
                 )
             )
 

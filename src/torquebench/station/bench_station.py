@@ -30,7 +30,7 @@ from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.journal import RunJournal
 from torquebench.station.registration import (
-    register_instruments,
+    register_equipment,
     run_metadata,
     run_summary,
 )
@@ -165,11 +165,10 @@ class Station:
         self.data_dir.mkdir(parents=True, exist_ok=True)
         self.registry = Registry.open(self.data_dir)
         check_identities(self.description, self.drivers.identities())
-        register_instruments(self.registry, self.description)
+        register_equipment(self.registry, self.description)
         self.supervisor.start()
         self.acquisition.start()
         self.engine.call(self.devices.connect())
-        self.clock.wait(self.description.counter.block_s)  # the first samples are in
 
     def __enter__(self) -> Self:
         return self
@@ -267,7 +266,8 @@ class Station:
         on_pause: OnPause | None,
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
-        known = {**run_metadata(self.devices.context), **metadata}
+        head = str(self.registry.head())  # ties the folder to all records before it
+        known = {**run_metadata(self.devices.context), "registry_head": head, **metadata}
         writer = RunFolder.create(self.data_dir / "runs", known, kind=kind)
         started_s, before = self.clock.now(), self.devices.interruptions
         alarms_before = len(self.supervisor.history)

@@ -1,57 +1,94 @@
-"""What the records keep of a bench: its instruments, and what is known before a run."""
+"""What the records keep of a bench: its equipment, and what is known before a run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
+from pathlib import Path
 from typing import Any
 
 import torquebench
-from torquebench.bench.description import BenchDescription
+from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import SIDES
-from torquebench.records import Equipment, Registry, RunSummary, RunWriter
+from torquebench.records import Equipment, EquipmentKind, Registry, Report, RunSummary, RunWriter
 
-__all__ = ["register_instruments", "run_metadata", "run_summary"]
+__all__ = ["register_equipment", "run_metadata", "run_summary"]
 
 
-def register_instruments(registry: Registry, description: BenchDescription) -> None:
-    """Enter the bench's transducers, counter and standards, or bring them up to date."""
+def register_equipment(registry: Registry, description: BenchDescription) -> None:
+    """Enter the bench, its parts and the certificates of its standards, as far as they are new."""
+    bench: tuple[EquipmentKind, str] = ("bench", description.name)
+    # One transaction: a bench is registered whole.
+    with registry.writing():
+        registry.add_equipment(Equipment(*bench))
+        for role, part in _parts(description).items():
+            registry.add_equipment(part)
+            registry.fit_component(bench, (part.kind, part.serial), role)
+        for report in _reports(description):
+            registry.add_report(report)
+
+
+def _parts(description: BenchDescription) -> dict[str, Equipment]:
+    """Return what is built into the bench or belongs to it, by role."""
+    parts: dict[str, Equipment] = {}
     for side in SIDES:
         module = description.module(side)
-        transducer = module.transducer
-        details = {
-            "side": side,
-            "bench": description.name,
-            "nominal_torque_nm": transducer.nominal_torque_nm,
-            "option_khz": transducer.option_khz,
-        }
-        registry.add_equipment(
-            Equipment(
-                "transducer",
-                transducer.serial,
-                transducer.manufacturer,
-                transducer.model,
-                module.range_nm,
-                details,
-            )
+        transducer, drive, encoder = module.transducer, module.drive, module.encoder
+        parts[f"{side}.transducer"] = Equipment(
+            "transducer",
+            transducer.serial,
+            transducer.manufacturer,
+            transducer.model,
+            module.range_nm,
+            {
+                "side": side,
+                "bench": description.name,
+                "nominal_torque_nm": transducer.nominal_torque_nm,
+                "option_khz": transducer.option_khz,
+            },
         )
+        parts[f"{side}.drive"] = Equipment("drive", drive.serial, model=drive.model)
+        counts = {"counts_per_revolution": encoder.counts_per_revolution}
+        parts[f"{side}.encoder"] = Equipment("encoder", encoder.serial, details=counts)
     counter = description.counter
-    registry.add_equipment(
-        Equipment("counter", counter.identity, details={"timebase_hz": counter.timebase_hz})
-    )
-    for kind, standard in (
-        ("calibrator", description.calibrator),
-        ("verification-standard", description.verification_standard),
-    ):
+    timebase = {"timebase_hz": counter.timebase_hz}
+    parts["counter"] = Equipment("counter", counter.identity, details=timebase)
+    for kind, standard in _standards(description):
         certificate = {
             "certificate_number": standard.certificate_number,
             "certificate_date": standard.certificate_date,
             "expanded_uncertainty_percent": standard.expanded_uncertainty_percent,
         }
-        registry.add_equipment(
-            Equipment(kind, standard.serial, model=standard.model, details=certificate)  # type: ignore[arg-type] # both are kinds
+        parts[kind] = Equipment(kind, standard.serial, model=standard.model, details=certificate)
+    return parts
+
+
+def _standards(
+    description: BenchDescription,
+) -> tuple[tuple[EquipmentKind, StandardDescription], ...]:
+    return (
+        ("calibrator", description.calibrator),
+        ("verification-standard", description.verification_standard),
+    )
+
+
+def _reports(description: BenchDescription) -> Iterator[Report]:
+    for kind, standard in _standards(description):
+        try:
+            performed = date.fromisoformat(standard.certificate_date)
+        except ValueError:  # "unknown", or a date in words
+            performed = None
+        yield Report(
+            kind,
+            standard.serial,
+            standard.certificate_number,
+            laboratory=standard.laboratory,
+            performed=performed,
+            due=standard.certificate_due,
+            expanded_uncertainty_percent=standard.expanded_uncertainty_percent,
+            file=None if standard.certificate is None else Path(standard.certificate),
         )
 
 
