@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 
 from torquebench.errors import InputError
 from torquebench.twin import CHANNELS, SIDES, BenchTwin, TwinParameters
+from torquebench.twin.chain import transducer_torque
 from torquebench.twin.drive import Loading
+from torquebench.twin.transducer import (
+    NOISES,
+    fresh_transducer_state,
+    transducer_frequency,
+    transducer_signal,
+)
 
 RPM = 2.0 * np.pi / 60.0
 NOMINAL = TwinParameters.draw("nominal", 11)
@@ -466,3 +473,26 @@ def test_option_of_240_khz():
 def test_nonsense_is_refused(call, message):
     with pytest.raises(InputError, match=message):
         call(BenchTwin(NOMINAL, 1, active_channels=()))
+
+
+@given(
+    path=st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=20),
+    speed=st.floats(0.0, 125.0),
+    side=st.sampled_from(SIDES),
+)
+def test_sweep_is_made_of_the_operators(path, speed, side):
+    """Fails too if Numba's cache is older than an operator: then delete twin/__pycache__/*.nb*."""
+    part = getattr(NOMINAL, side)
+    torque = np.array(path) * RANGE[side]
+    twin = BenchTwin(NOMINAL, 1, active_channels=())
+    found = twin.static_sweep(side, torque, speed_rad_s=speed, preload=False).frequency_hz
+    state, silent = fresh_transducer_state(), np.zeros(NOISES)
+    at_transducer = [0.0, *(transducer_torque(part.chain, true, 0.0) for true in torque)]
+    expected = [
+        transducer_frequency(
+            part.transducer,
+            transducer_signal(part.transducer, state, t, 23.0, speed, 0.0, silent),
+        )
+        for t in at_transducer
+    ]
+    np.testing.assert_allclose(found, expected[1:], rtol=1e-13)
