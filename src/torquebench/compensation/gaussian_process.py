@@ -16,6 +16,7 @@ from torquebench.compensation.base import (
     feature_column,
     register,
 )
+from torquebench.compensation.hybrid_effects import path_clocks
 from torquebench.compensation.kernels import (
     PRIOR_MEAN,
     PRIOR_STD,
@@ -85,10 +86,10 @@ def log_posterior(
 class GaussianProcessModel(CompensationModel):
     """Exact Gaussian process with a composite kernel, its hyper-parameters averaged.
 
-    The kernel (see `kernels`) has a quadratic trend, a smooth and a rough part, a step at reversal
-    and hysteresis. Its seven hyper-parameters are not picked: the posterior density is explored
-    from its mode along the principal axes of its curvature, and the predictions at these points
-    are averaged.
+    The kernel (see `kernels`) has a quadratic trend, a smooth and a rough part, a step at reversal,
+    hysteresis, and a drift of the zero as a nuisance. Its seven hyper-parameters are not picked:
+    the posterior density is explored from its mode along the principal axes of its curvature, and
+    the predictions at these points are averaged.
 
     Parameters
     ----------
@@ -103,6 +104,8 @@ class GaussianProcessModel(CompensationModel):
         Their weights.
     train_u_, train_branch_, train_target_, train_weights_ : float64 array of shape (n,)
         Calibration points, as fractions of full scale.
+    train_elapsed_ : float64 array of shape (clocks, n)
+        Their time since the zero was taken.
     target_scale_ : float
         Factor on the additional torque, for data that aren't in a chain's usual proportions.
 
@@ -123,12 +126,13 @@ class GaussianProcessModel(CompensationModel):
 
     complexity: ClassVar[int] = 45
     maximum_points: ClassVar[int | None] = 600
-    used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch")
+    used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
     thetas_: FloatArray
     shares_: FloatArray
     train_u_: FloatArray
     train_branch_: FloatArray
+    train_elapsed_: FloatArray
     train_target_: FloatArray
     train_weights_: FloatArray
     target_scale_: float
@@ -155,7 +159,10 @@ class GaussianProcessModel(CompensationModel):
         self.train_branch_ = feature_column(X, "branch")
         self.train_target_ = target / self.target_scale_
         self.train_weights_ = weights
-        data = _Data(KernelPoints(self.train_u_, self.train_branch_), self.train_target_, weights)
+        self.train_elapsed_ = path_clocks(
+            self.train_u_, self.train_branch_, feature_column(X, "series")
+        )
+        data = _Data(self._train_points(), self.train_target_, weights)
         mode = _find_mode(data)
         if progress is not None:
             progress(0.7, "averaging over hyper-parameters")
@@ -171,7 +178,7 @@ class GaussianProcessModel(CompensationModel):
         self.effective_parameters_ = float(self.shares_ @ traces)
 
     def _after_restore(self) -> None:
-        points = KernelPoints(self.train_u_, self.train_branch_)
+        points = self._train_points()
         self._members: list[tuple[FloatArray, FloatArray]] = []
         for theta in self.thetas_:
             matrix = covariance(points, points, theta)
@@ -180,9 +187,12 @@ class GaussianProcessModel(CompensationModel):
             factor = cholesky(matrix, lower=True)
             self._members.append((cho_solve((factor, True), self.train_target_), factor))
 
+    def _train_points(self) -> KernelPoints:
+        return KernelPoints(self.train_u_, self.train_branch_, self.train_elapsed_)
+
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         points = KernelPoints(X[:, 0] / self.full_scale_nm_, feature_column(X, "branch"))
-        train = KernelPoints(self.train_u_, self.train_branch_)
+        train = self._train_points()
         upward = KernelPoints(points.u, np.where(points.branch == 0.0, 1.0, points.branch))
         mean, second = np.zeros(X.shape[0]), np.zeros(X.shape[0])
         for share, theta, (solved, factor) in zip(

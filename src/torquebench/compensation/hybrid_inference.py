@@ -59,7 +59,7 @@ _USUAL_NOISE = 2e-4
 _LEAST_NOISE = 1e-6
 _NEGLIGIBLE_SHARE = 2e-3
 _FREEDOM = 4.0
-_LOG_ODDS_OF_TAILS = -1.5
+_TAILED_KURTOSIS = 3.3
 
 
 def main_columns(u: FloatArray) -> FloatArray:
@@ -271,7 +271,7 @@ def _expected_squares(member: Member) -> FloatArray:
 def _looks_heavy_tailed(member: Member) -> bool:
     scaled = member.residual / np.sqrt(member.point_noise)
     power = np.mean(scaled**2)
-    return bool(np.mean(scaled**4) > 3.6 * power**2)
+    return bool(np.mean(scaled**4) > _TAILED_KURTOSIS * power**2)
 
 
 def _with_tails(problem: Problem, normal: Member) -> Member:
@@ -286,7 +286,7 @@ def _with_tails(problem: Problem, normal: Member) -> Member:
         before, bound = bound, _student_bound(problem, member)
         if bound - before < 0.1:
             break
-    return member if bound + _LOG_ODDS_OF_TAILS > normal.log_evidence else normal
+    return member if bound > normal.log_evidence else normal
 
 
 def _student_bound(problem: Problem, member: Member) -> float:

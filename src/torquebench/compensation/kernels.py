@@ -2,14 +2,16 @@
 
 Everything is in fractions of full scale; u is the reading, b the branch. The covariance is a sum:
 
-    trend        c² (1 + u u′ + u²u′² + u|u| u′|u′|)      wide and fixed: equation 15, any constants
+    trend        c² (u u′ + u²u′² + u|u| u′|u′|) + c₀²      equation 15, wide; a zero that was taken
     smooth       a₁² exp(−(u − u′)² / 2l₁²)               eq. 4.9 of Rasmussen & Williams (2006)
     rough        a₂² (1 + d + d²/3) exp(−d), d = √5|u − u′|/l₂           Matérn 5/2, eq. 4.17
     reversal     a₃² tanh(u/w) tanh(u′/w)                 the step where the torque turns round
     hysteresis   a₄² bs(1 − |u|) b′s′(1 − |u′|) exp(−(u − u′)² / 2l₄²)   closes at full scale
+    drift        d² t t′                                  the zero's creep since it was taken
     noise        σ² where both points are the same one
 
-with s = sign(u). Unknown are the logarithms of a₁, l₁, a₂, l₂, a₃, a₄, σ (`PARAMETERS`), with
+with s = sign(u) and t the time that passed at calibration points (zero elsewhere: the drift is no
+part of the curve). Unknown are the logarithms of a₁, l₁, a₂, l₂, a₃, a₄, σ (`PARAMETERS`), with
 independent normal priors whose widths of a factor of two to four leave the data to decide.
 """
 
@@ -41,6 +43,8 @@ PRIOR_STD = np.array([1.2, 0.5, 1.0, 0.5, 1.0, 1.0, 1.0])
 """Prior standard deviations of the hyper-parameters."""
 
 _TREND = 3e-2
+_ZERO = 1.5e-4
+_DRIFT = 1.4e-4
 _STEP_WIDTH = 0.01
 _SIDELESS = 5e-4
 _HYSTERESIS_LENGTH = 0.5
@@ -56,16 +60,22 @@ class KernelPoints:
         Reading / full scale.
     branch : float64 array of shape (n,)
         +1 up, −1 down, 0 unknown.
+    elapsed : float64 array of shape (clocks, n), optional
+        Time since the zero was taken, see `hybrid_effects.path_clocks`.
     """
 
     u: FloatArray
     branch: FloatArray
+    elapsed: FloatArray | None = None
 
     @property
     def trend(self) -> FloatArray:
-        """Columns of the trend, scaled by their prior standard deviation, shape (n, 4)."""
+        """Columns without hyper-parameters, scaled by their prior standard deviation."""
         u = self.u
-        return _TREND * np.column_stack([np.ones_like(u), u, u * u, u * np.abs(u)])
+        columns = [np.full_like(u, _ZERO), _TREND * u, _TREND * u * u, _TREND * u * np.abs(u)]
+        if self.elapsed is not None:
+            columns += [_DRIFT * time for time in self.elapsed]
+        return np.column_stack(columns)
 
     @property
     def reversal(self) -> FloatArray:
@@ -100,7 +110,10 @@ def covariance(a: KernelPoints, b: KernelPoints, theta: FloatArray) -> FloatArra
     >>> bool(np.all(np.linalg.eigvalsh(matrix) > 0))
     True
     """
-    return np.asarray(a.trend @ b.trend.T + sum(part for part, _ in _parts(a, b, theta)))
+    left, right = a.trend, b.trend
+    shared = min(left.shape[1], right.shape[1])
+    trend = left[:, :shared] @ right[:, :shared].T
+    return np.asarray(trend + sum(part for part, _ in _parts(a, b, theta)))
 
 
 def variance(a: KernelPoints, theta: FloatArray) -> FloatArray:
