@@ -36,6 +36,12 @@ from torquebench.calibration.evaluation import (
     evaluate_static,
 )
 from torquebench.calibration.profile import Profile, available_profiles, load_profile
+from torquebench.calibration.results import (
+    CalibrationResults,
+    DirectionResults,
+    SideBySide,
+    calibration_results,
+)
 from torquebench.calibration.series import ZeroHysteresis, loading_series, zero_hysteresis
 from torquebench.calibration.steps import Step, check_limits, total_duration_s
 from torquebench.calibration.verification import (
@@ -54,10 +60,12 @@ __all__ = [
     "RAW",
     "CalibrationData",
     "CalibrationRecord",
+    "CalibrationResults",
     "ClassLimits",
     "Classification",
     "ControlChart",
     "Deviation",
+    "DirectionResults",
     "DriftPrediction",
     "ErrorSummary",
     "Interpolation",
@@ -66,6 +74,7 @@ __all__ = [
     "Profile",
     "ReferenceStandard",
     "Repeatability",
+    "SideBySide",
     "StaticEvaluation",
     "Step",
     "Trend",
@@ -73,6 +82,7 @@ __all__ = [
     "ZeroHysteresis",
     "assign_nominal",
     "available_profiles",
+    "calibration_results",
     "check_limits",
     "classify",
     "evaluate_static",

@@ -31,6 +31,7 @@ from torquebench.records.integrity import (
     folder_changes,
 )
 from torquebench.records.raw_stream import RawReading
+from torquebench.records.recorded import RecordedCalibration, recorded_calibration
 from torquebench.records.registry import Registry
 from torquebench.records.run_folder import MANIFEST, Recovery, RunFolder, RunWriter, new_run_id
 from torquebench.records.tables import (
@@ -61,6 +62,7 @@ __all__ = [
     "ModelEntry",
     "RawReading",
     "ReadingsTable",
+    "RecordedCalibration",
     "Recovery",
     "Registry",
     "Report",
@@ -78,6 +80,7 @@ __all__ = [
     "new_run_id",
     "read_calibration_csv",
     "read_readings_csv",
+    "recorded_calibration",
     "sha256_of_file",
     "write_atomically",
     "write_calibration_csv",

@@ -15,7 +15,14 @@ from torquebench.records.files import sha256_of_file
 from torquebench.records.run_folder import MANIFEST, RunFolder
 from torquebench.records.schema import Base, LinkRow, ModelRow, ReportRow, RunEndRow, RunRow
 
-__all__ = ["Finding", "IntegrityReport", "anchor_of", "check_records", "folder_changes"]
+__all__ = [
+    "Finding",
+    "IntegrityReport",
+    "anchor_of",
+    "check_records",
+    "check_rows_of",
+    "folder_changes",
+]
 
 FindingKind = Literal["changed", "removed", "added", "chain", "file", "anchor"]
 
@@ -242,6 +249,16 @@ class _Check:
                     found=f"the chain doesn't pass through entry {anchor.sequence}, "
                     f"{anchor.sha256[:12]}…, that was noted there",
                 )
+
+
+def check_rows_of(registry: Database, run_id: str, calibration_id: int) -> list[str]:
+    """Return what was changed in the rows of one calibration and its run."""
+    with registry.session() as session:
+        key = session.scalar(select(RunRow.id).where(RunRow.run_id == run_id))
+        end = session.scalar(select(RunEndRow.id).where(RunEndRow.run_key == key))
+    wanted = {f"runs {key}", f"run_ends {end}", f"calibrations {calibration_id}"}
+    found = check_records(registry, folders=False).findings
+    return [str(each) for each in found if each.where in wanted]
 
 
 def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
