@@ -115,6 +115,44 @@ def _added_torque(constants: Constants, state: State, orders: Orders, side: int)
 
 
 @njit(cache=True)
+def _motor_torque(
+    constants: Constants, state: State, orders: Orders, side: int, time_s: float, normal: float
+) -> float:
+    """Torque of a side's motor; a drive that isn't coupled to its shaft is off."""
+    control = orders.control[side]
+    if orders.conversion[side] != mechanism.CONVERSION_DRIVEN:
+        control = drv.CONTROL_OFF
+    return float(
+        drv.drive_torque(
+            constants.drives[side],
+            state.drives[side],
+            control,
+            orders.target[side],
+            orders.inertia_kgm2[side],
+            state.shafts[side, mechanism.MOTOR_ANGLE],
+            state.shafts[side, mechanism.MOTOR_SPEED],
+            time_s,
+            STEP_S,
+            normal,
+        )
+    )
+
+
+@njit(cache=True)
+def _record_state(constants: Constants, state: State, recording: Recording, step: int) -> None:
+    """Write down the present state: truth, encoders, and the frequencies of all channels."""
+    recording.frequency_hz[:, step] = state.lagged_hz
+    for side in range(2):
+        row = state.shafts[side]
+        compliance = constants.drives[side].encoder_compliance_rad_nm
+        recording.torque_nm[side, step] = row[mechanism.INTERFACE_TORQUE]
+        recording.speed_rad_s[side, step] = row[mechanism.FLANGE_SPEED]
+        recording.angle_rad[side, step] = row[mechanism.FLANGE_ANGLE]
+        twist = compliance * row[mechanism.SHAFT_TORQUE]
+        recording.encoder_rad[side, step] = row[mechanism.FLANGE_ANGLE] + twist
+
+
+@njit(cache=True)
 def _signals(
     constants: Constants,
     references: tuple[calibrator.ReferenceConstants, calibrator.ReferenceConstants],
@@ -180,32 +218,12 @@ def simulate(
     for step in range(steps):
         for k in range(_DRAWS):
             normal[k] = generator.standard_normal()
+        _record_state(constants, state, recording, step)
+        time_s = (first_step + step) * STEP_S
         for side in range(2):
-            row = state.shafts[side]
-            drive = constants.drives[side]
-            twist = drive.encoder_compliance_rad_nm * row[mechanism.SHAFT_TORQUE]
-            recording.torque_nm[side, step] = row[mechanism.INTERFACE_TORQUE]
-            recording.speed_rad_s[side, step] = row[mechanism.FLANGE_SPEED]
-            recording.angle_rad[side, step] = row[mechanism.FLANGE_ANGLE]
-            recording.encoder_rad[side, step] = row[mechanism.FLANGE_ANGLE] + twist
-            speed[side] = row[mechanism.MOTOR_SPEED]
+            speed[side] = state.shafts[side, mechanism.MOTOR_SPEED]
             added[side] = _added_torque(constants, state, orders, side)
-            control = orders.control[side]
-            if orders.conversion[side] != mechanism.CONVERSION_DRIVEN:
-                control = drv.CONTROL_OFF
-            motor[side] = drv.drive_torque(
-                drive,
-                state.drives[side],
-                control,
-                orders.target[side],
-                orders.inertia_kgm2[side],
-                row[mechanism.MOTOR_ANGLE],
-                row[mechanism.MOTOR_SPEED],
-                (first_step + step) * STEP_S,
-                STEP_S,
-                normal[12 + side],
-            )
-        recording.frequency_hz[:, step] = state.lagged_hz
+            motor[side] = _motor_torque(constants, state, orders, side, time_s, normal[12 + side])
         mechanism.move(
             constants.drives,
             constants.reducer,
