@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
-from torquebench.procedures.setup import Plan, Setup, progress, set_up, unloaded_after
+from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
@@ -172,7 +173,7 @@ def friction_sweep(
             "lower the speeds or raise the limit of the bench description",
         )
     points = list(settings.points())
-    rows: list[dict[str, Any]] = []
+    rows: list[Mapping[str, Any]] = []
     transducer = devices.context.description.module("input").transducer
     metadata = {
         "plan_name": "friction_sweep",
@@ -198,7 +199,7 @@ def _sweep(
     devices: BenchDevices,
     settings: FrictionSettings,
     points: list[FrictionPoint],
-    rows: list[dict[str, Any]],
+    rows: list[Mapping[str, Any]],
 ) -> Plan[None]:
     yield from progress(0, len(points), "zero")
     yield from bps.mv(devices.point, Point())
@@ -206,25 +207,23 @@ def _sweep(
     for number, point in enumerate(points):
         text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm"
         yield from progress(number, len(points), text)
-        yield from bps.checkpoint()
+        yield from checkpoint()
         rows.append((yield from _point(devices, settings, point)))
     yield from progress(len(points), len(points), "done")
 
 
 def _point(
     devices: BenchDevices, settings: FrictionSettings, point: FrictionPoint
-) -> Plan[dict[str, Any]]:
+) -> Plan[Mapping[str, Any]]:
     module = devices.input
     yield from bps.prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
     stamp = Point(series=point.series, step=point.number, branch=point.branch, group=point.repeat)
-    yield from bps.mv(devices.point, stamp)
-    yield from bps.mv(module.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
-    reading = yield from bps.trigger_and_read([module.steady, devices.point], name="points")
-    prefix = module.steady.key("")
-    return {key.removeprefix(prefix): entry["value"] for key, entry in reading.items()}
+    yield from move(devices.point, stamp)
+    yield from move(module.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
+    return (yield from take(module.steady, devices.point, stream="points"))
 
 
-def _result(points: list[FrictionPoint], rows: list[dict[str, Any]]) -> FrictionSweep:
+def _result(points: list[FrictionPoint], rows: list[Mapping[str, Any]]) -> FrictionSweep:
     compensated = all("torque_nm" in row for row in rows)
     known = all("true_torque_nm" in row for row in rows)
 

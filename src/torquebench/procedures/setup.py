@@ -15,7 +15,7 @@ from ophyd_async.core import AsyncStatus
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Side
 
-__all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "progress", "set_up", "unloaded_after"]
+__all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_after"]
 
 Result = TypeVar("Result")
 Plan = Generator[Msg, Any, Result]
@@ -73,11 +73,6 @@ def other_side(side: Side) -> Side:
     'output'
     """
     return "output" if side == "input" else "input"
-
-
-def progress(done: int, total: int, message: str) -> Plan[None]:
-    """Tell whoever watches the run how far it is."""
-    yield Msg("progress", None, done, total, message)
 
 
 def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:

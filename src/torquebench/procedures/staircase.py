@@ -10,7 +10,8 @@ import bluesky.plan_stubs as bps
 
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.calibration import Step
-from torquebench.procedures.setup import Plan, Setup, power_on, progress, reseat
+from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.setup import Plan, Setup, power_on, reseat
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["SETTLE_SHARE", "Row", "describe_step", "load_staircase", "steady_settings"]
@@ -72,7 +73,7 @@ class _Loader:
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
             yield from progress(number, len(self.steps), describe_step(step))
-            yield from bps.checkpoint()
+            yield from checkpoint()
             yield from self._return_to_branch(number)
             if step.change != "none":
                 yield from reseat(self.devices, self.setup)
@@ -92,7 +93,7 @@ class _Loader:
         self.settings = None  # the zero has its own
 
     def _load(self, step: Step) -> Plan[None]:
-        yield from bps.mv(self._module.drive.torque, step.target_nm)
+        yield from move(self._module.drive.torque, step.target_nm)
 
     def _stamp(self, step: Step) -> Plan[None]:
         point = Point(
@@ -103,7 +104,7 @@ class _Loader:
             position_deg=step.position_deg,
             group=step.series,
         )
-        yield from bps.mv(self.devices.point, point)
+        yield from move(self.devices.point, point)
 
     def _point(self, number: int) -> Plan[Row]:
         """Load one step and take its steady value."""
@@ -114,9 +115,7 @@ class _Loader:
             self.settings = wanted
         yield from self._stamp(step)
         yield from self._load(step)
-        reading = yield from bps.trigger_and_read([steady, self.devices.point], name="points")
-        prefix = steady.key("")
-        return {key.removeprefix(prefix): entry["value"] for key, entry in reading.items()}
+        return (yield from take(steady, self.devices.point, stream="points"))
 
     def _return_to_branch(self, number: int) -> Plan[None]:
         """Restore the chain's memory after a pause at zero torque.
@@ -129,7 +128,7 @@ class _Loader:
         self.seen = self.devices.interruptions
         step = self.steps[number]
         if step.kind == "point" and step.branch < 0:
-            yield from bps.mv(self._module.drive.torque, self.turning_point(number))
+            yield from move(self._module.drive.torque, self.turning_point(number))
             yield from bps.sleep(step.duration_s)
 
     def turning_point(self, number: int) -> float:
@@ -155,8 +154,9 @@ def load_staircase(
 ) -> Plan[None]:
     """Go through the steps of a staircase, every step at a checkpoint of its own.
 
-    Runs inside an open run; points go to its stream "points", zeros to one of their own. After a pause,
-    which takes the load off, the present branch is approached again as its series approached it.
+    Runs inside an open run; points go to its stream "points", zeros to one of their own. After a
+    pause, which takes the load off, the present branch is approached again as its series
+    approached it.
 
     Parameters
     ----------

@@ -11,6 +11,7 @@ import bluesky.preprocessors as bpp
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.procedures.messages import take
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
@@ -79,13 +80,12 @@ def measure_zero(
         settle_s=REST_S, window_s=duration_s, limit_s=duration_s, reference=standard
     )
     yield from bps.prepare(module.steady, settings, wait=True)
-    reading = yield from bps.trigger_and_read([module.steady, devices.point], name=f"zero_{side}")
-    frequency = float(reading[module.steady.key("frequency_hz")]["value"])
+    reading = yield from take(module.steady, devices.point, stream=f"zero_{side}")
+    frequency = float(reading["frequency_hz"])
     yield from bps.mv(module.transducer.zero, frequency)
     standard_frequency = None
-    standard_key = module.steady.key("standard_frequency_hz")
-    if standard and standard_key in reading:
-        standard_frequency = float(reading[standard_key]["value"])
+    if standard and "standard_frequency_hz" in reading:
+        standard_frequency = float(reading["standard_frequency_hz"])
         yield from bps.mv(getattr(devices.reference, f"{side}_zero"), standard_frequency)
     return ZeroResult(frequency, standard_frequency)
 
