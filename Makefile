@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint types contracts tests clean
+.PHONY: run test lint types contracts tests clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
@@ -34,5 +34,10 @@ $(VENV)/.installed-test: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[test]'
 	touch $@ $(VENV)/.installed
 
-clean:
+# Numba's cache looks at a kernel's own file only: after a change to a function that a kernel in
+# another file calls, `make clean-kernels`.
+clean-kernels:
+	find src \( -name '*.nbi' -o -name '*.nbc' \) -delete
+
+clean: clean-kernels
 	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
