@@ -32,10 +32,12 @@ from torquebench.compensation.base import (
     feature_column,
     register,
 )
+from torquebench.compensation.hybrid_effects import path_clocks
+from torquebench.compensation.misfit import Misfit, estimate_misfit
 
 __all__ = ["PRIOR_SCALES", "ChainPoints", "PhysicsModel", "chain_points", "physics_basis"]
 
-PRIOR_SCALES = np.array([3e-4, 3e-2, 3e-2, 3e-2, 3e-2, 5e-4, 3e-4, 3e-4])
+PRIOR_SCALES = np.array([1.5e-4, 3e-2, 3e-2, 3e-2, 3e-2, 5e-4, 3e-4, 3e-4])
 """Prior standard deviations of the columns' coefficients, as fractions of full scale.
 
 Generic orders of size, not those of any chain: a zero within some 0.03 % FS, gain and curvature
@@ -43,6 +45,7 @@ of per cents (so free), a reversal step and a loop of some hundredths of a per c
 
 _STEP_WIDTHS = np.array([0.003, 0.008, 0.016, 0.03])
 _HYSTERESIS = slice(6, 8)
+_DRIFT_SCALE = 1.4e-4
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,8 @@ class PhysicsModel(CompensationModel):
     """Physical form of the additional torque alone, as a Bayesian linear model.
 
     Equation 15 in consistent form per direction, a reversal step and hysteresis; see the module's
-    table. The coefficients have wide normal priors and are integrated out; the noise comes from
+    table. A drift of the zero during the calibration is estimated and left out; what the form
+    can't follow is part of the uncertainty (`misfit`). The coefficients have wide normal priors and are integrated out; the noise comes from
     the marginal likelihood by fixed-point iteration (MacKay, Neural Computation 4 (1992) 415,
     eq. 4.10) and the step's width is averaged over a grid, weighted by the same likelihood.
 
@@ -130,6 +134,8 @@ class PhysicsModel(CompensationModel):
         Posterior covariances.
     evidence_ : float64 array of shape (widths,)
         Weight of each step width.
+    misfit_ : Misfit
+        What the form can't follow, in fractions of full scale; part of the uncertainty.
 
     Examples
     --------
@@ -140,12 +146,13 @@ class PhysicsModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 20
-    maximum_points: ClassVar[int | None] = 20000
-    used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch")
+    maximum_points: ClassVar[int | None] = 600
+    used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
     coefficients_: FloatArray
     covariances_: FloatArray
     evidence_: FloatArray
+    misfit_: Misfit
 
     def __init__(
         self,
@@ -172,7 +179,11 @@ class PhysicsModel(CompensationModel):
     ) -> None:
         points = chain_points(X, self.full_scale_nm_)
         target = (y - X[:, 0]) / self.full_scale_nm_
-        fits = [_fit_linear(physics_basis(points, w), target, weights) for w in _STEP_WIDTHS]
+        drift = -path_clocks(points.u, points.branch, feature_column(X, "series")).T
+        fits = [
+            _fit_linear(np.hstack([physics_basis(points, w), drift]), target, weights)
+            for w in _STEP_WIDTHS
+        ]
         log_evidence = np.array([fit.log_evidence for fit in fits])
         share = np.exp(log_evidence - log_evidence.max())
         self.evidence_ = share / share.sum()
@@ -180,6 +191,17 @@ class PhysicsModel(CompensationModel):
         self.covariances_ = np.array([fit.covariance for fit in fits])
         self.noise_nm_ = self.full_scale_nm_ * float(self.evidence_ @ [fit.noise for fit in fits])
         self.effective_parameters_ = float(self.evidence_ @ [fit.effective for fit in fits])
+        residual = target - self._mean(points)
+        self.misfit_ = estimate_misfit(
+            points.u, points.branch, residual, weights, self.effective_parameters_
+        )
+
+    def _mean(self, points: ChainPoints) -> FloatArray:
+        values = [
+            physics_basis(points, width) @ coefficients
+            for width, coefficients in zip(_STEP_WIDTHS, self.coefficients_, strict=True)
+        ]
+        return np.asarray(self.evidence_ @ values)
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         points = chain_points(X, self.full_scale_nm_)
@@ -199,7 +221,9 @@ class PhysicsModel(CompensationModel):
         torque = X[:, 0] + self.full_scale_nm_ * mean
         if not return_std:
             return torque, None
-        return torque, self.full_scale_nm_ * np.sqrt(np.maximum(second - mean**2, 0.0))
+        return torque, self.full_scale_nm_ * np.sqrt(
+            np.maximum(second - mean**2, 0.0) + self.misfit_.variance(points.u)
+        )
 
 
 @dataclass(frozen=True)
@@ -219,7 +243,8 @@ def _fit_linear(basis: FloatArray, target: FloatArray, weights: FloatArray) -> _
     floor = 1e-9
     noise2 = float(np.mean((y - scaled @ start) ** 2)) + floor**2
     # Data that no chain would give (another unit, a swapped column) get priors of their own size.
-    scales = PRIOR_SCALES * max(1.0, np.sqrt(noise2) / 1e-3, float(np.max(np.abs(target))) / 3e-2)
+    scales = np.append(PRIOR_SCALES, np.full(basis.shape[1] - PRIOR_SCALES.size, _DRIFT_SCALE))
+    scales = scales * max(1.0, np.sqrt(noise2) / 1e-3, float(np.max(np.abs(target))) / 3e-2)
     gram, moment, power = scaled.T @ scaled, scaled.T @ y, float(y @ y)
     residual, effective = noise2 * y.size, 0.0
     for _ in range(30):
@@ -239,4 +264,7 @@ def _fit_linear(basis: FloatArray, target: FloatArray, weights: FloatArray) -> _
         - float(np.sum(np.log(np.diag(factor[0]))))
         - float(np.sum(np.log(scales)))
     )
-    return _LinearFit(mean, covariance, float(np.sqrt(noise2)), effective, log_evidence)
+    curve = slice(PRIOR_SCALES.size)  # the drift is no part of it
+    return _LinearFit(
+        mean[curve], covariance[curve, curve], float(np.sqrt(noise2)), effective, log_evidence
+    )
