@@ -1,0 +1,448 @@
+"""Hysteresis with memory: which branch a live reading is on follows from where it came from.
+
+A reading that turns round in mid-range is on neither branch of the calibrated loop. Its place
+between them is the state of play (backlash) operators of several widths w, moved by the readings:
+
+    p ← max(x − w, min(x + w, p)),    s = (x − p) / w  in [−1, 1]
+
+(A. Visintin, Differential Models of Hysteresis, Springer 1994, chapter III; M. Brokate and
+J. Sprekels, Hysteresis and Phase Transitions, Springer 1996.) The weighted mean of the s is +1
+after a long rise and −1 after a long fall. It is compared with the states that the calibration
+passed through at the same reading, so that on the calibrated loop the branch-aware model's own two
+curves come out, between them a mixture, and beyond them (a reversal through zero, which a series in
+one direction never sees) the loop's own amplitude. The operators keep order: an unknown initial
+state is carried as an interval, which closes as the history becomes known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
+
+from torquebench.compensation.table import CompensationTable
+from torquebench.errors import InputError
+
+__all__ = [
+    "BranchTracker",
+    "HistoryCompensator",
+    "HysteresisOperator",
+    "LiveTorque",
+    "one_sided_path",
+    "reversing_path",
+]
+
+FloatArray = NDArray[np.float64]
+
+_GENERIC_WIDTHS = np.geomspace(0.005, 0.9, 14)
+"""Play widths in full scales: the narrowest is far above the noise of a reading, the widest never
+turns round within one direction."""
+
+_REFERENCE_STEPS = 512
+"""Steps of a full scale in which the calibration's path is followed."""
+
+
+def one_sided_path(full_scale_nm: float) -> FloatArray:
+    """Return the turning points of a calibration whose directions are each preloaded, in N·m."""
+    return full_scale_nm * np.array([0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, -1.0, 0.0])
+
+
+def reversing_path(full_scale_nm: float) -> FloatArray:
+    """Return the turning points of a calibration in cycles 0 → +FS → 0 → −FS → 0, in N·m."""
+    return full_scale_nm * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
+
+
+@njit(cache=True)
+def _follow(reading, widths, weights, lowest, highest, low, high):  # type: ignore[no-untyped-def]
+    """Move the plays along the readings; `lowest` and `highest` are the states' bounds."""
+    for k in range(reading.size):
+        x = reading[k]
+        state_low = 0.0
+        state_high = 0.0
+        for j in range(widths.size):
+            width = widths[j]
+            lowest[j] = max(x - width, min(x + width, lowest[j]))
+            highest[j] = max(x - width, min(x + width, highest[j]))
+            state_low += weights[j] * (x - highest[j]) / width
+            state_high += weights[j] * (x - lowest[j]) / width
+        low[k] = state_low
+        high[k] = state_high
+
+
+@dataclass(frozen=True)
+class HysteresisOperator:
+    """Play operators of a chain, and the states that its calibration passed through.
+
+    Parameters
+    ----------
+    widths_nm : float64 array of shape (j,)
+        Play widths, above 0.
+    weights : float64 array of shape (j,)
+        Shares of the plays, adding up to 1.
+    amplitude_nm : float
+        Compensated torque after a long rise less that half-way, at the same reading.
+    path_nm : float64 array of shape (k,)
+        Turning points of the calibration's path; the last pass over a reading counts.
+    full_scale_nm : float
+        Calibrated range.
+    """
+
+    widths_nm: FloatArray
+    weights: FloatArray
+    amplitude_nm: float
+    path_nm: FloatArray
+    full_scale_nm: float
+
+    def __post_init__(self) -> None:
+        widths, weights = np.asarray(self.widths_nm), np.asarray(self.weights)
+        if widths.ndim != 1 or widths.size == 0 or not np.all(widths > 0):
+            raise InputError(f"play widths {widths.tolist()}", "one or more, all above 0 N·m")
+        if weights.shape != widths.shape or not np.all(weights >= 0) or weights.sum() <= 0:
+            raise InputError("weights of the plays", "one for each width, not negative")
+
+    @classmethod
+    def generic(cls, full_scale_nm: float, path_nm: ArrayLike | None = None) -> HysteresisOperator:
+        """Return plays from 0.5 % of full scale upwards, equally weighted, without amplitude.
+
+        Parameters
+        ----------
+        full_scale_nm : float
+            Calibrated range in N·m.
+        path_nm : array_like, optional
+            Turning points of the calibration; `one_sided_path` where not given.
+
+        Returns
+        -------
+        HysteresisOperator
+        """
+        count = _GENERIC_WIDTHS.size
+        path = one_sided_path(full_scale_nm) if path_nm is None else path_nm
+        return cls(
+            _GENERIC_WIDTHS * full_scale_nm,
+            np.full(count, 1.0 / count),
+            0.0,
+            np.asarray(path, dtype=np.float64),
+            full_scale_nm,
+        )
+
+    @classmethod
+    def from_table(
+        cls, table: CompensationTable, path_nm: ArrayLike | None = None
+    ) -> HysteresisOperator:
+        """Find the plays whose loop along the calibration's path is the model's own.
+
+        The widths are the generic ones; their weights follow from how the model's two branches
+        part and meet (non-negative least squares).
+
+        Parameters
+        ----------
+        table : CompensationTable
+            Compiled branch-aware model.
+        path_nm : array_like, optional
+            Turning points of the calibration; `one_sided_path` where not given.
+
+        Returns
+        -------
+        HysteresisOperator
+            `generic` where the model has no loop.
+        """
+        generic = cls.generic(table.full_scale_nm, path_nm)
+        grid = generic._grid[(generic._grid >= table.reading_low_nm)]
+        grid = grid[grid <= table.reading_high_nm]
+        rising, falling = _rising_and_falling(table, grid)
+        parts = np.column_stack(
+            [
+                np.subtract(*generic._only(play)._reference_at(grid)[::-1])
+                for play in range(generic.widths_nm.size)
+            ]
+        )
+        return generic._weighted(parts, rising - falling)
+
+    @classmethod
+    def from_readings(
+        cls,
+        reading_nm: ArrayLike,
+        standard_nm: ArrayLike,
+        full_scale_nm: float,
+        path_nm: ArrayLike | None = None,
+    ) -> HysteresisOperator:
+        """Find the plays from a calibration with reversals, rows in the order of time.
+
+        Parameters
+        ----------
+        reading_nm, standard_nm : array_like of shape (n,)
+            Readings and standard torque along the path that was driven.
+        full_scale_nm : float
+            Calibrated range in N·m.
+        path_nm : array_like, optional
+            Turning points of the calibration that the model was or will be fitted to, where it
+            is another one; else the readings' own.
+
+        Returns
+        -------
+        HysteresisOperator
+            `generic` where the data show no hysteresis.
+
+        Raises
+        ------
+        InputError
+            With too few rows to tell hysteresis from the curve.
+        """
+        reading = np.asarray(reading_nm, dtype=np.float64)
+        extra = np.asarray(standard_nm, dtype=np.float64) - reading
+        if reading.ndim != 1 or extra.shape != reading.shape or reading.size < 24:
+            raise InputError(
+                f"{reading.size} rows with reversals",
+                "at least 24",
+                "record a path with reversals in mid-range",
+            )
+        generic = cls.generic(full_scale_nm, reading if path_nm is None else path_nm)
+        states = []
+        for play in range(generic.widths_nm.size):
+            low, high = generic._only(play).tracker().push(reading)
+            states.append(0.5 * (low + high))
+        # what any curve of the reading alone explains is taken away from both sides
+        degree = min(12, reading.size // 6)
+        curve = np.polynomial.chebyshev.chebvander(reading / full_scale_nm, degree)
+        curve = np.column_stack([curve, np.abs(reading), np.tanh(reading / (0.01 * full_scale_nm))])
+        basis = np.linalg.qr(curve)[0]
+
+        def beside(column: FloatArray) -> FloatArray:
+            return np.asarray(column - basis @ (basis.T @ column))
+
+        parts = np.column_stack([beside(state) for state in states])
+        return generic._weighted(parts, beside(extra))
+
+    def tracker(self) -> BranchTracker:
+        """Return a tracker that knows nothing of the past yet."""
+        return BranchTracker(self)
+
+    def reference(self, reading_nm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """States that the calibration passed through at readings, falling and rising."""
+        return self._reference_at(reading_nm)
+
+    def _only(self, play: int) -> HysteresisOperator:
+        return HysteresisOperator(
+            self.widths_nm[play : play + 1],
+            np.ones(1),
+            self.amplitude_nm,
+            self.path_nm,
+            self.full_scale_nm,
+        )
+
+    def _weighted(self, parts: FloatArray, loop: FloatArray) -> HysteresisOperator:
+        """Weigh the plays, smoothly over the widths, so that `parts` add up to a loop."""
+        # the shares of neighbouring widths are alike: without that, noise picks single widths
+        bend = np.diff(np.eye(parts.shape[1]), 2, axis=0)
+        scale = float(np.sqrt(np.sum(parts**2) / parts.shape[1]))
+        rows = [np.vstack([sign * parts, scale * bend]) for sign in (1.0, -1.0)]
+        goal = np.append(loop, np.zeros(len(bend)))
+        solutions = [nnls(row, goal) for row in rows]
+        sign = 1.0 if solutions[0][1] <= solutions[1][1] else -1.0
+        shares = solutions[0 if sign > 0 else 1][0]
+        total = float(np.sum(shares))
+        if total <= 1e-7 * self.full_scale_nm:
+            return self
+        kept = shares > 1e-6 * total
+        return HysteresisOperator(
+            self.widths_nm[kept],
+            shares[kept] / total,
+            sign * total,
+            self.path_nm,
+            self.full_scale_nm,
+        )
+
+    @cached_property
+    def _grid(self) -> FloatArray:
+        largest = max(float(np.max(np.abs(self.path_nm))), self.full_scale_nm)
+        steps = int(np.ceil(_REFERENCE_STEPS * largest / self.full_scale_nm))
+        step = self.full_scale_nm / _REFERENCE_STEPS
+        return step * np.arange(-steps, steps + 1, dtype=np.float64)
+
+    @cached_property
+    def _reference(self) -> tuple[FloatArray, FloatArray]:
+        """States on the grid when last passed falling and rising."""
+        falling, rising = np.full((2, self._grid.size), np.nan)
+        tracker = self.tracker()
+        # a calibration starts from rest: the plays in the middle
+        tracker.settle(float(self.path_nm[0]))
+        for start, stop in zip(self.path_nm[:-1], self.path_nm[1:], strict=True):
+            low, high = min(start, stop), max(start, stop)
+            passed = np.flatnonzero((self._grid >= low) & (self._grid <= high))
+            if stop < start:
+                passed = passed[::-1]
+            state, _ = tracker.push(np.append(self._grid[passed], stop))
+            (rising if stop > start else falling)[passed] = state[:-1]
+        return _filled(falling, rising), _filled(rising, falling)
+
+    def _reference_at(self, reading: FloatArray) -> tuple[FloatArray, FloatArray]:
+        falling, rising = self._reference
+        lower = np.interp(reading, self._grid, falling)
+        return lower, np.maximum(np.interp(reading, self._grid, rising), lower)
+
+
+class BranchTracker:
+    """Follows the state of the plays along a stream of readings.
+
+    The result depends on the readings only, not on how the stream is cut into blocks.
+
+    Parameters
+    ----------
+    operator : HysteresisOperator
+        Widths and weights of the plays.
+
+    Examples
+    --------
+    >>> tracker = HysteresisOperator.generic(100.0).tracker()
+    >>> low, high = tracker.push([0.0, 100.0, -100.0, 100.0])
+    >>> low.round(3).tolist(), high.round(3).tolist()
+    ([-0.912, 1.0, -1.0, 1.0], [0.912, 1.0, -1.0, 1.0])
+    """
+
+    def __init__(self, operator: HysteresisOperator) -> None:
+        self.operator = operator
+        self._widths = np.ascontiguousarray(operator.widths_nm, dtype=np.float64)
+        self._weights = np.ascontiguousarray(operator.weights, dtype=np.float64)
+        self.forget()
+
+    def forget(self) -> None:
+        """Take the past as unknown, as after a gap in the readings or with another mounting.
+
+        Only what full scale allows: a play never went farther than full scale less its width.
+        """
+        largest = max(self.operator.full_scale_nm, float(np.max(np.abs(self.operator.path_nm))))
+        self._highest = np.maximum(largest - self._widths, 0.0)
+        self._lowest = -self._highest
+
+    def settle(self, reading_nm: float) -> None:
+        """Take the past as a demagnetised rest at a reading: every play in its middle."""
+        self._lowest = np.full(self._widths.size, reading_nm)
+        self._highest = self._lowest.copy()
+
+    def push(self, reading_nm: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Move along the next readings of the stream.
+
+        Parameters
+        ----------
+        reading_nm : array_like of shape (n,)
+            Next readings in N·m, in the order of time.
+
+        Returns
+        -------
+        low, high : float64 array of shape (n,)
+            Bounds of the state at each reading, -1 to 1; equal where the past is known.
+
+        Raises
+        ------
+        InputError
+            When a reading is not a number.
+        """
+        reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
+        if reading.ndim != 1 or not np.all(np.isfinite(reading)):
+            raise InputError(
+                "readings with gaps (not a number)",
+                "finite readings in one row",
+                "call forget() after a gap",
+            )
+        low, high = np.empty((2, reading.size))
+        _follow(reading, self._widths, self._weights, self._lowest, self._highest, low, high)
+        return low, high
+
+
+@dataclass(frozen=True)
+class LiveTorque:
+    """Compensated live readings.
+
+    Attributes
+    ----------
+    torque_nm : float64 array of shape (n,)
+        Compensated torque.
+    coordinate : float64 array of shape (n,)
+        Place in the calibrated loop: +1 rising curve, -1 falling curve.
+    half_width_nm : float64 array of shape (n,)
+        Half the interval of torques that the unknown part of the past allows, and half of what
+        lies beyond the calibrated loop; 0 on and within the loop when the past is known. Its
+        standard uncertainty is that of a rectangular distribution.
+    fault : bool array of shape (n,)
+        True where the reading is outside the calibrated range.
+    """
+
+    torque_nm: FloatArray
+    coordinate: FloatArray
+    half_width_nm: FloatArray
+    fault: NDArray[np.bool_]
+
+
+class HistoryCompensator:
+    """Compensates a stream of readings by a branch-aware table and the readings' own history.
+
+    Parameters
+    ----------
+    table : CompensationTable
+        Compiled model.
+    operator : HysteresisOperator, optional
+        From the table itself where not given.
+    """
+
+    def __init__(
+        self, table: CompensationTable, operator: HysteresisOperator | None = None
+    ) -> None:
+        self.table = table
+        self.operator = HysteresisOperator.from_table(table) if operator is None else operator
+        self.tracker = self.operator.tracker()
+
+    def push(self, reading_nm: ArrayLike) -> LiveTorque:
+        """Compensate the next readings of the stream.
+
+        Parameters
+        ----------
+        reading_nm : array_like of shape (n,)
+            Next readings in N·m, in the order of time.
+
+        Returns
+        -------
+        LiveTorque
+        """
+        reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
+        low, high = self.tracker.push(reading)
+        falling_state, rising_state = self.operator.reference(reading)
+        upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
+        rising, fault = self.table.torque_with_faults(reading, upward)
+        falling, _ = self.table.torque_with_faults(reading, -upward)
+        width = np.maximum(rising_state - falling_state, 1e-9)
+
+        def at(state: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+            inside = np.clip(state, falling_state, rising_state)
+            share = (inside - falling_state) / width
+            beyond = self.operator.amplitude_nm * (state - inside)
+            return falling + share * (rising - falling) + beyond, 2.0 * share - 1.0, beyond
+
+        torque_low, place_low, beyond_low = at(low)
+        torque_high, place_high, beyond_high = at(high)
+        unknown = 0.5 * np.abs(torque_high - torque_low)
+        extrapolated = 0.25 * np.abs(beyond_low + beyond_high)
+        return LiveTorque(
+            0.5 * (torque_low + torque_high),
+            0.5 * (place_low + place_high),
+            unknown + extrapolated,
+            fault,
+        )
+
+
+def _rising_and_falling(
+    table: CompensationTable, reading: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Torque on the rising and on the falling curve: with growing and shrinking signed torque."""
+    upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
+    return table.torque(reading, upward), table.torque(reading, -upward)
+
+
+def _filled(wanted: FloatArray, other: FloatArray) -> FloatArray:
+    """Fill readings that were never passed in one sense from the other, then from neighbours."""
+    result = np.where(np.isnan(wanted), other, wanted)
+    known = np.flatnonzero(~np.isnan(result))
+    return np.asarray(np.interp(np.arange(result.size), known, result[known]), dtype=np.float64)
