@@ -81,7 +81,7 @@ def test_a_run_leaves_its_result_its_documents_its_samples_and_a_seal(station: S
     assert record.exit_status == "success"
     assert [row["commanded_nm"] for row in record.result] == [0.0, 200.0, 400.0]
     assert [step.done for step in progress] == [0, 1, 2]
-    assert record.bench_seconds == pytest.approx(1.6, abs=0.2)
+    assert record.bench_seconds == pytest.approx(1.8, abs=0.2)
     assert torque_off(station)
 
     folder = RunFolder.open(record.folder)

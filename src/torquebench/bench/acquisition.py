@@ -373,6 +373,8 @@ class Acquisition:
 
     def set_compensation(self, side: Side, active: ActiveCompensation | None) -> None:
         """Compensate a side from the next block on; None ends it."""
+        if active is not None:
+            active.samples(np.zeros(1), 0.0, 20.0)  # compiles, before a block has to wait for it
         compensations = dict(self._compensations)
         compensations.pop(side, None)
         if active is not None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
@@ -20,7 +20,7 @@ import numpy as np
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import (
@@ -36,6 +36,8 @@ from torquebench.signals import SignalFaultKind
 __all__ = ["Alarm", "AlarmKind", "SafetySupervisor"]
 
 WATCH_PERIOD_S = 0.05
+UNLOAD_SETTLING_S = 0.2
+"""How long shafts and drives swing after an orderly ramp to zero, s of bench time."""
 ROUNDING_S = 1e-6
 RPM = 60.0 / (2.0 * np.pi)
 
@@ -128,6 +130,7 @@ class SafetySupervisor:
         self._listeners: list[Callable[[Alarm], None]] = []
         self._heartbeats: dict[str, _Heartbeat] = {}
         self._faulty_s: dict[str, float] = {}
+        self._unloaded_s = 0.0
         self._disable_at_s = 0.0
         self._disable_at_wall = 0.0
         self._safe = threading.Event()
@@ -370,7 +373,8 @@ class SafetySupervisor:
             self._safe.clear()
             self._alarm = alarm
             ramp_s = self._description.safety.ramp_to_zero_s
-            self.command_zero(ramp_s)
+            for side in SIDES:
+                self._ramp_to_zero(side, ramp_s)
             settled_s = self._clock.now() + ramp_s + self._description.counter.block_s
             self._disable_at_s = settled_s
             self._disable_at_wall = time.monotonic() + ramp_s + self._description.safety.stall_s
@@ -380,15 +384,36 @@ class SafetySupervisor:
             listener(alarm)
         return alarm
 
-    def command_zero(self, ramp_s: float) -> None:
-        """Tell both drives to go to zero torque and speed, and disable one that can't."""
-        for side, drive in self._drivers.drives.items():
-            try:
-                drive.ramp_to_zero(ramp_s)
-            except Exception:
-                with contextlib.suppress(Exception):
-                    drive.disable()
-            self._commands.side(side).at_zero(self._clock.now())
+    def unload(self, sides: Iterable[Side] = SIDES) -> float:
+        """Bring drives to zero torque and speed at their own rates, as no alarm demands haste.
+
+        Returns
+        -------
+        float
+            Bench time until they are there and have settled, s; 0 where they are already.
+        """
+        with self._lock:
+            now = self._clock.now()
+            for side in sides:
+                commands, rates = self._commands.side(side), self._description.module(side).drive
+                ramp_s = max(
+                    abs(commands.torque_nm) / rates.torque_rate_nm_per_s,
+                    abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
+                )
+                if commands.enabled and ramp_s > 0.0:  # else it is there, or on its way
+                    self._ramp_to_zero(side, ramp_s)
+                    self._unloaded_s = max(self._unloaded_s, now + ramp_s + UNLOAD_SETTLING_S)
+            return max(0.0, self._unloaded_s - now)
+
+    def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
+        """Tell a drive to go to zero torque and speed, and disable one that can't."""
+        drive = self._drivers.drives[side]
+        try:
+            drive.ramp_to_zero(ramp_s)
+        except Exception:  # whatever is wrong with it, it must not go on
+            with contextlib.suppress(Exception):
+                drive.disable()
+        self._commands.side(side).at_zero(self._clock.now())
 
     def disable(self) -> None:
         """Take the power off both drives; with an alarm latched this ends the way to safety."""

@@ -109,8 +109,7 @@ class Station:
             commands,
         )
         self.devices = BenchDevices(context)
-        self._ramp_s = description.safety.ramp_to_zero_s
-        self.engine = BenchEngine(self.clock, self.supervisor, self._ramp_s)
+        self.engine = BenchEngine(self.clock, self.supervisor)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
         self._closed = False
@@ -200,9 +199,9 @@ class Station:
         """Bring both drives to zero torque; never raises for a bench that has ended already."""
         if not self._commands.any_enabled:
             return
-        self.supervisor.command_zero(self._ramp_s)
+        unloading_s = self.supervisor.unload()
         with contextlib.suppress(TorquebenchError):
-            self.clock.wait(self._ramp_s)
+            self.clock.wait(unloading_s)
         if disable:
             self.supervisor.disable()
 
@@ -255,7 +254,8 @@ class Station:
             finally:
                 self._run_lock.release()
         finally:
-            plan.close()  # one that never started, too
+            with contextlib.suppress(ValueError):  # it hangs in a loop that hangs
+                plan.close()  # one that never started, too
 
     def _run(
         self,
@@ -383,7 +383,7 @@ class Station:
 
         The drives are told directly first, so this works while the event loop is blocked.
         """
-        self.supervisor.command_zero(self._ramp_s)
+        self.supervisor.unload()
         self.engine.abort(reason)
 
     def emergency_stop(self, reason: str) -> Alarm:

@@ -66,14 +66,11 @@ class BenchEngine:
     ----------
     clock : BenchClock
     supervisor : SafetySupervisor
-    ramp_s : float
-        How fast the torque goes to zero in a pause, s.
     """
 
-    def __init__(self, clock: BenchClock, supervisor: SafetySupervisor, ramp_s: float) -> None:
+    def __init__(self, clock: BenchClock, supervisor: SafetySupervisor) -> None:
         self._clock = clock
         self._supervisor = supervisor
-        self._ramp_s = ramp_s
         self.progress: ProgressCallback | None = None
         self.on_interrupt: Callable[[], None] = self.abort
         self.on_held: Callable[[], None] = lambda: None
@@ -192,8 +189,7 @@ class BenchEngine:
         del message
         if not self._pausing:
             return
-        self._supervisor.command_zero(self._ramp_s)
-        await self._clock.sleep(self._ramp_s)
+        await self._clock.sleep(self._supervisor.unload())
         resumed = asyncio.Event()
         self._resumed = resumed
         self.on_held()

@@ -279,6 +279,21 @@ def test_the_way_to_safety_is_gone_in_simulated_time_although_nobody_sleeps(
     assert bench.clock.now() < 1.0
 
 
+def test_an_orderly_stop_keeps_to_the_drives_own_rates(bench: LowBench) -> None:
+    bench.load_output(2000.0)  # its rate: 4000 N·m/s
+    bench.clock.wait(1.0)
+    needed_s = bench.supervisor.unload()
+    assert needed_s == pytest.approx(0.5 + 0.2)
+    bench.clock.wait(0.25)
+    assert bench.drivers.drives["output"].state().torque_nm == pytest.approx(1000.0)
+    assert bench.supervisor.unload() == pytest.approx(0.45), "on its way already"
+    bench.clock.wait(0.5)
+    assert abs(bench.acquisition.latest("output_torque").torque_nm) < 20.0
+    assert bench.supervisor.unload() == 0.0
+    assert bench.drivers.drives["output"].state().enabled
+    assert bench.supervisor.alarm is None
+
+
 def test_a_drive_that_refuses_to_ramp_is_disabled(open_bench: OpenBench) -> None:
     class Stubborn:
         def __init__(self, drive: Any) -> None:

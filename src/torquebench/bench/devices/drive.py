@@ -75,12 +75,9 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         await context.clock.sleep(abs(value - before) / rate)
 
     async def stop(self, success: bool = True) -> None:
-        """Ramp torque and speed to zero."""
+        """Bring torque and speed to zero at the drive's own rates, without waiting for it."""
         del success
-        context = self._context
-        ramp_s = context.description.safety.ramp_to_zero_s
-        await context.call(context.drivers.drives[self._side].ramp_to_zero, ramp_s)
-        context.commands.side(self._side).at_zero(context.clock.now())
+        await self._context.call(self._context.supervisor.unload, (self._side,))
 
     async def locate(self) -> Location[float]:
         """Set point as commanded."""
@@ -118,10 +115,7 @@ class DriveSwitch(StandardReadable):
             commands.at_zero(context.clock.now())
             commands.enabled = True
             return
-        if commands.torque_nm != 0.0 or commands.speed_rad_s != 0.0:
-            ramp_s = context.description.safety.ramp_to_zero_s
-            await context.call(drive.ramp_to_zero, ramp_s)
-            await context.clock.sleep(ramp_s)
+        await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
         await context.call(drive.disable)
         commands.off(context.clock.now())
 
