@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli import calibrate, demo, doctor, measure, models, records
+from torquebench.cli import calibrate, demo, doctor, evaluate, measure, models, records
 from torquebench.cli.failure import guarded
 
 __all__ = ["app", "main"]
@@ -26,6 +26,7 @@ app = typer.Typer(
 for _group in (demo, calibrate, models, measure, doctor):
     _group.register(app)
 app.add_typer(records.app)
+app.add_typer(evaluate.app)
 
 
 def _print_version(wanted: bool) -> None:

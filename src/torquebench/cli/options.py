@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -19,6 +20,8 @@ __all__ = [
 ]
 
 DEFAULT_DATA = Path("torquebench-data")
+REGISTRY_URL = "TORQUEBENCH_REGISTRY"
+"""Environment variable with the URL of a registry on a server; see `records.REGISTRY_URL`."""
 
 DataOption = Annotated[
     Path,
@@ -41,13 +44,15 @@ RealTimeOption = Annotated[
 
 
 def data_directory(path: Path) -> Path:
-    """Return an existing data directory that holds a registry.
+    """Return a data directory whose registry exists: in it, or on the server that is named.
 
     Raises
     ------
     InputError
         Where there is none.
     """
+    if os.environ.get(REGISTRY_URL):
+        return path
     if not (path / "registry.sqlite").is_file():
         raise InputError(
             f"no records in {path}",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from torquebench.cli import drift, record_checks
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError, RecordError
@@ -23,6 +24,10 @@ __all__ = ["app"]
 app = typer.Typer(
     name="records", help="List and show what the registry holds.", no_args_is_help=True
 )
+
+
+record_checks.register(app)
+drift.register(app)
 
 
 class Kind(StrEnum):
@@ -87,7 +92,7 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
     table = narrow_table("Calibrations")
     for heading in ("name", "performed (UTC)", "transducer", "points", "range", "profile"):
         table.add_column(heading, overflow="fold")
-    for entry in registry.calibrations()[:limit]:
+    for entry in registry.calibrations(limit=limit):
         table.add_row(
             f"calibration-{entry.calibration_id}",
             _moment(entry.performed),
@@ -103,7 +108,7 @@ def _list_models(registry: Registry, limit: int) -> None:
     table = narrow_table("Models")
     for heading in ("name", "created (UTC)", "kind", "transducer", "range", "in use"):
         table.add_column(heading, overflow="fold")
-    for entry in registry.models()[:limit]:
+    for entry in registry.models(limit=limit):
         table.add_row(
             f"model-{entry.model_id}",
             _moment(entry.created),
@@ -143,17 +148,20 @@ _LISTS = {
 
 
 def _find_run(registry: Registry, name: str) -> RunSummary:
-    runs = registry.runs(limit=1_000_000)
-    if name == "latest" and runs:
-        return runs[0]
-    found = [run for run in runs if run.run_id.startswith(name)]
+    if name == "latest" and (newest := registry.runs(limit=1)):
+        return newest[0]
+    found = registry.runs_beginning(name, limit=MANY_RUNS)
     if len(found) == 1:
         return found[0]
     if found:
+        count = str(len(found)) if len(found) < MANY_RUNS else f"{MANY_RUNS} or more"
         raise InputError(
-            f"{name!r} is the beginning of {len(found)} runs", "one run", "give more of its id"
+            f"{name!r} is the beginning of {count} runs", "one run", "give more of its id"
         )
     raise InputError(f"no record {name!r}", "a name from `torquebench records list`")
+
+
+MANY_RUNS = 1000
 
 
 def _show_run(run: RunSummary) -> None:
@@ -245,20 +253,29 @@ def _show_verification(verification: VerificationEntry) -> None:
 
 
 def _show_calibration(registry: Registry, calibration_id: int) -> None:
-    found = [e for e in registry.calibrations() if e.calibration_id == calibration_id]
-    if not found:
-        raise InputError(
-            f"no record 'calibration-{calibration_id}'", "a name from `torquebench records list`"
-        )
-    entry = found[0]
+    entry = registry.calibration(calibration_id)
     models = [m for m in registry.models() if m.calibration_id == calibration_id]
+    reviews = registry.reviews("calibrations", calibration_id)
+    amendments = registry.amendments("calibrations", calibration_id)
+    certificates = registry.certificates(calibration_id)
+    low, high = entry.valid_nm
     _facts(
         f"calibration-{entry.calibration_id}",
         {
             "performed": _moment(entry.performed),
             "transducer": entry.transducer_serial,
             "counter": entry.counter_identity,
+            "standard": entry.standard_serial,
+            "measured by": entry.measured_by,
+            "checked by": "; ".join(
+                f"{each.checked_by}, {_moment(each.checked)}"
+                f"{'' if each.accepted else ', not accepted'}"
+                f"{f' ({each.remark})' if each.remark else ''}"
+                for each in reviews
+            ),
             "range": f"{entry.range_nm:g} N·m",
+            "valid": f"{low:.6g} to {high:.6g} N·m",
+            "due": "" if entry.due is None else entry.due.isoformat(),
             "points": str(entry.points),
             "profile": entry.profile_name,
             "profile SHA-256": entry.profile_sha256,
@@ -266,9 +283,19 @@ def _show_calibration(registry: Registry, calibration_id: int) -> None:
             "data SHA-256": entry.data_sha256,
             "run": entry.run_id or "a table from elsewhere",
             "models": ", ".join(f"model-{m.model_id} ({m.kind})" for m in models),
+            "certificates": ", ".join(each.number for each in certificates),
+            **{
+                f"amended {_moment(each.amended)}": f"{_changes(each.changes)} "
+                f"({each.amended_by}: {each.reason})"
+                for each in amendments
+            },
             **{key: _short(value) for key, value in entry.summary.items()},
         },
     )
+
+
+def _changes(changes: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in changes.items())
 
 
 def _in_use(registry: Registry, entry: ModelEntry) -> bool:

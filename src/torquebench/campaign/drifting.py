@@ -1,0 +1,170 @@
+"""How one transducer drifts, from everything that the registry holds of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import date, datetime, timedelta
+
+from torquebench.calibration import (
+    ControlChart,
+    DriftPrediction,
+    Trend,
+    find_trend,
+    individuals_chart,
+    predict_drift,
+    propose_due_date,
+)
+from torquebench.records import Registry, Zeroing
+
+__all__ = ["DriftSeries", "drift_of", "next_due"]
+
+LEAST_VALUES = 3
+"""Fewer values give neither a control chart nor a prediction."""
+
+LEAST_SPAN = timedelta(days=1)
+"""A shorter history says nothing about the months to come."""
+
+
+@dataclass(frozen=True)
+class DriftSeries:
+    """One quantity of one transducer over time.
+
+    Attributes
+    ----------
+    title, unit : str
+        What it is, in words.
+    moments, values : tuple
+        The oldest first.
+    tolerance : float
+        How far it may drift from its first value, in its unit.
+    chart, trend, prediction : ControlChart, Trend, DriftPrediction or None
+        None where there are too few values.
+    calibrations : bool
+        Whether the values come from calibrations, so that they set the due date.
+    simulated : bool
+        Whether any value was simulated.
+    """
+
+    title: str
+    unit: str
+    moments: tuple[datetime, ...]
+    values: tuple[float, ...]
+    tolerance: float
+    chart: ControlChart | None
+    trend: Trend | None
+    prediction: DriftPrediction | None
+    calibrations: bool
+    simulated: bool
+
+    def remark(self, row: int) -> str:
+        """Return what the control chart says of one value."""
+        if self.chart is None:
+            return ""
+        found = []
+        if row in self.chart.outside:
+            found.append("outside the limits")
+        if row in self.chart.jumps:
+            found.append("a jump")
+        if row in self.chart.runs:
+            found.append("8 in a row on one side")
+        return ", ".join(found)
+
+
+def drift_of(
+    registry: Registry, serial: str, *, tolerance_percent: float, base: int | None = None
+) -> tuple[DriftSeries, ...]:
+    """Return the span in each direction, the zero and the checks of a transducer over time.
+
+    Parameters
+    ----------
+    registry : Registry
+    serial : str
+        The transducer.
+    tolerance_percent : float
+        How far each may drift from its first value, in % (of the span; of the range for zeros
+        and checks).
+    base : int, optional
+        Limits of the control charts from the first so many values; from all by default.
+    """
+    found = []
+    calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
+    for direction in ("clockwise", "counter-clockwise"):
+        known = [
+            (entry.performed, float(spans[direction]), entry.simulated)
+            for entry in calibrations
+            if direction in (spans := entry.summary.get("span_error_percent", {}))
+        ]
+        found.append((f"Span error {direction}", "%", known, True))
+    ranges = {each.serial: each.range_nm for each in registry.equipment("transducer")}
+    range_nm = ranges.get(serial)
+    if range_nm:
+        zeros = [
+            (zero.performed, 100.0 * zero.zero_nm / range_nm, zero.simulated)
+            for zero in _first_of_each_run(registry.zeroings(serial))
+        ]
+        found.append(("Zero", "% FS", zeros, False))
+    checks = [
+        (check.performed, float(check.summary["signed_worst_percent_fs"]), check.simulated)
+        for check in registry.checks(serial)
+        if "signed_worst_percent_fs" in check.summary
+    ]
+    found.append(("Largest error of the check standard's verification", "% FS", checks, False))
+    return tuple(
+        _series(title, unit, known, tolerance_percent, base, calibrations=calibrated)
+        for title, unit, known, calibrated in found
+        if known
+    )
+
+
+def _first_of_each_run(zeroings: list[Zeroing]) -> list[Zeroing]:
+    """Return one zero a run: those within a run show how it warmed up, not how it drifts."""
+    seen: set[str] = set()
+    first = []
+    for zeroing in zeroings:
+        if zeroing.run_id is None or zeroing.run_id not in seen:
+            first.append(zeroing)
+            seen.add(zeroing.run_id or "")
+    return first
+
+
+def _series(
+    title: str,
+    unit: str,
+    known: list[tuple[datetime, float, bool]],
+    tolerance: float,
+    base: int | None,
+    *,
+    calibrations: bool,
+) -> DriftSeries:
+    moments = [moment for moment, _, _ in known]
+    values = [value for _, value, _ in known]
+    enough = len(values) >= LEAST_VALUES
+    chart = individuals_chart(values, min(base, len(values)) if base else None) if enough else None
+    lasting = enough and max(moments) - min(moments) >= LEAST_SPAN
+    return DriftSeries(
+        title=title,
+        unit=unit,
+        moments=tuple(moments),
+        values=tuple(values),
+        tolerance=tolerance,
+        chart=chart,
+        trend=find_trend(moments, values) if lasting else None,
+        prediction=predict_drift(moments, values, tolerance, centre=values[0])
+        if lasting and len(set(moments)) >= LEAST_VALUES
+        else None,
+        calibrations=calibrations,
+        simulated=any(simulated for _, _, simulated in known),
+    )
+
+
+def next_due(found: tuple[DriftSeries, ...], *, longest_days: int) -> date | None:
+    """Return when the transducer is to be calibrated again: the earliest proposal of its spans.
+
+    None where it was never calibrated.
+    """
+    proposals = [
+        propose_due_date(series.moments[-1], series.prediction, longest_days=longest_days)
+        for series in found
+        if series.calibrations
+    ]
+    return min(proposals, default=None)

@@ -1,0 +1,198 @@
+"""`torquebench evaluate`: results from tables that were measured elsewhere."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.text import Text
+
+from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import RangeOption, check_output
+
+if TYPE_CHECKING:
+    from torquebench.calibration import (
+        CalibrationData,
+        CalibrationResults,
+        Deviation,
+        DirectionResults,
+        Profile,
+        StaticEvaluation,
+    )
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="evaluate",
+    help="Evaluate tables that were measured on any bench.",
+    no_args_is_help=True,
+)
+
+
+@app.callback()
+def _tables() -> None:
+    """Evaluate tables that were measured on any bench."""
+
+
+@app.command("static")
+def static(
+    data: Annotated[Path, typer.Argument(help="A CSV file with reading_nm and standard_nm.")],
+    reference_uncertainty: Annotated[
+        float,
+        typer.Option(min=0, max=10, help="Expanded uncertainty (k = 2) of the standard, %."),
+    ],
+    resolution: Annotated[float, typer.Option(min=0, help="Resolution of the indication, N·m.")],
+    profile: Annotated[
+        str, typer.Option(help="The profile that was followed: a name, or the path of a .toml.")
+    ] = "staircase",
+    range_nm: RangeOption = None,
+    model: Annotated[
+        Path | None, typer.Option(help="A model file: results after its compensation too.")
+    ] = None,
+    performed: Annotated[
+        datetime | None, typer.Option(help="Day of the measurement; today by default.")
+    ] = None,
+    reference_due: Annotated[
+        datetime | None, typer.Option(help="Last day of the standard's certificate.")
+    ] = None,
+    reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = "",
+    result: Annotated[
+        Path | None, typer.Option("--out", help="A JSON file with every number.")
+    ] = None,
+) -> None:
+    """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
+
+    The table is held against the profile; each departure is named with the clause that it breaks.
+    Exit code 1 where the profile refuses a certificate because of one.
+    """
+    from torquebench.calibration import (
+        CalibrationRecord,
+        ReferenceStandard,
+        assign_nominal,
+        calibration_results,
+        find_deviations,
+        load_profile,
+    )
+    from torquebench.records import json_text, read_calibration_csv, write_atomically
+
+    chosen = load_profile(profile)
+    if result is not None:
+        check_output(result, data)
+    points = assign_nominal(read_calibration_csv(data, range_nm=range_nm), chosen)
+    moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)
+    reference = ReferenceStandard(
+        serial=reference_serial,
+        due=None if reference_due is None else reference_due.date(),
+        expanded_uncertainty_percent=reference_uncertainty,
+    )
+    deviations = find_deviations(CalibrationRecord(points, moment, reference), chosen)
+    _print_heading(points, chosen)
+    _print_deviations(deviations)
+    refused = any(each.consequence == "refuse" for each in deviations)
+    if not any(each.kind in ("missing_series", "missing_step") for each in deviations):
+        results = calibration_results(
+            points,
+            resolution_nm=resolution,
+            reference_uncertainty_percent=reference_uncertainty,
+            torque_nm=None if model is None else _compensated(model, points),
+        )
+        _print_results(results)
+        if result is not None:
+            content = {
+                "profile": {"name": chosen.name, "sha256": chosen.sha256},
+                "data_sha256": points.sha256(),
+                "deviations": deviations,
+                "results": results,
+            }
+            write_atomically(result, json_text(content, indent=2) + "\n")
+            say(f"Every number: {result}")
+    if refused:
+        warn("the profile refuses a certificate for this calibration")
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _compensated(file: Path, points: CalibrationData) -> Any:
+    from torquebench.compensation import load_model
+
+    model = load_model(file).model
+    return model.predict(points.features(model.n_features_in_))
+
+
+def _print_heading(points: CalibrationData, profile: Profile) -> None:
+    simulated = " - simulated" if points.simulated else ""
+    chain = f", transducer {points.transducer_serial}" if points.transducer_serial else ""
+    say(f"[bold]{len(points)} points, {points.range_nm:g} N·m{escape(chain)}{simulated}[/bold]")
+    checked = "" if profile.verified else ", not checked against a licensed text"
+    say(f"profile {escape(profile.name)} (SHA-256 {profile.sha256[:12]}…{checked})")
+
+
+def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
+    if not deviations:
+        say("kept: no departure from the profile")
+        return
+    table = narrow_table("Departures from the profile")
+    for heading in ("found", "allowed", "clause", "certificate"):
+        table.add_column(heading, overflow="fold")
+    for each in deviations:
+        words = "refused" if each.consequence == "refuse" else "states it"
+        table.add_row(each.found, each.allowed, each.clause, words)
+    out().print(table)
+
+
+def _print_results(results: CalibrationResults) -> None:
+    for direction in results.directions:
+        _print_direction(direction)
+    for title, zero in (("before", results.zero_before), ("after", results.zero_after)):
+        if zero is not None:
+            say(
+                f"zero hysteresis {title} compensation: {zero.worst_nm:.4g} N·m at worst "
+                f"({zero.worst_percent_fs:.3g} % FS) over {zero.cycles} cycles"
+            )
+
+
+def _print_direction(direction: DirectionResults) -> None:
+    sides = [("before", direction.before)]
+    if direction.after is not None:
+        sides.append(("after", direction.after))
+    for title, side in sides:
+        heading = f"{direction.name}, {title} compensation, % of reading"
+        out().print(Text(heading, style="bold"))
+        out().print(_quantities(side.evaluation))
+        found = side.classification
+        if found is None:
+            say(f"no class: {side.unclassified}")
+        elif found.whole_range is not None:
+            say(f"class {found.whole_range:g} over the whole range")
+        else:
+            starts = [(c, start) for c, start in found.starts_nm.items() if start is not None]
+            words = ", ".join(f"{c:g} from {start:g} N·m" for c, start in starts)
+            say(f"class {words}" if words else "within no class")
+
+
+def _quantities(evaluation: StaticEvaluation) -> Any:
+    """Return the table of all quantities, one line a step."""
+    table = narrow_table()
+    degree = max(evaluation.interpolations)
+    decreasing = evaluation.reversibility_percent is not None
+    columns: list[tuple[str, Any]] = [
+        ("f_q", evaluation.indication_deviation_percent),
+        ("b′", evaluation.repeatability_percent),
+        ("b", evaluation.reproducibility_range_percent),
+        ("f_a", evaluation.interpolation(degree).deviation_percent),
+        ("h", evaluation.reversibility_percent),
+        ("r", evaluation.resolution_percent),
+        ("W", evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)),
+    ]
+    table.add_column("N·m", justify="right")
+    for name, _ in columns:
+        table.add_column(name, justify="right")
+    for row, torque in enumerate(evaluation.torque_nm):
+        cells = ["-" if values is None else f"{values[row]:.4f}" for _, values in columns]
+        table.add_row(f"{torque:g}", *cells)
+    zero = evaluation.zero_residual_percent
+    table.caption = "f₀ " + ("not measured" if zero is None else f"{zero:.4f} % of the span")
+    return table
