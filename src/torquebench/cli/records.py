@@ -200,7 +200,12 @@ def _state_of(folder: Any) -> str:
 
 
 def _show_model(registry: Registry, model_id: int) -> None:
-    entry = registry.model(model_id)
+    try:
+        entry = registry.model(model_id)
+    except RecordError as error:
+        raise InputError(
+            f"no record 'model-{model_id}'", "a name from `torquebench records list`"
+        ) from error
     try:
         state = f"intact, {entry.check_file()}"
     except RecordError as error:
