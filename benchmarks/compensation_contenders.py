@@ -1,0 +1,221 @@
+"""Who takes part in the comparison of compensation models: own kinds, other libraries, bounds.
+
+Every contender gets the same calibration and gives the torque at any reading, with a standard
+uncertainty where it has one. Other libraries are used as a careful user would: residual mapping
+(they learn standard − reading), columns scaled to unit variance, the branch as one more input where
+the library takes several, and enough iterations to converge.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.chain_shapes import FloatArray
+from benchmarks.chains import CalibrationSet, Chain, known_form
+from torquebench.compensation import MODELS, make_model
+
+__all__ = ["Contender", "Prediction", "contenders"]
+
+Prediction = tuple[FloatArray, FloatArray | None]
+Predict = Callable[[FloatArray], Prediction]
+
+HIDDEN = 50
+"""Neurons of every network, as the sources'."""
+
+POLYNOMIALS = (2, 3)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to compensate.
+
+    Attributes
+    ----------
+    name : str
+        As shown.
+    fit : callable
+        From a chain (which only the bounds look into) and its calibration to a prediction.
+    own : bool
+        Whether it is one of this package's kinds of model.
+    slow : bool
+        Whether a fit takes a good part of a second.
+    """
+
+    name: str
+    fit: Callable[[Chain, CalibrationSet], Predict]
+    own: bool = False
+    slow: bool = False
+
+
+def contenders() -> list[Contender]:
+    """Return everyone who is installed, bounds first."""
+    found = [
+        Contender("known form", _known(nonlinear=False)),
+        Contender("known form, constants unknown", _known(nonlinear=True), slow=True),
+        Contender("raw reading", lambda _chain, _data: lambda X: (X[:, 0], None)),
+    ]
+    found += [
+        Contender(
+            f"polynomial-{degree} per direction",
+            _own("polynomial", degree=degree, per_direction=True),
+            own=True,
+        )
+        for degree in POLYNOMIALS
+    ]
+    slow = {"published-network", "radial-basis"}
+    found += [
+        Contender(kind, _own(kind), own=True, slow=kind in slow)
+        for kind in MODELS
+        if kind != "polynomial"
+    ]
+    found += [
+        Contender("scikit-learn MLPRegressor", _sklearn_network),
+        Contender("scikit-learn GaussianProcessRegressor", _sklearn_process, slow=True),
+        Contender("SciPy make_smoothing_spline", _scipy_spline),
+    ]
+    if importlib.util.find_spec("pyrenn") is not None:
+        found.append(Contender("pyrenn", _pyrenn, slow=True))
+    if importlib.util.find_spec("torch") is not None:
+        found.append(Contender("PyTorch L-BFGS", _torch, slow=True))
+    return found
+
+
+def _own(kind: str, **parameters: Any) -> Callable[[Chain, CalibrationSet], Predict]:
+    def fit(chain: Chain, data: CalibrationSet) -> Predict:
+        model = make_model(kind, range_nm=chain.range_nm, **parameters)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model.fit(data.X, data.standard_nm)
+        return lambda X: model.predict(X, return_std=True)
+
+    return fit
+
+
+def _known(nonlinear: bool) -> Callable[[Chain, CalibrationSet], Predict]:
+    def fit(chain: Chain, data: CalibrationSet) -> Predict:
+        fitted = known_form(chain, data, nonlinear=nonlinear)
+        return lambda X: (fitted.predict(X), None)
+
+    return fit
+
+
+@dataclass(frozen=True)
+class _Scaling:
+    """Columns and residual with zero mean and unit variance."""
+
+    centre: FloatArray
+    width: FloatArray
+    target_centre: float
+    target_width: float
+
+    @classmethod
+    def of(cls, data: CalibrationSet) -> _Scaling:
+        inputs, target = data.X[:, :2], data.standard_nm - data.X[:, 0]
+        return cls(inputs.mean(0), inputs.std(0), float(target.mean()), float(target.std()))
+
+    def inputs(self, X: FloatArray) -> FloatArray:
+        return np.asarray((X[:, :2] - self.centre) / self.width)
+
+    def target(self, data: CalibrationSet) -> FloatArray:
+        residual = data.standard_nm - data.X[:, 0]
+        return np.asarray((residual - self.target_centre) / self.target_width)
+
+    def torque(self, X: FloatArray, scaled: FloatArray) -> FloatArray:
+        return np.asarray(X[:, 0] + self.target_centre + self.target_width * np.ravel(scaled))
+
+
+def _sklearn_network(_chain: Chain, data: CalibrationSet) -> Predict:
+    from sklearn.neural_network import MLPRegressor
+
+    scaling = _Scaling.of(data)
+    network = MLPRegressor(
+        hidden_layer_sizes=(HIDDEN,),
+        activation="tanh",
+        solver="lbfgs",
+        alpha=1e-3,
+        max_iter=20_000,
+        max_fun=1_000_000,
+        tol=1e-7,
+        random_state=0,
+    )
+    network.fit(scaling.inputs(data.X), scaling.target(data))
+    return lambda X: (scaling.torque(X, network.predict(scaling.inputs(X))), None)
+
+
+def _sklearn_process(_chain: Chain, data: CalibrationSet) -> Predict:
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    scaling = _Scaling.of(data)
+    kernel = ConstantKernel(1.0, (1e-3, 1e5)) * RBF([1.0, 1.0], (1e-2, 1e3))
+    process = GaussianProcessRegressor(kernel + WhiteKernel(1e-3, (1e-8, 1e1)), random_state=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        process.fit(scaling.inputs(data.X), scaling.target(data))
+    noise = float(process.kernel_.k2.noise_level)
+
+    def predict(X: FloatArray) -> Prediction:
+        mean, std = process.predict(scaling.inputs(X), return_std=True)
+        curve = np.sqrt(np.maximum(std**2 - noise, 0.0))
+        return scaling.torque(X, mean), scaling.target_width * curve
+
+    return predict
+
+
+def _scipy_spline(_chain: Chain, data: CalibrationSet) -> Predict:
+    from scipy.interpolate import make_smoothing_spline
+
+    scaling = _Scaling.of(data)
+    order = np.argsort(data.X[:, 0])
+    x, y = scaling.inputs(data.X)[order, 0], scaling.target(data)[order]
+    spline = make_smoothing_spline(x, y)
+    return lambda X: (scaling.torque(X, spline(scaling.inputs(X)[:, 0])), None)
+
+
+def _pyrenn(_chain: Chain, data: CalibrationSet) -> Predict:
+    import pyrenn
+
+    scaling = _Scaling.of(data)
+    np.random.seed(0)  # noqa: NPY002 - pyrenn draws its start from the global generator
+    network = pyrenn.CreateNN([2, HIDDEN, 1])
+    network = pyrenn.train_LM(
+        scaling.inputs(data.X).T, scaling.target(data), network, k_max=100, E_stop=1e-8
+    )
+    return lambda X: (scaling.torque(X, pyrenn.NNOut(scaling.inputs(X).T, network)), None)
+
+
+def _torch(_chain: Chain, data: CalibrationSet) -> Predict:
+    import torch
+
+    scaling = _Scaling.of(data)
+    torch.manual_seed(0)
+    torch.set_num_threads(1)
+    network = torch.nn.Sequential(
+        torch.nn.Linear(2, HIDDEN), torch.nn.Tanh(), torch.nn.Linear(HIDDEN, 1)
+    ).double()
+    inputs, target = torch.tensor(scaling.inputs(data.X)), torch.tensor(scaling.target(data))
+    optimiser = torch.optim.LBFGS(
+        network.parameters(), max_iter=2000, line_search_fn="strong_wolfe", tolerance_change=1e-12
+    )
+
+    def closure() -> Any:
+        optimiser.zero_grad()
+        decay = sum((p**2).sum() for p in network.parameters())
+        loss = ((network(inputs)[:, 0] - target) ** 2).mean() + 2e-5 * decay
+        loss.backward()
+        return loss
+
+    optimiser.step(closure)
+
+    def predict(X: FloatArray) -> Prediction:
+        with torch.no_grad():
+            scaled = network(torch.tensor(scaling.inputs(X))).numpy()
+        return scaling.torque(X, scaled), None
+
+    return predict
