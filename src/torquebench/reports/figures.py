@@ -162,6 +162,7 @@ def error_figure(
     limit_fs: float | None = None,
     markers: bool = True,
     abscissa: str = "torque in N·m",
+    ordinate: str = "error in N·m",
 ) -> str:
     """Draw error against torque, raw above and compensated below on its own scale.
 
@@ -176,8 +177,8 @@ def error_figure(
         Limit to mark, as a share of full scale (0.001 for 0.1 % FS).
     markers : bool
         Points instead of lines.
-    abscissa : str
-        Label of the abscissa.
+    abscissa, ordinate : str
+        Labels of the axes.
 
     Returns
     -------
@@ -210,7 +211,7 @@ def error_figure(
                     axes.axhline(
                         sign * limit_fs * range_nm, color="#9A3412", linestyle="--", linewidth=0.9
                     )
-            axes.set_ylabel("error in N·m")
+            axes.set_ylabel(ordinate)
             _percent_axis(axes, range_nm)
             _legend_above(axes)
         panels[-1].set_xlabel(abscissa)

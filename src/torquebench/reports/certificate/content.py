@@ -1,0 +1,248 @@
+"""What the PDF shows, in words and numbers of one language, for the template to lay out."""
+
+from datetime import date
+from typing import Any
+
+from torquebench.reports.certificate.labels import Labels, labels_of
+from torquebench.reports.certificate.record import CertificateRecord, Party, ResultRow
+
+__all__ = ["certificate_content"]
+
+_ARROWS = {1: "↑", -1: "↓", 0: ""}
+
+
+def certificate_content(record: CertificateRecord, language: str) -> dict[str, Any]:
+    """Return everything that the template shows.
+
+    Parameters
+    ----------
+    record : CertificateRecord
+    language : str
+
+    Returns
+    -------
+    dict
+        Text, lists of text, and None for what isn't shown.
+    """
+    words = labels_of(language)
+    return {
+        "language": language,
+        "title": words["title"],
+        "number": record.number,
+        "payload": record.payload,
+        "issued": record.issued.isoformat(),
+        "authors": list(record.authorised_by),
+        "laboratory_name": record.laboratory.name,
+        "simulated": words["simulated"] if record.simulated else None,
+        "supersedes": f"{words['supersedes']} {record.supersedes}" if record.supersedes else None,
+        "page": words["page"],
+        "closing": words["closing"],
+        "facts": _facts(record, words),
+        "conformity": _conformity(record, words),
+        "deviations": {"title": words["deviations"], "entries": _deviations(record, words)},
+        "verification": {"title": words["verification"], "text": _verification(record, words)},
+        "figure": words["figure"],
+        "results": _results(record, words),
+        "budget": _budget(record, words),
+        "records": _records(record, words),
+    }
+
+
+def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str]]]:
+    item, method, reference = record.item, record.method, record.reference
+    side = words.get(item.side)
+    unknown = words["not_stated"]
+    transducer = " ".join(part for part in (item.manufacturer, item.model) if part) or unknown
+    traceability = [
+        words["reference_text"].format(
+            model=reference.model or unknown,
+            serial=reference.serial,
+            certificate=reference.certificate_number or unknown,
+            percent=words.short(reference.expanded_uncertainty_percent),
+        ),
+        words["reference_due"].format(
+            performed=_day(reference.performed, unknown), due=_day(reference.due, unknown)
+        ),
+    ]
+    if reference.laboratory:
+        traceability.append(reference.laboratory)
+    verified = words["profile_verified" if method.verified else "profile_unverified"]
+    return [
+        (words["laboratory"], _party(record.laboratory, unknown)),
+        (words["customer"], _party(record.customer, unknown)),
+        (
+            words["item"],
+            [
+                ", ".join(part for part in (words["chain"], side) if part),
+                f"{words['transducer']}: {transducer}, {words['serial']} {item.serial}",
+                f"{words['counter']}: {item.counter_identity}",
+                f"{words['bench']}: {item.bench or unknown}",
+                f"{words['range']}: ±{words.short(item.range_nm)} N·m",
+            ],
+        ),
+        (
+            words["method"],
+            [
+                words["method_text"].format(series=method.series, points=method.points),
+                f"{words['profile']}: {method.name}",
+                verified,
+            ],
+        ),
+        (words["reference"], traceability),
+        (words["environment"], [_environment(record, words)]),
+        (words["date_calibration"], [_period(record)]),
+        (words["date_issue"], [record.issued.isoformat()]),
+        (words["measured_by"], [record.measured_by or unknown]),
+        (words["checked_by"], [record.checked_by or words["nobody"]]),
+        (words["authorised_by"], [", ".join(record.authorised_by)]),
+    ]
+
+
+def _party(party: Party, unknown: str) -> list[str]:
+    if not party.name:
+        return [unknown]
+    place = " ".join(part for part in (party.post_code, party.city, party.country) if part)
+    return [party.name, ", ".join(part for part in (party.street, place, party.email) if part)]
+
+
+def _environment(record: CertificateRecord, words: Labels) -> str:
+    if record.temperature_c is None:
+        return words["temperature_unknown"]
+    low, high = (words.number(value, 1) for value in record.temperature_c)
+    return words["temperature_range"].format(low=low, high=high)
+
+
+def _period(record: CertificateRecord) -> str:
+    first, last = record.calibrated_from.isoformat(), record.calibrated_to.isoformat()
+    return first if first == last else f"{first} – {last}"
+
+
+def _day(day: date | None, unknown: str) -> str:
+    return unknown if day is None else day.isoformat()
+
+
+def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str]:
+    found = record.conformity
+    error, expanded = words.pair(found.worst_error_nm, found.expanded_nm)
+    counted = [f"{words[verdict]} {count}" for verdict, count in found.counts.items() if count]
+    mark = "，" if words.language == "zh" else ", "
+    return {
+        "title": words["conformity"],
+        "verdict": words[found.verdict.value],
+        "tolerance": words["conformity_text"].format(
+            tolerance=words.short(found.tolerance_percent_fs),
+            limit=words.short(found.tolerance_percent_fs / 100.0 * record.item.range_nm),
+        ),
+        "decides": words["conformity_decides"].format(
+            torque=words.short(found.at_nm), error=error, expanded=expanded
+        ),
+        "counts": mark.join(counted) + ("。" if words.language == "zh" else "."),
+        "rule": words["rule"],
+    }
+
+
+def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
+    return [
+        f"{each.found}; {words['allowed']}: {each.allowed} ({words['clause']}: {each.clause})"
+        for each in record.deviations
+    ] or [words["deviations_none"]]
+
+
+def _verification(record: CertificateRecord, words: Labels) -> str:
+    found = record.verification
+    if found is None:
+        return words["verification_none"]
+    text = words["verification_text"].format(
+        date=found.performed.isoformat(),
+        points=found.points,
+        groups=found.groups,
+        before=words.short(found.worst_before_nm, 2),
+        after=words.short(found.worst_after_nm, 2),
+    )
+    if found.averaged_after_nm is None:
+        return text
+    averaged = words.short(found.averaged_after_nm, 2)
+    return f"{text} {words['verification_averaged'].format(averaged=averaged)}"
+
+
+def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:
+    error, expanded = f"{words['error']}\nN·m", "U\nN·m"
+    return {
+        "title": words["results"],
+        "text": words["results_text"].format(compensation=record.compensation),
+        "before": words["before"],
+        "after": words["after"],
+        "header": [
+            f"{words['torque']}\nN·m",
+            "",
+            words["readings"],
+            error,
+            expanded,
+            error,
+            expanded,
+            words["verdict"],
+        ],
+        "rows": [_row(row, words) for row in record.results],
+    }
+
+
+def _row(row: ResultRow, words: Labels) -> list[str]:
+    return [
+        words.short(row.torque_nm),
+        _ARROWS[row.branch],
+        str(row.readings),
+        *words.pair(row.error_before_nm, row.expanded_before_nm),
+        *words.pair(row.error_after_nm, row.expanded_after_nm),
+        words[row.verdict.value],
+    ]
+
+
+def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
+    row = record.results[record.budget_step]
+    combined = row.expanded_after_nm / row.factor_after
+    expanded = words.uncertainty(row.expanded_after_nm)
+    return {
+        "title": words["budget"],
+        "text": words["budget_text"].format(
+            torque=words.short(row.torque_nm), branch=_ARROWS[row.branch]
+        ),
+        "header": [words["quantity"], words["distribution"], "u / N·m", "ν", words["share"]],
+        "rows": [
+            [
+                words[f"budget_{line.name}"],
+                words[line.distribution],
+                words.uncertainty(line.standard_uncertainty_nm),
+                _freedom(line.degrees_of_freedom, words),
+                f"{words.number(100.0 * line.share, 1)} %",
+            ]
+            for line in record.budget
+        ],
+        "total": [
+            words["budget_total"],
+            f"k = {words.number(row.factor_after, 2)}; U = {expanded} N·m",
+            words.uncertainty(combined),
+            _freedom(record.budget_freedom, words),
+            f"{words.number(100.0, 0)} %",
+        ],
+    }
+
+
+def _freedom(value: float | None, words: Labels) -> str:
+    return "∞" if value is None else words.number(value, 0)
+
+
+def _records(record: CertificateRecord, words: Labels) -> dict[str, Any]:
+    return {
+        "title": words["records"],
+        "facts": [
+            (words["run"], [f"{record.run_id} (calibration-{record.calibration_id})"]),
+            (words["software"], [f"torquebench {record.software_version}"]),
+        ],
+        "hashes": [
+            (words["record_hash"], record.sha256),
+            (words["profile_hash"], record.method.sha256),
+            (words["registry_head"], record.registry_head),
+        ],
+        "files_title": words["files"],
+        "files": list(record.files.items()),
+    }

@@ -1,0 +1,80 @@
+"""Which fonts a certificate is set in, and what to install where one is missing."""
+
+import unicodedata
+from collections.abc import Iterable
+from pathlib import Path
+
+import typst
+
+from torquebench.errors import InputError
+
+__all__ = ["LATIN", "chinese_family", "fonts_for", "has_chinese"]
+
+LATIN = "Libertinus Serif"
+"""Comes with Typst, so that a certificate's bytes don't depend on what a machine has."""
+
+CHINESE = (
+    "Noto Serif CJK SC",
+    "Source Han Serif SC",
+    "Noto Sans CJK SC",
+    "Source Han Sans SC",
+    "WenQuanYi Zen Hei",
+)
+"""The first of these that is installed is taken."""
+
+
+def has_chinese(texts: Iterable[str]) -> bool:
+    """Return whether a text needs a font with Chinese characters.
+
+    Examples
+    --------
+    >>> has_chinese(["torque", "ΔM"]), has_chinese(["扭矩"])
+    (False, True)
+    """
+    return any(unicodedata.east_asian_width(mark) in "WF" for text in texts for mark in text)
+
+
+def chinese_family(installed: typst.Fonts) -> str:
+    """Return the name of an installed font with Chinese characters.
+
+    Raises
+    ------
+    InputError
+        Where there is none, naming the Debian package.
+    """
+    families = set(installed.families())
+    for family in CHINESE:
+        if family in families:
+            return family
+    raise InputError(
+        "no font with Chinese characters is installed",
+        "one of " + ", ".join(CHINESE),
+        "on Debian or Ubuntu: apt-get install fonts-noto-cjk",
+    )
+
+
+def fonts_for(
+    texts: Iterable[str], installed: typst.Fonts | None = None
+) -> tuple[typst.Fonts, list[str]]:
+    """Return the fonts to set texts in, and the names of their families in order.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Everything that will be set.
+    installed : typst.Fonts, optional
+        By default those of the system.
+
+    Raises
+    ------
+    InputError
+        Where a text is Chinese and no font for it is installed.
+    """
+    if not has_chinese(texts):
+        return typst.Fonts(include_system_fonts=False), [LATIN]
+    found = installed or typst.Fonts()
+    family = chinese_family(found)
+    folders = {
+        str(Path(font.path).parent) for font in found.fonts() if font.family == family and font.path
+    }
+    return typst.Fonts(include_system_fonts=False, font_paths=sorted(folders)), [LATIN, family]

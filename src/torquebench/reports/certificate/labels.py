@@ -1,0 +1,108 @@
+"""The words of a certificate in its languages, and how each language writes numbers."""
+
+import tomllib
+from functools import cache
+from importlib import resources
+from math import floor, isfinite, log10
+
+from torquebench.errors import InputError
+
+__all__ = ["LANGUAGES", "Labels", "check_languages", "labels_of", "rounded"]
+
+LANGUAGES = ("en", "de", "zh")
+
+SIGNIFICANT_DIGITS = 2
+"""Of an uncertainty: GUM 7.2.6 asks for no more."""
+
+
+class Labels:
+    """The words of one language.
+
+    Examples
+    --------
+    >>> german = labels_of("de")
+    >>> german["title"], german.number(-0.25, 2)
+    ('Kalibrierschein', '−0,25')
+    >>> german.pair(1.23456, 0.0821)
+    ('1,235', '0,082')
+    """
+
+    def __init__(self, language: str, words: dict[str, str]) -> None:
+        self.language = language
+        self._words = words
+
+    def __getitem__(self, key: str) -> str:
+        return self._words[key]
+
+    def get(self, key: str) -> str:
+        """Return the word for a key, or the key itself where there is none."""
+        return self._words.get(key, key)
+
+    def number(self, value: float, decimals: int) -> str:
+        """Return a number with a real minus sign and the language's decimal mark."""
+        text = f"{value:.{decimals}f}"
+        if float(text) == 0.0:
+            text = text.removeprefix("-")
+        return self._marked(text)
+
+    def short(self, value: float, digits: int = 6) -> str:
+        """Return a number with as many digits as it needs, no more than `digits`."""
+        return self._marked(f"{value:.{digits}g}")
+
+    def pair(self, value: float, expanded_uncertainty: float) -> tuple[str, str]:
+        """Return value and uncertainty to the same place, two digits of the uncertainty."""
+        decimals = rounded(expanded_uncertainty)[1]
+        return self.number(value, decimals), self.uncertainty(expanded_uncertainty)
+
+    def uncertainty(self, value: float) -> str:
+        """Return an uncertainty with two significant digits."""
+        shown, decimals = rounded(value)
+        return self.number(shown, decimals)
+
+    def _marked(self, text: str) -> str:
+        text = text.replace("-", "−") if "e" not in text else text
+        return text.replace(".", ",") if self.language == "de" else text
+
+
+def rounded(uncertainty: float, digits: int = SIGNIFICANT_DIGITS) -> tuple[float, int]:
+    """Round an uncertainty to its significant digits and say how many decimals that are.
+
+    Examples
+    --------
+    >>> rounded(0.8212), rounded(0.0996), rounded(12.6)
+    ((0.82, 2), (0.1, 2), (13.0, 0))
+    """
+    if not isfinite(uncertainty) or uncertainty <= 0.0:
+        return uncertainty, 3
+    decimals = digits - 1 - floor(log10(uncertainty))
+    value = round(uncertainty, decimals)
+    if floor(log10(value)) > floor(log10(uncertainty)):  # 0.0996 becomes 0.10, not 0.100
+        decimals -= 1
+    return value, max(decimals, 0)
+
+
+def check_languages(languages: tuple[str, ...]) -> None:
+    """Refuse a language that there are no words in.
+
+    Raises
+    ------
+    InputError
+    """
+    for language in languages:
+        if language not in LANGUAGES:
+            raise InputError(f"language {language!r}", ", ".join(LANGUAGES))
+
+
+@cache
+def labels_of(language: str) -> Labels:
+    """Return the words of a language.
+
+    Raises
+    ------
+    InputError
+        Where there are none.
+    """
+    check_languages((language,))
+    text = (resources.files(__package__) / "labels.toml").read_text(encoding="utf-8")
+    table = tomllib.loads(text)
+    return Labels(language, {key: words[language] for key, words in table.items()})

@@ -1,0 +1,72 @@
+"""Who issues certificates and for whom: a small TOML file."""
+
+import tomllib
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from torquebench.errors import InputError
+from torquebench.reports.certificate.record import Party
+
+__all__ = ["LABORATORY_FILE", "Letterhead", "read_letterhead"]
+
+LABORATORY_FILE = "laboratory.toml"
+"""Where a data directory keeps it."""
+
+_SHAPE = '[laboratory] with name, city and country ("DE"), and where wanted [customer] likewise'
+
+
+class _Party(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", str_strip_whitespace=True)
+
+    name: str = Field(min_length=1)
+    street: str = ""
+    post_code: str = ""
+    city: str = Field(min_length=1)
+    country: str = Field(pattern="^[A-Z]{2}$")
+    email: str = ""
+
+    def party(self) -> Party:
+        return Party(**self.model_dump())
+
+
+class Letterhead(BaseModel):
+    """The laboratory that issues, and the customer; the laboratory itself where none is given."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    laboratory: _Party
+    customer: _Party | None = None
+
+    @property
+    def parties(self) -> tuple[Party, Party]:
+        """Laboratory and customer."""
+        return self.laboratory.party(), (self.customer or self.laboratory).party()
+
+
+def read_letterhead(path: Path) -> Letterhead:
+    """Read laboratory and customer.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A TOML file with the table ``[laboratory]`` (name, street, post_code, city, country,
+        email) and, where the customer is somebody else, ``[customer]``.
+
+    Raises
+    ------
+    InputError
+        With file and key.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(
+            f"laboratory {path}: {error}", "a TOML file in UTF-8 with " + _SHAPE
+        ) from error
+    try:
+        return Letterhead.model_validate(document)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise InputError(f"{path}: {key}: {first['msg']}", _SHAPE, f"correct {key}") from error

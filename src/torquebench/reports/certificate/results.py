@@ -1,0 +1,253 @@
+"""Results at each step, before and after compensation, with their uncertainty budget."""
+
+from dataclasses import dataclass
+from math import inf, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration import CalibrationData
+from torquebench.calibration.data import UNLOADED_SHARE
+from torquebench.compensation import CompensationModel
+from torquebench.reports.certificate.record import BudgetRow, Conformity, ResultRow
+from torquebench.uncertainty import (
+    Budget,
+    Decision,
+    Distribution,
+    Quantity,
+    Tolerance,
+    Verdict,
+    decide,
+    propagate,
+)
+
+__all__ = ["TEMPERATURE_PERCENT_PER_10K", "Results", "evaluate_results"]
+
+TEMPERATURE_PERCENT_PER_10K = 0.1
+"""Largest drift of zero and span of the transducers that the bench is built with, in % of range
+per 10 K: HBK T40B's data sheet, class 0.1. It covers the drift during the calibration."""
+
+_ORDER = (Verdict.PASS, Verdict.CONDITIONAL_PASS, Verdict.CONDITIONAL_FAIL, Verdict.FAIL)
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a certificate states of one calibration.
+
+    Parameters
+    ----------
+    rows : tuple of ResultRow
+        In rising order of torque, increasing before decreasing.
+    budget : tuple of BudgetRow
+        Of the step with the largest uncertainty after compensation.
+    budget_step, budget_freedom
+        The place of that step in `rows`, and its effective degrees of freedom.
+    conformity : Conformity
+    """
+
+    rows: tuple[ResultRow, ...]
+    budget: tuple[BudgetRow, ...]
+    budget_step: int
+    budget_freedom: float | None
+    conformity: Conformity
+
+
+def evaluate_results(
+    data: CalibrationData,
+    model: CompensationModel,
+    *,
+    reference_percent: float,
+    tolerance_percent_fs: float,
+) -> Results:
+    """Return errors with their uncertainty at each step, raw and compensated, and the verdict.
+
+    The error is indication minus standard. Where a step was loaded in several series, the result
+    is the mean and the scatter over the series counts; where it wasn't, the scatter of the points
+    about the model does.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        The points of the calibration.
+    model : CompensationModel
+        Fitted to them.
+    reference_percent : float
+        Expanded uncertainty (k = 2) of the standard in % of the range.
+    tolerance_percent_fs : float
+        Largest allowed |error| after compensation, in % of full scale.
+
+    Raises
+    ------
+    InputError
+        Where the model refuses a reading.
+    """
+    columns = model.n_features_in_
+    torque, curve = model.predict(data.features(columns), return_std=True)
+    steps = _Steps.of(data)
+    before = _Side(data, steps, data.reading_nm - data.standard_nm, None, model)
+    after = _Side(data, steps, torque - data.standard_nm, curve, model)
+    tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
+    rows: list[ResultRow] = []
+    decisions: list[Decision] = []
+    budgets: list[Budget] = []
+    for place in range(len(steps)):
+        raw = before.budget(place, reference_percent)
+        compensated = after.budget(place, reference_percent)
+        decision = decide(
+            compensated.value,
+            compensated.expanded_uncertainty(),
+            tolerance,
+            full_scale=data.range_nm,
+            degrees_of_freedom=compensated.degrees_of_freedom,
+        )
+        rows.append(
+            ResultRow(
+                torque_nm=float(steps.torque_nm[place]),
+                branch=int(steps.branch[place]),
+                standard_nm=float(steps.mean(data.standard_nm)[place]),
+                readings=int(steps.count[place]),
+                error_before_nm=raw.value,
+                expanded_before_nm=raw.expanded_uncertainty(),
+                factor_before=raw.coverage_factor(),
+                error_after_nm=compensated.value,
+                expanded_after_nm=compensated.expanded_uncertainty(),
+                factor_after=compensated.coverage_factor(),
+                verdict=decision.verdict,
+            )
+        )
+        decisions.append(decision)
+        budgets.append(compensated)
+    largest = int(np.argmax([budget.expanded_uncertainty() for budget in budgets]))
+    return Results(
+        rows=tuple(rows),
+        budget=_budget_rows(budgets[largest]),
+        budget_step=largest,
+        budget_freedom=_freedom(budgets[largest].degrees_of_freedom),
+        conformity=_conformity(rows, decisions, tolerance_percent_fs),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Which points belong to which step: equal nominal torque, equal branch."""
+
+    label: NDArray[np.intp]
+    torque_nm: NDArray[np.float64]
+    branch: NDArray[np.int8]
+    count: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, data: CalibrationData) -> "_Steps":
+        nominal = data.standard_nm if data.nominal_nm is None else data.nominal_nm
+        direction = data.loading_direction().astype(np.float64)
+        rounded = np.round(nominal / data.range_nm, 9) * data.range_nm
+        # Zero clockwise and counter-clockwise is one torque, but lies on two loops.
+        rounded = np.where(rounded == 0.0, np.copysign(0.0, direction), rounded)
+        keys = np.stack([rounded, direction, -data.branch.astype(np.float64)], axis=1)
+        _, first, label = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        label = label.reshape(-1)
+        return cls(label, rounded[first], data.branch[first], np.bincount(label))
+
+    def __len__(self) -> int:
+        return int(self.count.size)
+
+    def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.bincount(self.label, weights=values) / self.count
+
+
+class _Side:
+    """The errors of one kind of indication, raw or compensated, and what makes them uncertain."""
+
+    def __init__(
+        self,
+        data: CalibrationData,
+        steps: _Steps,
+        error_nm: NDArray[np.float64],
+        curve_nm: NDArray[np.float64] | None,
+        model: CompensationModel,
+    ) -> None:
+        self.range_nm = data.range_nm
+        self.error_nm = steps.mean(error_nm)
+        self.count = steps.count
+        self.curve_nm = None if curve_nm is None else steps.mean(curve_nm)
+        repeated = int(np.sum(steps.count - 1))
+        if repeated:
+            left = error_nm - self.error_nm[steps.label]
+            self.scatter_nm = sqrt(float(np.sum(left**2)) / repeated)
+            self.freedom = float(repeated)
+        else:
+            self.scatter_nm = float(model.noise_nm_)
+            self.freedom = float(model.degrees_of_freedom_)
+        torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
+        returned = (np.abs(torque) <= UNLOADED_SHARE * data.range_nm) & (data.branch < 0)
+        self.zero_nm = float(np.max(np.abs(error_nm[returned]))) if np.any(returned) else None
+        temperature = data.temperature_c
+        self.drift_k = None if temperature is None else float(np.ptp(temperature))
+
+    def budget(self, place: int, reference_percent: float) -> Budget:
+        """Return the budget of the error at one step: a sum, every sensitivity is 1."""
+        quantities = [
+            Quantity(
+                "repeatability",
+                float(self.error_nm[place]),
+                self.scatter_nm / sqrt(float(self.count[place])),
+                self.freedom,
+                unit="N·m",
+            ),
+            Quantity.from_certificate(
+                "reference", 0.0, reference_percent / 100.0 * self.range_nm, unit="N·m"
+            ),
+        ]
+        if self.curve_nm is not None:
+            quantities.append(Quantity("model", 0.0, float(self.curve_nm[place]), unit="N·m"))
+        if self.zero_nm is not None:
+            quantities.append(Quantity.rectangular("zero", 0.0, self.zero_nm / 2.0, unit="N·m"))
+        if self.drift_k is not None:
+            share = TEMPERATURE_PERCENT_PER_10K / 100.0 * self.drift_k / 10.0
+            half_width = share * self.range_nm / 2.0
+            quantities.append(Quantity.rectangular("temperature", 0.0, half_width, unit="N·m"))
+        return propagate(
+            lambda *values: sum(values),
+            quantities,
+            derivatives=np.ones(len(quantities)),
+            unit="N·m",
+        )
+
+
+def _budget_rows(budget: Budget) -> tuple[BudgetRow, ...]:
+    return tuple(
+        BudgetRow(
+            name=line.name,
+            distribution=Distribution(line.distribution).value,
+            standard_uncertainty_nm=line.standard_uncertainty,
+            degrees_of_freedom=_freedom(line.degrees_of_freedom),
+            share=line.share,
+        )
+        for line in budget.lines
+    )
+
+
+def _freedom(value: float) -> float | None:
+    return None if value == inf or value > 1e6 else float(value)
+
+
+def _conformity(
+    rows: list[ResultRow], decisions: list[Decision], tolerance_percent_fs: float
+) -> Conformity:
+    deciding = max(
+        range(len(rows)),
+        key=lambda place: (
+            _ORDER.index(decisions[place].verdict),
+            abs(rows[place].error_after_nm) + rows[place].expanded_after_nm,
+        ),
+    )
+    row = rows[deciding]
+    found = [decision.verdict for decision in decisions]
+    return Conformity(
+        tolerance_percent_fs=tolerance_percent_fs,
+        verdict=row.verdict,
+        worst_error_nm=row.error_after_nm,
+        expanded_nm=row.expanded_after_nm,
+        at_nm=row.torque_nm,
+        counts={verdict.value: found.count(verdict) for verdict in _ORDER},
+    )

@@ -1,0 +1,121 @@
+"""The PDF of a certificate, set by Typst: the same record gives the same bytes."""
+
+import io
+import json
+import tempfile
+from collections.abc import Iterator
+from datetime import UTC, datetime, time
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import segno
+import typst
+
+from torquebench.errors import InputError
+from torquebench.reports.certificate.content import certificate_content
+from torquebench.reports.certificate.fonts import fonts_for
+from torquebench.reports.certificate.labels import labels_of
+from torquebench.reports.certificate.record import CertificateRecord
+from torquebench.reports.figures import Curve, error_figure
+
+__all__ = ["certificate_pdf", "code_svg", "errors_svg"]
+
+PDF_STANDARD = "a-2u"
+"""PDF/A for archives: fonts embedded, text that can be searched and copied."""
+
+
+def certificate_pdf(
+    record: CertificateRecord, language: str, installed: typst.Fonts | None = None
+) -> bytes:
+    """Return the PDF of a certificate.
+
+    Parameters
+    ----------
+    record : CertificateRecord
+    language : str
+        ``"en"``, ``"de"`` or ``"zh"``.
+    installed : typst.Fonts, optional
+        Where a font with Chinese characters is looked for; by default the system's fonts.
+
+    Returns
+    -------
+    bytes
+        PDF/A-2u. The dates in it are the record's, so that the same record gives the same bytes
+        with the same versions of torquebench, Typst and Matplotlib.
+
+    Raises
+    ------
+    InputError
+        Where there is no such language, or no font for the text.
+    """
+    content = certificate_content(record, language)
+    fonts, families = fonts_for(_texts(content), installed)
+    content["fonts"] = families
+    with tempfile.TemporaryDirectory(prefix="torquebench-certificate-") as scratch:
+        folder = Path(scratch)
+        template = resources.files(__package__) / "certificate.typ"
+        (folder / "main.typ").write_bytes(template.read_bytes())
+        (folder / "content.json").write_text(
+            json.dumps(content, ensure_ascii=False), encoding="utf-8"
+        )
+        (folder / "errors.svg").write_text(errors_svg(record, language), encoding="utf-8")
+        (folder / "code.svg").write_bytes(code_svg(record))
+        compiler = typst.Compiler(str(folder / "main.typ"), root=str(folder), font_paths=fonts)
+        try:
+            document = compiler.compile(
+                format="pdf",
+                pdf_standards=[PDF_STANDARD],
+                timestamp=datetime.combine(record.issued, time(), UTC),
+            )
+        except typst.TypstError as error:
+            raise InputError(
+                f"the certificate can't be set: {error}", remedy="report the record with this text"
+            ) from error
+    assert isinstance(document, bytes)
+    return document
+
+
+def code_svg(record: CertificateRecord) -> bytes:
+    """Return the QR code with number and hash as SVG."""
+    buffer = io.BytesIO()
+    code = segno.make(record.payload, error="m", micro=False)
+    code.save(buffer, kind="svg", border=2, omitsize=True)
+    return buffer.getvalue()
+
+
+def errors_svg(record: CertificateRecord, language: str) -> str:
+    """Return the figure of the errors before and after compensation as SVG."""
+    words = labels_of(language)
+    torque = np.array([row.torque_nm for row in record.results])
+    return error_figure(
+        [
+            Curve(
+                words["figure_before"],
+                torque,
+                np.array([row.error_before_nm for row in record.results]),
+                raw=True,
+            ),
+            Curve(
+                words["figure_after"],
+                torque,
+                np.array([row.error_after_nm for row in record.results]),
+            ),
+        ],
+        record.item.range_nm,
+        limit_fs=record.conformity.tolerance_percent_fs / 100.0,
+        abscissa=words["figure_torque"],
+        ordinate=words["figure_error"],
+    )
+
+
+def _texts(content: Any) -> Iterator[str]:
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, dict):
+        for value in content.values():
+            yield from _texts(value)
+    elif isinstance(content, list | tuple):
+        for value in content:
+            yield from _texts(value)
