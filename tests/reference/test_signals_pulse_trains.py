@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from torquebench.signals import FrequencyCounter, count_windows, regression, samples_of
+from torquebench.signals import FrequencyCounter, count_windows, regression
 from torquebench.signals.analogue import edges_of_wave
 from torquebench.signals.sigrok import parse_sigrok
 
@@ -25,8 +25,7 @@ def test_the_function_generator_on_the_analysers_clock(recording):
     window = [block.ticks[0]], [block.ticks[-1] + 1]
     for method, expected in (("reciprocal", 999_846.08), ("regression", 999_846.10)):
         # Twelve ticks in a period: an interval of 11 or 13 is no irregular pulse.
-        counts = count_windows(block.ticks, *window, method)
-        samples = samples_of(counts, *window, timebase_hz=block.timebase_hz)
+        samples = count_windows(block.ticks, *window, method, timebase_hz=block.timebase_hz)
         assert samples.frequency_hz[0] == pytest.approx(expected, abs=0.006)
         assert not samples.fault.any()
 

@@ -37,9 +37,8 @@ from torquebench.signals.sigrok import LogicRecording, parse_sigrok
 from torquebench.signals.steady import SteadyValue, steady_value
 from torquebench.signals.windows import (
     CounterMethod,
-    WindowCounts,
+    WindowCounter,
     count_windows,
-    samples_of,
     windows_of_angle,
 )
 
@@ -69,7 +68,7 @@ __all__ = [
     "Threshold",
     "TimebaseEffect",
     "TorqueSamples",
-    "WindowCounts",
+    "WindowCounter",
     "allan_deviation",
     "count_windows",
     "edges_of_bits",
@@ -85,7 +84,6 @@ __all__ = [
     "reciprocal",
     "regression",
     "resample_in_angle",
-    "samples_of",
     "steady_value",
     "synchronous",
     "triangular",

@@ -11,8 +11,6 @@ from numba import int64, njit
 
 from torquebench.signals._processor import prefetch
 
-__all__ = ["GATED", "RECIPROCAL", "REGRESSION", "SUSPECT", "TRIANGULAR", "count", "frequencies"]
-
 GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
 # A window whose pulse train is irregular; it is looked at more closely outside the hot loop.
 SUSPECT = 255
@@ -21,6 +19,8 @@ SUSPECT = 255
 _CHUNK = 512
 _AHEAD = 2048
 _EDGES_PER_CACHE_LINE = 8
+# Windows whose integers stay in the first cache until they become frequencies.
+_GROUP = 1024
 
 
 @njit(cache=True)
@@ -79,53 +79,49 @@ def _slope_sum(ticks, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def count(ticks, starts, stops, method, edges, numerator, denominator, fault):  # type: ignore[no-untyped-def]
-    """Count the edges of windows [starts[k], stops[k]), both not decreasing.
+def _look_ahead(ticks, looked, high, misaligned, irregular_until):  # type: ignore[no-untyped-def]
+    """Look at intervals up to an edge or farther; see whether any two differ by a half.
 
-    Parameters
-    ----------
-    ticks : int64 array, shape (m,)
-        Edges, increasing, with the two edges before the first window where the stream has them.
-    starts, stops : int64 arrays, shape (n,)
-        Windows.
-    method : int
-        One of this module's method numbers.
-    edges, numerator, denominator : int64 arrays, shape (n,)
-        Results: T = numerator/denominator in ticks per edge (6 times that for the regression).
-    fault : uint8 array, shape (n,)
-        Result: 0; 1 and 2 for no and too few edges; SUSPECT where two successive intervals
-        differ by more than a half, or where more than one and a half are missing at the end.
+    Returns how far it looked, the end of the last irregular stretch, and the first edge that
+    isn't later than the one before it (-1 for none).
+    """
+    while looked < high:
+        until = looked + _CHUNK
+        until = min(until - (until + misaligned) % _EDGES_PER_CACHE_LINE, ticks.size)
+        # One interval twice, so that every pair of neighbours is seen together.
+        first = max(looked - 1, 1)
+        shortest, longest = _interval_range(ticks, first, until)
+        if shortest <= 0:
+            for i in range(first, until):
+                if ticks[i] <= ticks[i - 1]:
+                    return until, until, i
+        if 2 * longest > 3 * shortest:
+            irregular_until = until
+        looked = until
+    return looked, irregular_until, -1
 
-    Returns
-    -------
-    wrong : int
-        Index of the first edge that isn't later than the one before it, or -1.
-    suspects : int
-        How many windows are SUSPECT.
-    most : int
-        Most edges in a window.
-    longest : int
-        Length of the longest window in ticks.
+
+@njit(cache=True)
+def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def]
+    """Count one train over windows; `begin` is about the first edge of the first window.
+
+    Returns the first edge that isn't later than the one before it (-1 for none), and the edge
+    after the last window.
     """
     fewest = 1 if method == GATED else 2
-    low = 0
-    high = 0
-    n = 0
-    advance = 0
+    low = high = begin
+    n = advance = looked = irregular_until = 0
     last_stop = int64(-(2**62))
-    looked = 0
-    irregular_until = 0
-    suspects = 0
-    most = 0
-    longest_window = int64(0)
+    # The look-ahead's reads begin on cache lines, or each of them would take two.
+    misaligned = ticks.ctypes.data // 8 % _EDGES_PER_CACHE_LINE - 2
     for k in range(starts.size):
-        base = starts[k]
+        start = starts[k]
         stop = stops[k]
-        if base == last_stop:
+        if start == last_stop:
             low = high
         else:
             before = low
-            low = _first_at_or_after(ticks, low + advance, base)
+            low = _first_at_or_after(ticks, low + advance, start)
             advance = low - before
         last_stop = stop
         high = _first_at_or_after(ticks, low + n, stop)
@@ -133,102 +129,192 @@ def count(ticks, starts, stops, method, edges, numerator, denominator, fault):  
         for ahead in range(low + _AHEAD, min(high + _AHEAD, ticks.size), _EDGES_PER_CACHE_LINE):
             prefetch(ticks, ahead)
         looked = max(looked, low - 1, 1)
-        while looked < high:
-            until = min(looked + _CHUNK, ticks.size)
-            shortest, longest = _interval_range(ticks, max(looked - 1, 1), until)
-            if shortest <= 0:
-                for i in range(max(looked - 1, 1), until):
-                    if ticks[i] <= ticks[i - 1]:
-                        return i, 0, 0, 0
-            if 2 * longest > 3 * shortest:
-                irregular_until = until
-            looked = until
+        if looked < high:
+            looked, irregular_until, wrong = _look_ahead(
+                ticks, looked, high, misaligned, irregular_until
+            )
+            if wrong >= 0:
+                return wrong, high
         edges[k] = n
-        most = max(most, n)
-        longest_window = max(longest_window, stop - base)
         code = 0
         if n < fewest:
+            numerator[k] = 0
             code = 1 if n == 0 else 2
         else:
             if method == REGRESSION:
                 numerator[k] = _slope_sum(ticks, low, high)
-                denominator[k] = n * (n * n - 1)
             elif method == TRIANGULAR:
-                half = n // 2
-                late = _sum(ticks, high - half, high)
-                numerator[k] = late - _sum(ticks, low, low + half)
-                denominator[k] = half * (n - half)
+                late = _sum(ticks, high - n // 2, high)
+                numerator[k] = late - _sum(ticks, low, low + n // 2)
             elif method == RECIPROCAL:
                 numerator[k] = ticks[high - 1] - ticks[low]
-                denominator[k] = n - 1
             else:
-                numerator[k] = stop - base
-                denominator[k] = n
+                numerator[k] = stop - start
             last = ticks[high - 1]
             short = high > 1 and 2 * (stop - last) > 3 * (last - ticks[high - 2])
-            if (low < irregular_until or short) and _irregular(ticks, low, high, stop):
+            if (low < irregular_until or short) and check and _irregular(ticks, low, high, stop):
                 code = SUSPECT
-                suspects += 1
         fault[k] = code
-    return -1, suspects, most, longest_window
+    return -1, high
+
+
+@njit(cache=True)
+def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def]
+    """T = numerator/denominator in ticks per edge; for the regression T is six times that."""
+    if method == REGRESSION:
+        for k in range(edges.size):
+            denominator[k] = edges[k] * (edges[k] * edges[k] - 1)
+    elif method == TRIANGULAR:
+        for k in range(edges.size):
+            half = edges[k] // 2
+            denominator[k] = half * (edges[k] - half)
+    else:
+        first = 1 if method == RECIPROCAL else 0
+        for k in range(edges.size):
+            denominator[k] = edges[k] - first
+
+
+@njit(cache=True)
+def _largest(edges, starts, stops):  # type: ignore[no-untyped-def]
+    """Largest product of edges² and ticks of a window, which bounds its sums."""
+    largest = 0.0
+    for k in range(edges.size):
+        largest = max(largest, float(edges[k]) * float(edges[k]) * float(stops[k] - starts[k]))
+    return largest
+
+
+@njit(cache=True)
+def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-untyped-def]
+    """Add a second train's sums, edges and faults to the first's."""
+    for k in range(edges.size):
+        sums[0, k] += more[0, k]
+        sums[1, k] += more[1, k]
+        edges[k] += more_edges[k]
+        if fault[k] == 0 or (fault[k] == SUSPECT and more_fault[k] != 0):
+            fault[k] = more_fault[k]
 
 
 @njit(cache=True, error_model="numpy")
-def frequencies(  # type: ignore[no-untyped-def]
+def _convert(  # type: ignore[no-untyped-def]
+    starts, stops, numerator, denominator, edges, fault, trains, method, timebase, edge_noise,
+    time, frequency, uncertainty,
+):  # fmt: skip
+    """Turn quotients into frequency and standard uncertainty; NaN where there is a fault.
+
+    Returns how many windows are SUSPECT.
+    """
+    scale = timebase / 6.0 if method == REGRESSION else timebase
+    # Sum of the edges' squared weights: n(n² − 1)/3 here, since the numerator lacks a factor
+    # of 6; n; and 2 for each train. A gate has two roundings whatever the edges' noise.
+    by_parts = 1.0 / 3.0 if method == REGRESSION else 0.0
+    by_edges = 1.0 if method == TRIANGULAR else 0.0
+    constant = 2.0 * trains if method == RECIPROCAL else 0.0
+    gate = timebase * trains / np.sqrt(6.0) if method == GATED else 0.0
+    half_tick = 0.5 / timebase
+    suspects = 0
+    for k in range(fault.size):
+        time[k] = (float(starts[k]) + float(stops[k])) * half_tick
+        parts = float(denominator[k])
+        per_span = 1.0 / float(numerator[k])
+        value = scale * parts * per_span
+        weights = by_parts * parts + by_edges * float(edges[k]) + constant
+        spread = (value * edge_noise * np.sqrt(weights) + gate) * per_span
+        frequency[k] = value if fault[k] == 0 else np.nan
+        uncertainty[k] = spread if fault[k] == 0 else np.nan
+    for k in range(fault.size):
+        suspects += fault[k] == SUSPECT
+    return suspects
+
+
+@njit(cache=True)
+def count(  # type: ignore[no-untyped-def]
+    rising,
+    falling,
+    both,
     starts,
     stops,
-    numerator,
-    denominator,
-    fault,
     method,
-    trains,
+    check,
     timebase,
     edge_noise,
     time,
     frequency,
     uncertainty,
+    edges,
+    fault,
 ):
-    """Turn quotients into frequency and standard uncertainty; NaN where there is a fault.
+    """Count the edges of windows [starts[k], stops[k]), neither of which decreases.
 
     Parameters
     ----------
+    rising, falling : int64 arrays, shape (m,)
+        Trains of increasing edges, each with the two edges before the first window where the
+        stream has them.
+    both : bool
+        Use the falling edges too, with a phase of their own.
     starts, stops : int64 arrays, shape (n,)
         Windows in ticks.
-    numerator, denominator : int64 arrays, shape (n,)
-        From `count`, or summed over several trains of edges.
-    fault : uint8 array, shape (n,)
-        Fault codes.
     method : int
-        As for `count`.
-    trains : int
-        Trains of edges in the sums: 1, or 2 for rising and falling edges.
+        One of this module's method numbers.
+    check : bool
+        Mark irregular trains as SUSPECT: two successive intervals differ by more than a half,
+        or more than one and a half are missing at the end.
     timebase : float
         Timebase in Hz.
     edge_noise : float
         Standard deviation of one edge's time in ticks.
     time, frequency, uncertainty : float64 arrays, shape (n,)
         Results: the windows' centres in seconds, and Hz.
+    edges : int64 array, shape (n,)
+        Result: edges in each window.
+    fault : uint8 array, shape (n,)
+        Result: 0; 1 and 2 for no and too few edges; SUSPECT.
+
+    Returns
+    -------
+    wrong : int
+        Index of the first edge that isn't later than the one before it, or -1.
+    wrong_falls : bool
+        Whether that is a falling edge.
+    suspects : int
+        How many windows are SUSPECT.
+    largest_sum : float
+        Bound of the largest sum: the most edges in a window, squared, times its length in ticks.
     """
-    scale = timebase / 6.0 if method == REGRESSION else timebase
-    for k in range(numerator.size):
-        time[k] = (float(starts[k]) + float(stops[k])) / (2.0 * timebase)
-        if fault[k] != 0:
-            frequency[k] = np.nan
-            uncertainty[k] = np.nan
-            continue
-        span = float(numerator[k])
-        parts = float(denominator[k])
-        value = scale * parts / span
-        frequency[k] = value
-        if method == REGRESSION:
-            uncertainty[k] = value * edge_noise * np.sqrt(12.0 * parts) / (6.0 * span)
-        elif method == TRIANGULAR:
-            # parts = h² per train, for h edges in each half
-            uncertainty[k] = value * edge_noise * np.sqrt(2.0 * np.sqrt(parts * trains)) / span
-        elif method == RECIPROCAL:
-            uncertainty[k] = value * edge_noise * np.sqrt(2.0 * trains) / span
-        else:
-            uncertainty[k] = timebase * trains / (np.sqrt(6.0) * span)
+    size = min(_GROUP, starts.size)
+    sums = np.empty((2, size), dtype=np.int64)
+    more = np.empty((2, size), dtype=np.int64)
+    more_edges = np.empty(size, dtype=np.int64)
+    more_fault = np.empty(size, dtype=np.uint8)
+    at_rising = at_falling = suspects = 0
+    largest = 0.0
+    for first in range(0, starts.size, _GROUP):
+        part = slice(first, min(first + _GROUP, starts.size))
+        here = slice(0, part.stop - first)
+        wrong, at_rising = _count_train(
+            rising, at_rising, starts[part], stops[part], method, check,
+            edges[part], sums[0, here], fault[part],
+        )  # fmt: skip
+        if wrong >= 0:
+            return wrong, False, 0, 0.0
+        _denominators(edges[part], method, sums[1, here])
+        largest = max(largest, _largest(edges[part], starts[part], stops[part]))
+        if both:
+            wrong, at_falling = _count_train(
+                falling, at_falling, starts[part], stops[part], method, check,
+                more_edges[here], more[0, here], more_fault[here],
+            )  # fmt: skip
+            if wrong >= 0:
+                return wrong, True, 0, 0.0
+            _denominators(more_edges[here], method, more[1, here])
+            largest = max(largest, _largest(more_edges[here], starts[part], stops[part]))
+            _pool(sums, edges[part], fault[part], more, more_edges, more_fault)
+        suspects += _convert(
+            starts[part], stops[part], sums[0, here], sums[1, here], edges[part], fault[part],
+            2.0 if both else 1.0, method, timebase, edge_noise,
+            time[part], frequency[part], uncertainty[part],
+        )  # fmt: skip
+    return -1, False, suspects, largest
 
 
 @njit(cache=True)
@@ -252,7 +338,19 @@ def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no
         The same for the next call, and how many windows were marked.
     """
     marked = 0
-    for k in range(frequency.size):
+    size = frequency.size
+    if size == 0:
+        return last, run, marked
+    # A run so long can't slip between places that lie half of it apart: usually a look at
+    # few places is all, and then what is left to know is the run at the end.
+    suspicious = frequency[0] == last
+    for k in range(1, size, max(longest // 2, 1)):
+        suspicious |= frequency[k] == frequency[k - 1]
+    first = 0 if suspicious else max(size - longest, 1)
+    if not suspicious:
+        run = 1
+        last = frequency[first - 1]
+    for k in range(first, size):
         run = run + 1 if frequency[k] == last else 1
         last = frequency[k]
         if run >= longest:

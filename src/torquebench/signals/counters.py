@@ -11,7 +11,7 @@ from torquebench.signals._kernels import mark_repeats
 from torquebench.signals.edges import EdgeBlock
 from torquebench.signals.faults import SignalFaultKind
 from torquebench.signals.samples import FrequencySamples
-from torquebench.signals.windows import CounterMethod, WindowCounts, samples_of
+from torquebench.signals.windows import CounterMethod, WindowCounter
 
 __all__ = [
     "CounterOptions",
@@ -34,35 +34,24 @@ class _Train:
     def __init__(self) -> None:
         self._kept: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
-    def count(
-        self,
-        ticks: NDArray[np.int64],
-        starts: NDArray[np.int64],
-        stops: NDArray[np.int64],
-        method: CounterMethod,
-        check_train: bool,
-    ) -> WindowCounts:
-        """Count windows over the kept edges and new ones, without copying the new ones."""
-        counts = WindowCounts.empty(method, starts.size)
-        head = starts.size
-        if ticks.size >= _EDGES_BEFORE:
-            head = int(np.searchsorted(starts, ticks[_EDGES_BEFORE - 1], side="right"))
-        if head:
-            needed = int(np.searchsorted(ticks, stops[head - 1]))
-            seam = np.concatenate((self._kept, ticks[:needed]))
-            counts.part(slice(0, head)).fill(seam, starts[:head], stops[:head], check_train)
-        if head < starts.size:
-            counts.part(slice(head, None)).fill(ticks, starts[head:], stops[head:], check_train)
-        return counts
+    def windows_at_seam(self, ticks: NDArray[np.int64], starts: NDArray[np.int64]) -> int:
+        """Count the first windows that need edges from before these."""
+        if ticks.size < _EDGES_BEFORE:
+            return starts.size
+        return int(starts.searchsorted(ticks[_EDGES_BEFORE - 1], side="right"))
+
+    def joined(self, ticks: NDArray[np.int64], stop: int) -> NDArray[np.int64]:
+        """Join the kept edges with the new ones before a tick."""
+        return np.concatenate((self._kept, ticks[: ticks.searchsorted(stop)]))
 
     def keep(self, ticks: NDArray[np.int64], from_tick: int) -> None:
         """Keep what windows from `from_tick` on need."""
-        first = int(np.searchsorted(ticks, from_tick))
+        first = int(ticks.searchsorted(from_tick))
         if first >= _EDGES_BEFORE:
             self._kept = ticks[first - _EDGES_BEFORE :].copy()
             return
         joined = np.concatenate((self._kept, ticks))
-        first = int(np.searchsorted(joined, from_tick))
+        first = int(joined.searchsorted(from_tick))
         self._kept = joined[max(first - _EDGES_BEFORE, 0) :].copy()
 
     def forget(self) -> None:
@@ -109,26 +98,28 @@ class WindowStream:
         check_train: bool = True,
         stuck_windows: int | None = 25,
     ) -> None:
-        WindowCounts.empty(method, 0)
-        if not timebase_hz > 0 or not np.isfinite(timebase_hz):
-            raise InputError(f"timebase {timebase_hz} Hz", "a frequency above 0 Hz")
-        if not edge_jitter_s >= 0:
-            raise InputError(f"edge jitter {edge_jitter_s} s", "0 s or more")
         if stuck_windows is not None and stuck_windows < 2:
             raise InputError(f"stuck_windows = {stuck_windows}", "2 or more, or None")
-        self.method = method
-        self.timebase_hz = float(timebase_hz)
-        self.edge_jitter_s = float(edge_jitter_s)
-        self.both_edges = both_edges
-        self.check_train = check_train
-        self._rising = _Train()
-        self._falling = _Train()
+        self._counter = WindowCounter(
+            method, timebase_hz, edge_jitter_s=edge_jitter_s, check_train=check_train
+        )
+        self._trains = [_Train(), _Train()] if both_edges else [_Train()]
         # A gate's counts repeat by nature.
         self._stuck_windows = None if method == "gated" else stuck_windows
         self._last_frequency = np.nan
         self._repeats = 0
         self._stop_tick: int | None = None
         self._lost_until: int | None = None
+
+    @property
+    def method(self) -> CounterMethod:
+        """The counter's method."""
+        return self._counter.method
+
+    @property
+    def timebase_hz(self) -> float:
+        """Timebase in Hz."""
+        return self._counter.timebase_hz
 
     @property
     def stop_tick(self) -> int | None:
@@ -141,7 +132,7 @@ class WindowStream:
             raise InputError(
                 f"block with a timebase of {block.timebase_hz} Hz", f"{self.timebase_hz} Hz"
             )
-        if self.both_edges and block.falling_ticks is None:
+        if len(self._trains) > 1 and block.falling_ticks is None:
             raise InputError("block without falling edges", "rising and falling edges")
         if self._stop_tick is not None and block.start_tick != self._stop_tick:
             if block.start_tick < self._stop_tick:
@@ -150,8 +141,8 @@ class WindowStream:
                     "blocks in order, without overlap",
                 )
             self._lost_until = block.start_tick
-            self._rising.forget()
-            self._falling.forget()
+            for train in self._trains:
+                train.forget()
         self._stop_tick = block.stop_tick
 
     def count(
@@ -172,23 +163,28 @@ class WindowStream:
         next_start : int
             Start of the first window still to come.
         """
-        options = (starts, stops, self.method, self.check_train)
-        counts = self._rising.count(block.ticks, *options)
-        self._rising.keep(block.ticks, next_start)
-        if self.both_edges and block.falling_ticks is not None:
-            counts = counts.pooled(self._falling.count(block.falling_ticks, *options))
-            self._falling.keep(block.falling_ticks, next_start)
+        new = [block.ticks]
+        if len(self._trains) > 1 and block.falling_ticks is not None:
+            new.append(block.falling_ticks)
+        pairs = list(zip(self._trains, new, strict=True))
+        samples = self._counter.room(starts.size)
+        head = max(train.windows_at_seam(ticks, starts) for train, ticks in pairs)
+        if head:
+            stop = int(stops[head - 1])
+            joined = [train.joined(ticks, stop) for train, ticks in pairs]
+            self._counter.fill(samples, slice(0, head), joined, starts[:head], stops[:head])
+        if head < starts.size:
+            # Most of a long block is counted where it lies.
+            rest = slice(head, starts.size)
+            self._counter.fill(samples, rest, new, starts[rest], stops[rest])
+        for train, ticks in pairs:
+            train.keep(ticks, next_start)
         if self._lost_until is not None:
-            counts.fault[starts < self._lost_until] = SignalFaultKind.LOST_DATA
+            samples = samples.marked(
+                starts < self._lost_until, SignalFaultKind.LOST_DATA, over_others=True
+            )
             if next_start >= self._lost_until:
                 self._lost_until = None
-        samples = samples_of(
-            counts,
-            starts,
-            stops,
-            timebase_hz=self.timebase_hz,
-            edge_jitter_s=self.edge_jitter_s,
-        )
         return self._mark_stuck(samples)
 
     def _mark_stuck(self, samples: FrequencySamples) -> FrequencySamples:
@@ -302,8 +298,10 @@ class FrequencyCounter:
         step, window = self.step_ticks, self.window_ticks
         first = -(-block.start_tick // step) if self._next is None else self._next
         self._next = max((block.stop_tick - window) // step + 1, first)
-        starts = np.arange(first * step, self._next * step, step, dtype=np.int64)
-        return self._stream.count(block, starts, starts + window, self._next * step)
+        borders = np.arange(first, self._next + 1, dtype=np.int64) * step
+        starts = borders[:-1]
+        stops = borders[1:] if window == step else starts + window
+        return self._stream.count(block, starts, stops, self._next * step)
 
 
 class CounterOptions(StreamOptions, total=False):

@@ -26,6 +26,8 @@ def as_ticks(values: ArrayLike, name: str = "ticks") -> NDArray[np.int64]:
         When the values aren't a one-dimensional array of integers.
     """
     array = np.asarray(values)
+    if array.dtype == np.int64 and array.ndim == 1 and array.flags.c_contiguous:
+        return array
     if array.ndim != 1:
         raise InputError(f"{name} with {array.ndim} dimensions", "one dimension")
     if array.size == 0:

@@ -103,8 +103,10 @@ class FrequencySamples(_Samples):
             doubled=_joined([part.doubled for part in parts], np.int32),
         )
 
-    def marked(self, where: NDArray[np.bool_], kind: SignalFaultKind) -> "FrequencySamples":
-        """Return samples with a further fault; a fault already there stays.
+    def marked(
+        self, where: NDArray[np.bool_], kind: SignalFaultKind, *, over_others: bool = False
+    ) -> "FrequencySamples":
+        """Return samples with a further fault.
 
         Parameters
         ----------
@@ -112,8 +114,10 @@ class FrequencySamples(_Samples):
             Windows to mark.
         kind : SignalFaultKind
             The fault.
+        over_others : bool
+            Replace other faults too; a fault already there stays when not given.
         """
-        new = where & self.valid
+        new = where if over_others else where & self.valid
         if not new.any():
             return self
         return replace(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from torquebench.signals import EdgeBlock, FrequencyCounter, count_windows, samples_of
+from torquebench.signals import EdgeBlock, FrequencyCounter, count_windows
 
 TIMEBASE = 100e6
 FREQUENCY = 61_234.567
@@ -23,12 +23,15 @@ def errors(method, jitter_s, window_s, *, windows=2500, both=False, seed=3):
         times = starts[:, None] + phase + number * period
         times = times + generator.normal(0.0, jitter_s * TIMEBASE, times.shape)
         trains.append(np.floor(times).astype(np.int64).ravel())
-    counts = [
-        count_windows(train, starts, starts + length, method, check_train=False) for train in trains
-    ]
-    pooled = counts[0].pooled(counts[1]) if both else counts[0]
-    samples = samples_of(
-        pooled, starts, starts + length, timebase_hz=TIMEBASE, edge_jitter_s=jitter_s
+    samples = count_windows(
+        trains[0],
+        starts,
+        starts + length,
+        method,
+        timebase_hz=TIMEBASE,
+        falling_ticks=trains[1] if both else None,
+        edge_jitter_s=jitter_s,
+        check_train=False,
     )
     return samples.frequency_hz - frequency, samples.standard_uncertainty_hz
 
@@ -76,8 +79,7 @@ def test_the_noise_of_a_gate_is_that_of_two_roundings():
         train = np.floor(np.arange(1, 0.02 * frequency) * TIMEBASE / frequency).astype(np.int64)
         starts = generator.integers(0, 1_700_000, 40)
         starts.sort()
-        counts = count_windows(train, starts, starts + 100_000, "gated")
-        samples = samples_of(counts, starts, starts + 100_000, timebase_hz=TIMEBASE)
+        samples = count_windows(train, starts, starts + 100_000, "gated", timebase_hz=TIMEBASE)
         error.extend(samples.frequency_hz - frequency)
     assert np.std(error) == pytest.approx(1 / (np.sqrt(6) * 1e-3), rel=0.1)
     assert float(samples.standard_uncertainty_hz[0]) == pytest.approx(1 / (np.sqrt(6) * 1e-3))
@@ -87,8 +89,7 @@ def test_a_wrong_timebase_scales_every_frequency(pulse_train):
     # The counter's clock runs 10 ppm fast: it counts more ticks for the same time.
     ticks = pulse_train(60e3, 50e-3, timebase_hz=TIMEBASE * (1 + 1e-5), jitter_s=1e-9)
     starts = np.arange(4) * 1_000_000
-    counts = count_windows(ticks, starts, starts + 1_000_000)
-    samples = samples_of(counts, starts, starts + 1_000_000, timebase_hz=TIMEBASE)
+    samples = count_windows(ticks, starts, starts + 1_000_000, timebase_hz=TIMEBASE)
     np.testing.assert_allclose(samples.frequency_hz, 60e3 * (1 - 1e-5), rtol=1e-7)
 
 

@@ -16,10 +16,10 @@ from torquebench.signals import (
     gated,
     reciprocal,
     regression,
-    samples_of,
     triangular,
     windows_of_angle,
 )
+from torquebench.signals._kernels import mark_repeats
 from torquebench.signals.reference import reference_frequency
 
 METHODS = ["gated", "reciprocal", "regression", "triangular"]
@@ -103,8 +103,9 @@ def test_counters_agree_with_their_numpy_reference(method, data):
     starts = np.sort(np.array(data.draw(st.lists(st.integers(0, 200_000), min_size=1, max_size=9))))
     starts = starts + offset
     stops = starts + data.draw(st.integers(1, 60_000))
-    counts = count_windows(ticks, starts, stops, method, check_train=False)
-    found = samples_of(counts, starts, stops, timebase_hz=TIMEBASE).frequency_hz
+    found = count_windows(
+        ticks, starts, stops, method, timebase_hz=TIMEBASE, check_train=False
+    ).frequency_hz
     expected = reference_frequency(ticks, starts, stops, method, timebase_hz=TIMEBASE)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
@@ -114,8 +115,7 @@ def test_long_windows_over_many_look_ahead_chunks(method, pulse_train):
     ticks = pulse_train(240e3, 0.2)
     starts = np.arange(0, 16_666_665, 3_333_333)
     stops = starts + 3_333_333
-    counts = count_windows(ticks, starts, stops, method)
-    found = samples_of(counts, starts, stops, timebase_hz=TIMEBASE)
+    found = count_windows(ticks, starts, stops, method, timebase_hz=TIMEBASE)
     assert not found.fault.any()
     np.testing.assert_allclose(
         found.frequency_hz,
@@ -126,8 +126,7 @@ def test_long_windows_over_many_look_ahead_chunks(method, pulse_train):
 
 def test_the_regression_is_exact_far_from_the_origin():
     ticks = np.arange(0, 100_000, 1600) + 2**61
-    counts = count_windows(ticks, [2**61], [2**61 + 100_000])
-    samples = samples_of(counts, [2**61], [2**61 + 100_000], timebase_hz=TIMEBASE)
+    samples = count_windows(ticks, [2**61], [2**61 + 100_000], timebase_hz=TIMEBASE)
     assert samples.frequency_hz[0] == 62_500.0
 
 
@@ -150,8 +149,7 @@ def test_windows_of_an_angle_follow_the_speed(pulse_train):
     ticks = pulse_train(60e3, 50e-3)
     marks = (np.cumsum(np.linspace(4000, 8000, 700)) + 100).astype(np.int64)
     starts, stops = windows_of_angle(marks, 100)
-    counts = count_windows(ticks, starts, stops, "regression")
-    samples = samples_of(counts, starts, stops, timebase_hz=TIMEBASE)
+    samples = count_windows(ticks, starts, stops, "regression", timebase_hz=TIMEBASE)
     assert np.all(np.diff(stops - starts) > 0)
     np.testing.assert_allclose(samples.frequency_hz, 60e3, rtol=1e-6)
 
@@ -286,7 +284,7 @@ class TestRefusals:
     def test_a_regression_too_long_for_its_sums(self):
         ticks = np.arange(0, 4_000_000, dtype=np.int64)
         with pytest.raises(InputError, match="shorter windows"):
-            count_windows(ticks, [0], [4_000_000])
+            count_windows(ticks, [0], [4_000_000], timebase_hz=TIMEBASE)
 
     @pytest.mark.parametrize(
         "options",
@@ -307,8 +305,28 @@ class TestRefusals:
 
     def test_windows_out_of_order(self):
         with pytest.raises(InputError, match="ordered"):
-            count_windows([1, 2, 3], [5, 0], [10, 4])
+            count_windows([1, 2, 3], [5, 0], [10, 4], timebase_hz=TIMEBASE)
 
     def test_no_blocks(self):
         with pytest.raises(InputError, match="no block"):
             gated([], 1e-3)
+
+
+@given(
+    values=st.lists(st.integers(0, 2), max_size=80),
+    longest=st.integers(2, 9),
+    cuts=st.lists(st.integers(0, 80), max_size=5),
+)
+def test_repeats_are_counted_over_any_cut(values, longest, cuts):
+    frequency = np.repeat(np.array(values, dtype=np.float64), 3)
+    expected = [
+        k >= longest - 1 and len(set(frequency[k - longest + 1 : k + 1])) == 1
+        for k in range(frequency.size)
+    ]
+    last, run, found = np.nan, 0, []
+    for part in np.split(frequency, sorted(cuts)):
+        fault = np.zeros(part.size, dtype=np.uint8)
+        last, run, marked = mark_repeats(part, fault, longest, 5, last, run)
+        assert marked == np.count_nonzero(fault)
+        found.extend((fault == 5).tolist())
+    assert found == expected
