@@ -1,0 +1,107 @@
+"""Models fitted to one calibration, with progress, remarks and a comparison."""
+
+import numpy as np
+import pytest
+
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.fitting import (
+    ModelChoice,
+    feature_columns,
+    fit_models,
+    fit_table,
+    model_title,
+)
+from torquebench.campaign.progress import NoProgress
+from torquebench.compensation import CANDIDATES, MODELS, RECOMMENDED, make_model
+from torquebench.errors import InputError
+
+
+def chain(seed: int = 1, wild: bool = False) -> CalibrationData:
+    """Return a chain with a quadratic error, up and down in both directions, 100 N·m."""
+    rng = np.random.default_rng(seed)
+    rising = np.linspace(5.0, 100.0, 20)
+    loop = np.concatenate([rising, rising[-2::-1]])
+    branch = np.concatenate([np.ones(20), -np.ones(19)])
+    standard = np.concatenate([loop, -loop])
+    reading = 0.99 * standard + 1e-5 * np.abs(standard) * standard
+    reading = reading + rng.normal(0.0, 0.01, standard.size)
+    if wild:
+        reading[30] += 2.0
+    series = np.repeat([1, 2], loop.size)
+    return CalibrationData(reading, standard, series, np.tile(branch, 2), 100.0)
+
+
+class Watcher(NoProgress):
+    def __init__(self) -> None:
+        self.stages: list[tuple[str, int | None]] = []
+        self.steps = 0
+        self.finished = 0
+
+    def start(self, title: str, total: int | None = None) -> None:
+        self.stages.append((title, total))
+
+    def advance(self, steps: int = 1, detail: str = "") -> None:
+        super().advance(steps, detail)
+        self.steps += steps
+
+    def finish(self, detail: str = "") -> None:
+        super().finish(detail)
+        self.finished += 1
+
+
+def test_every_choice_is_fitted_and_reports_all_its_steps() -> None:
+    watcher = Watcher()
+    choices = [ModelChoice("polynomial-2"), ModelChoice("spline"), ModelChoice("physics")]
+    fitted = fit_models(chain(), choices, watcher, title="Fitting the input module")
+    assert [item.name for item in fitted] == ["polynomial-2", "spline", "physics"]
+    assert watcher.stages == [("Fitting the input module", 300)]
+    assert (watcher.steps, watcher.finished) == (300, 1)
+    assert all(item.model.range_nm == 100.0 for item in fitted)
+
+
+def test_a_wild_point_is_a_remark_and_no_warning_on_the_terminal() -> None:
+    (fitted,) = fit_models(chain(wild=True), [ModelChoice("polynomial-2")])
+    assert len(fitted.remarks) == 1
+    assert "row 30" in fitted.remarks[0]
+
+
+@pytest.mark.parametrize("kind", sorted(MODELS))
+def test_every_kind_has_a_title_that_fits_the_table(kind: str) -> None:
+    model = make_model(kind)
+    title = model_title(kind, model.get_params(deep=False))
+    assert title != kind or "-" not in kind
+    assert len(title) <= 27
+
+
+def test_models_are_fitted_to_the_columns_that_they_use() -> None:
+    (polynomial, physics) = fit_models(chain(), [ModelChoice("polynomial"), ModelChoice("physics")])
+    assert polynomial.model.n_features_in_ == feature_columns(polynomial.model) == 1
+    assert physics.model.n_features_in_ == feature_columns(physics.model) >= 2
+
+
+def test_an_unknown_model_is_refused() -> None:
+    with pytest.raises(InputError, match="crystal-ball"):
+        fit_models(chain(), [ModelChoice("crystal-ball")])
+    with pytest.raises(InputError, match="crystal-ball"):
+        fit_table(chain(), "data.csv", "crystal-ball")
+
+
+def test_the_recommended_model_is_a_candidate() -> None:
+    assert RECOMMENDED in MODELS
+    assert RECOMMENDED in CANDIDATES
+
+
+def test_a_table_is_compared_and_the_model_taken_is_fitted_to_all_points() -> None:
+    watcher = Watcher()
+    found = fit_table(chain(), "data.csv", progress=watcher)
+    assert found.name == found.comparison.selected
+    assert found.fitted.rms_nm < 0.1 * found.raw.rms_nm
+    assert found.model.points_ == len(found.data)
+    assert watcher.steps == 100
+
+
+def test_a_named_model_is_taken_and_its_wild_points_are_named() -> None:
+    found = fit_table(chain(wild=True), "data.csv", "polynomial-5")
+    assert found.name == "polynomial-5"
+    assert found.comparison.score("polynomial-5").name == "polynomial-5"
+    assert any("row 30" in remark for remark in found.remarks)

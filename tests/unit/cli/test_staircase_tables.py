@@ -1,0 +1,37 @@
+"""What a dry run prints of a staircase."""
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from torquebench.bench.description import default_bench
+from torquebench.calibration import available_profiles, load_profile
+from torquebench.campaign.measuring import rehearse_calibration
+from torquebench.cli.staircase import staircase_tables
+from torquebench.station import Station
+
+PROFILES = [name for name in available_profiles() if name != "verification"]
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_every_profile_fits_80_columns_and_counts_its_points(name: str, tmp_path: Path) -> None:
+    profile = load_profile(name)
+    with Station.open(None, tmp_path) as station:
+        rehearsal = rehearse_calibration(station, "output", profile)
+    console = Console(file=io.StringIO(), width=80)
+    for part in staircase_tables(default_bench(), "output", profile, rehearsal):
+        console.print(part)
+    text = console.file.getvalue()
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= 80
+    points = sum(step.recorded for step in profile.staircase(2000.0))
+    assert f"{points} points" in text
+    assert "simulated" in text
+    listed = [
+        line.split()
+        for line in text.splitlines()
+        if " points up " in line or " points down " in line
+    ]
+    assert sum(int(words[3]) for words in listed) == points
+    assert ("rotation to 120°" in text) == (name == "staircase")
