@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import RecordError
+from torquebench.records.durable_file import DurableFile
 
-__all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
+__all__ = ["RawReading", "RawStream", "WholeBatches", "read_raw", "seal_raw"]
 
 FLUSH_INTERVAL_S = 0.5
 FLUSH_ROWS = 20_000
@@ -37,13 +38,19 @@ class RawStream:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.Lock()
-        self._file: Any = None
+        self._file: DurableFile | None = None
         self._writer: Any = None
         self._schema: Any = None
         self._pending: list[Any] = []
         self._pending_rows = 0
+        self._acknowledged = 0
         self._last_flush = time.monotonic()
         self._closed = False
+
+    @property
+    def acknowledged_rows(self) -> int:
+        """Samples that are on the disk, whatever happens now."""
+        return self._acknowledged
 
     def append(self, columns: Mapping[str, ArrayLike]) -> None:
         """Append one block of samples.
@@ -60,7 +67,7 @@ class RawStream:
             the disk fails.
         """
         with self._lock:
-            if self._closed:
+            if self._closed or (self._file is not None and self._file.failed):
                 raise RecordError(f"{self._path} is closed", "samples before the run is sealed")
             batch = self._batch(columns)
             if self._schema is None:
@@ -87,14 +94,15 @@ class RawStream:
             if self._closed:
                 return
             self._closed = True
-            if self._writer is None:
+            self._flush()
+            if self._file is None or self._file.failed:
                 return
             try:
-                self._flush()
                 self._writer.close()
-                os.fsync(self._file.fileno())
-            finally:
-                self._file.close()
+                self._file.synchronise()
+            except OSError as error:
+                raise self._file.failure(error) from error
+            self._file.close()
 
     def _batch(self, columns: Mapping[str, ArrayLike]) -> Any:
         arrays = {name: np.asarray(values) for name, values in columns.items()}
@@ -113,24 +121,23 @@ class RawStream:
         )
 
     def _open(self, schema: Any) -> None:
-        # Unbuffered: what a flush hands over is with the operating system at once.
-        self._file = self._path.open("xb", buffering=0)
-        options = pa.ipc.IpcWriteOptions(compression="lz4")
-        self._writer = pa.ipc.new_stream(self._file, schema, options=options)
         self._schema = schema
+        self._file = DurableFile(self._path)
 
     def _flush(self) -> None:
-        if not self._pending:
+        if not self._pending or self._file is None:
             return
         table = pa.Table.from_batches(self._pending).combine_chunks()
         self._pending, self._pending_rows = [], 0
         try:
+            if self._writer is None:
+                options = pa.ipc.IpcWriteOptions(compression="lz4")
+                self._writer = pa.ipc.new_stream(self._file, self._schema, options=options)
             self._writer.write_table(table)
-            os.fsync(self._file.fileno())
+            self._file.synchronise()
         except OSError as error:
-            raise RecordError(
-                f"{self._path}: raw samples can't be written ({error})", "", "check the disk"
-            ) from error
+            raise self._file.failure(error) from error
+        self._acknowledged += table.num_rows
         self._last_flush = time.monotonic()
 
 
@@ -174,27 +181,50 @@ def read_raw(folder: Path) -> RawReading:
         return RawReading(_columns(table))
     if not stream.exists():
         return RawReading({})
-    batches, torn = _whole_batches(stream)
-    return RawReading(_columns(pa.Table.from_batches(batches)) if batches else {}, torn)
+    found = WholeBatches(stream)
+    batches = list(found)
+    columns = _columns(pa.Table.from_batches(batches)) if batches else {}
+    return RawReading(columns, found.torn_bytes)
 
 
-def _whole_batches(path: Path) -> tuple[list[Any], int]:
-    size = path.stat().st_size
-    batches: list[Any] = []
-    with pa.OSFile(str(path), "rb") as source:
-        whole = 0
-        try:
-            with pa.ipc.open_stream(source) as reader:
-                whole = source.tell()
-                while True:
-                    batches.append(reader.read_next_batch())
+class WholeBatches:
+    """The batches of an Arrow stream that are whole, one at a time.
+
+    An incomplete end, as a kill leaves it, is left out; `torn_bytes` tells its size afterwards.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The stream, running, killed or closed.
+
+    Raises
+    ------
+    RecordError
+        Where the file isn't an Arrow stream.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.torn_bytes = 0
+
+    def __iter__(self) -> Iterator[Any]:
+        size, whole = self._path.stat().st_size, 0
+        with pa.OSFile(str(self._path), "rb") as source:
+            try:
+                with pa.ipc.open_stream(source) as reader:
                     whole = source.tell()
-        except StopIteration:
-            whole = size
-        except (pa.ArrowException, OSError) as error:
-            if whole == 0 and size > 0 and not _torn_start(path):
-                raise RecordError(f"{path} can't be read: {error}", "an Arrow stream") from error
-    return batches, size - whole
+                    while True:
+                        batch = reader.read_next_batch()
+                        whole = source.tell()
+                        yield batch
+            except StopIteration:
+                whole = size
+            except (pa.ArrowException, OSError) as error:
+                if whole == 0 and size > 0 and not _torn_start(self._path):
+                    raise RecordError(
+                        f"{self._path} can't be read: {error}", "an Arrow stream"
+                    ) from error
+        self.torn_bytes = size - whole
 
 
 def _torn_start(path: Path) -> bool:
@@ -218,7 +248,7 @@ def seal_raw(folder: Path) -> None:
     stream, sealed = folder / "raw.arrow", folder / "raw.parquet"
     if not stream.exists():
         return
-    batches, _ = _whole_batches(stream)
+    batches = list(WholeBatches(stream))
     if not batches:
         return
     table = pa.Table.from_batches(batches)

@@ -1,0 +1,70 @@
+"""A file that is only appended to, and whose end is known to be on the disk."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from torquebench.errors import RecordError
+
+__all__ = ["DurableFile"]
+
+
+class DurableFile:
+    """Appends whole pieces; one that the disk refuses is taken back and ends the file.
+
+    A raw file may take a part of what it is given (a disk that becomes full does) and say so
+    only by a number. This one goes on until all is written, and where that fails it goes back to
+    the end of what was synchronised, so that no reader meets half a piece. It has what PyArrow
+    wants of a file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File to create; it must not exist yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = path.open("xb", buffering=0)
+        self._synchronised = 0
+        self.failed = False
+
+    def write(self, data: Any) -> int:
+        """Write all of a buffer; return its size in bytes."""
+        view = memoryview(data).cast("B")
+        written = 0
+        while written < len(view):
+            written += self._file.write(view[written:]) or 0
+        return written
+
+    def synchronise(self) -> None:
+        """Wait until everything that was written is on the disk."""
+        os.fsync(self._file.fileno())
+        self._synchronised = self._file.tell()
+
+    def failure(self, error: OSError) -> RecordError:
+        """Take back what wasn't synchronised; return the error to raise."""
+        self.failed = True
+        try:
+            self._file.truncate(self._synchronised)
+            self._file.seek(self._synchronised)
+            self._file.close()
+        except OSError as second:  # a disk that has gone keeps what it has
+            error.add_note(f"nor could what was half written be taken back: {second}")
+        return RecordError(
+            f"{self._path} can't be written ({error.strerror or error})",
+            "room and a working disk",
+            "make room on the disk or repair it; the run must stop",
+        )
+
+    def flush(self) -> None:
+        """Do nothing: nothing is buffered."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the file is closed."""
+        return self._file.closed
+
+    def close(self) -> None:
+        """Close the file; more calls do nothing."""
+        self._file.close()
