@@ -141,7 +141,10 @@ def _block_code(words_per_interval: int, with_branch: bool) -> Callable[..., Any
             following = builder.add(position, ir.Constant(_WORDS, [1] * _LANES))
             square, cube = emit.unpack(emit.fetch(words, following))
             slope = emit.call("fma", emit.call("fma", cube, fraction, square), fraction, slope)
-        result = emit.call("fma", value, gain, emit.call("fma", slope, fraction, constant))
+        # not `gain · value`: an infinite or missing reading times 0 would not be 0
+        none = ir.Constant(_DOUBLES, [0.0] * _LANES)
+        base = builder.select(builder.fcmp_unordered("!=", gain, none), value, none)
+        result = builder.fadd(base, emit.call("fma", slope, fraction, constant))
         target = builder.bitcast(builder.gep(out.data, [at]), _DOUBLES.as_pointer())
         builder.store(result, target, align=8)
         return emit.count(builder.fcmp_unordered("!=", clamped, value))
@@ -221,7 +224,8 @@ def evaluate(
     """Evaluate a piecewise polynomial for many readings.
 
     Interval k of the grid is centred where ``reading · scale + zero == k``; with f the distance
-    from that centre in intervals, the result is ``gain · reading + c₀ + c₁ f (+ c₂ f² + c₃ f³)``.
+    from that centre in intervals, the result is ``gain · reading + c₀ + c₁ f (+ c₂ f² + c₃ f³)``,
+    gain being 0 or 1.
     Near zero, where the torque turns round, a second grid with narrower intervals takes over.
 
     Parameters

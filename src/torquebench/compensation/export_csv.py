@@ -1,0 +1,136 @@
+"""CSV export: nodes of the compensated torque for linear interpolation, as LabVIEW does it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.compensation.export_shared import provenance_lines, write_whole
+from torquebench.compensation.model_file import Provenance
+from torquebench.compensation.table import CompensationTable
+from torquebench.errors import InputError
+
+__all__ = ["export_csv", "table_nodes"]
+
+FloatArray = NDArray[np.float64]
+
+_BRANCHES = ((1, "up"), (-1, "down"), (0, "unknown"))
+_LINEAR_SHARE = 5e-7
+"""What linear interpolation may add to the table's own bound, in full scales."""
+
+_BESIDE_ZERO = 1e-9
+"""Distance in full scales of the two rows that hold a step at torque reversal."""
+
+
+def export_csv(path: Path, table: CompensationTable, provenance: Provenance) -> Path:
+    """Export nodes of torque (and standard uncertainty) over reading, one column a branch.
+
+    Parameters
+    ----------
+    path : Path
+        Where to.
+    table : CompensationTable
+    provenance : Provenance
+
+    Returns
+    -------
+    path : Path
+
+    Notes
+    -----
+    Lines that start with ``#`` come first; the first one says how many there are. Then one line of
+    column names and the rows, readings strictly ascending. Numbers are written in full. Between the
+    rows, linear interpolation holds the bound that the comments state.
+    """
+    nodes, added = table_nodes(table)
+    columns: dict[str, FloatArray] = {"reading_nm": nodes}
+    for branch, name in _BRANCHES:
+        columns[f"torque_{name}_nm"] = _values(table, nodes, branch, uncertainty=False)
+    if table.uncertainty_curve is not None:
+        for branch, name in _BRANCHES:
+            values = _values(table, nodes, branch, uncertainty=True)
+            columns[f"standard_uncertainty_{name}_nm"] = values
+    comments = [
+        *provenance_lines(table, provenance),
+        f"linear interpolation between the rows deviates from the model by at most "
+        f"{table.bound_nm + added:.3g} N m",
+        "refuse readings outside the rows; do not extrapolate",
+    ]
+    comments.insert(0, f"{len(comments) + 1} lines of comment, then column names, then numbers")
+    rows = np.column_stack(list(columns.values())).tolist()
+    lines = [f"# {comment}" for comment in comments]
+    lines.append(",".join(columns))
+    lines.extend(",".join(map(repr, row)) for row in rows)
+    return write_whole(path, ("\r\n".join(lines) + "\r\n").encode("ascii"))
+
+
+def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
+    """Choose readings between which linear interpolation follows the table.
+
+    Parameters
+    ----------
+    table : CompensationTable
+
+    Returns
+    -------
+    reading_nm : float64 array of shape (n,)
+        Strictly ascending, from the lowest to the highest accepted reading.
+    added_nm : float
+        What linear interpolation adds to the table's own bound.
+
+    Raises
+    ------
+    InputError
+        When a cubic table would need more than a million rows.
+    """
+    _, left, right = table.curve.pieces()
+    beside = _BESIDE_ZERO * table.full_scale_nm
+    for parts in (1, 2, 4, 8, 16, 32, 64):
+        steps = np.arange(parts) / parts
+        nodes = (left[:, None] + (right - left)[:, None] * steps).ravel()
+        nodes = np.append(nodes, right[-1])
+        if nodes.size > 1_000_000:
+            break
+        if left[0] < 0.0 < right[-1] and _jumps_at_zero(table):
+            nodes = np.sort(np.append(nodes, -beside))
+        nodes = nodes[np.append(True, np.diff(nodes) > 0.5 * beside)]
+        added = max(_linear_deviation(table, nodes, branch) for branch, _ in _BRANCHES)
+        if added <= _LINEAR_SHARE * table.full_scale_nm:
+            return nodes, added
+    raise InputError(
+        "a table whose linear interpolation needs more than a million rows",
+        "a smoother model",
+        "export it as a C header or ONNX",
+    )
+
+
+def _linear_deviation(table: CompensationTable, nodes: FloatArray, branch: int) -> float:
+    """Bound of what linear interpolation between the nodes adds on one branch."""
+    values = _values(table, nodes, branch, uncertainty=False)
+    worst = 0.0
+    for share in (0.25, 0.5, 0.75):
+        between = nodes[:-1] + share * np.diff(nodes)
+        line = values[:-1] + share * np.diff(values)
+        deviation = np.abs(line - _values(table, between, branch, uncertainty=False))
+        worst = max(worst, float(np.max(deviation[np.diff(nodes) > 1e-8 * table.full_scale_nm])))
+    # a cubic's largest deviation lies between the three points, by less than a tenth of it
+    return 1.1 * worst
+
+
+def _jumps_at_zero(table: CompensationTable) -> bool:
+    return any(
+        abs(table.at(0.0, branch) - table.at(-1e-12 * table.full_scale_nm, branch))
+        > 0.1 * _LINEAR_SHARE * table.full_scale_nm
+        for branch, _ in _BRANCHES
+    )
+
+
+def _values(
+    table: CompensationTable, reading: FloatArray, branch: int, *, uncertainty: bool
+) -> FloatArray:
+    branches = np.full(reading.size, branch, dtype=np.int8)
+    if uncertainty:
+        return table.standard_uncertainty(reading, branches)
+    return table.torque(reading, branches)
