@@ -85,7 +85,7 @@ def _function(curve: PiecewisePolynomial, prefix: str, what: str) -> str:
     unused = "" if curve.branch_aware else "\n    (void)branch;"
     count = curve.intervals
     table = ",\n".join(lines)
-    return f"""/* Coefficients [branch][interval][power] of the place within an interval, -0.5 to 0.5 */
+    return f"""/* Coefficients [branch][interval][power] of the place in an interval, -0.5 to 0.5 */
 static const float {name}_coefficients[{branches * count * order}] = {{
 {table}
 }};

@@ -81,12 +81,12 @@ class PiecewisePolynomial:
     @property
     def degree(self) -> int:
         """1 (linear) or 3 (cubic)."""
-        return self.coefficients.shape[2] - 1
+        return int(self.coefficients.shape[2]) - 1
 
     @property
     def intervals(self) -> int:
         """Number of intervals of a branch, both grids together."""
-        return self.coefficients.shape[1]
+        return int(self.coefficients.shape[1])
 
     @property
     def grid(self) -> Grid:
