@@ -195,9 +195,15 @@ def measure_arrays(size: int, rounds: int) -> list[Aim]:
     for name, seconds in times.items():
         print(f"  {name:<75} {seconds:9.4f} s {seconds / size * 1e9:8.3f} ns a reading")
     copy = min(times[name] for name in copy_runs)
-    slowest = max(times[n] for n in times if n.startswith("table") and "one thread" not in n)
     network_time = next(times[name] for name in times if name.startswith("network"))
-    table_time = next(times[name] for name in times if name.startswith("table bayesian"))
+    # of two ways to run the same table, with one thread or all, the faster one counts
+    fastest: dict[str, float] = {}
+    for name, seconds in times.items():
+        if name.startswith("table"):
+            kept = name.removesuffix(", one thread")
+            fastest[kept] = min(seconds, fastest.get(kept, np.inf))
+    slowest = max(fastest.values())
+    table_time = next(fastest[name] for name in fastest if name.startswith("table bayesian"))
     return [
         Aim(
             "table of the network / network in NumPy, speed",
@@ -239,7 +245,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.table", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="2e7 readings instead of 1e8")
     options = parser.parse_args(arguments)
-    size, rounds = (20_000_000, 7) if options.quick else (100_000_000, 9)
+    size, rounds = (20_000_000, 15) if options.quick else (100_000_000, 15)
     with threadpool_limits(1):
         aims = [*measure_arrays(size, rounds), *measure_scalars(rounds)]
     print("\n".join(str(aim) for aim in aims))
