@@ -247,6 +247,10 @@ class Person:
     def mounted(self) -> Any:
         return self._mounted
 
+    def seat(self, seating: Any) -> None: ...
+
+    def cancel(self) -> None: ...
+
 
 def test_an_operator_may_decline(tmp_path: Path) -> None:
     person = Person(lambda mounting: mounting == "reducer")

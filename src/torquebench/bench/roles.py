@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "SIDES",
     "Mode",
     "Mounting",
+    "Seating",
     "Side",
     "reference_channel",
     "torque_channel",
@@ -24,6 +26,22 @@ SIDES: tuple[Side, Side] = ("input", "output")
 MODES: tuple[Mode, ...] = ("free", "driven", "locked")
 MOUNTINGS: tuple[Mounting, ...] = ("calibrator", "verification_standard", "reducer", "nothing")
 CHANNELS = ("input_torque", "output_torque", "input_reference", "output_reference")
+
+
+@dataclass(frozen=True)
+class Seating:
+    """How the mounted part is to be seated again.
+
+    Parameters
+    ----------
+    change : {"rotation", "re-seat"}
+        Turned to another position, or taken out and put back in the same one.
+    position_deg : float
+        Position about the bench's axis, degrees.
+    """
+
+    change: Literal["rotation", "re-seat"]
+    position_deg: float
 
 
 def torque_channel(side: Side) -> str:

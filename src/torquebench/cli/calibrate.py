@@ -72,7 +72,9 @@ def calibrate(
         bool,
         typer.Option("--dry-run", help="Print the staircase and check it; nothing moves."),
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Start without asking.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+    ] = False,
     real_time: RealTimeOption = False,
 ) -> None:
     """Calibrate modules against the calibrator, fit the compensation and put it into use.
@@ -98,7 +100,7 @@ def calibrate(
         _dry_run(description, side.chosen, chosen)
         return
     _confirm(description, side, chosen, yes)
-    _calibrate(description, side.chosen, chosen, model, data, real_time)
+    _calibrate(description, side.chosen, chosen, model, data, real_time=real_time, yes=yes)
 
 
 def _check_model(name: str | None) -> None:
@@ -150,22 +152,28 @@ def _calibrate(
     profile: Profile,
     model: str | None,
     data: Path,
+    *,
     real_time: bool,
+    yes: bool,
 ) -> None:
+    from torquebench.bench.prompts import DeskOperator, PromptDesk
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
     from torquebench.compensation import RECOMMENDED
     from torquebench.station import Station
 
     if description.simulated:
         note("simulated bench")
-    with Station.open(description, data, real_time=real_time) as station:
+    desk = PromptDesk()
+    operator = None if description.simulated else DeskOperator(desk)
+    with Station.open(description, data, real_time=real_time, operator=operator) as station:
         for side in sides:
             progress = TerminalProgress()
             interrupts = BenchInterrupts(station, progress)
             try:
-                with progress, interrupts.watching():
+                with progress, interrupts.watching(), answering(desk, progress, yes=yes):
                     outcome = _one_side(
                         station, side, profile, model or RECOMMENDED, progress, interrupts
                     )

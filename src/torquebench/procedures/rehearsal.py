@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
-from torquebench.bench.drivers.base import SIDES, Mode, Side
+from torquebench.bench.drivers.base import SIDES, Mode, Seating, Side
 from torquebench.errors import InterlockError, LimitError
 from torquebench.procedures.setup import Plan, ProcedureGate, ProcedureKind
 
@@ -141,6 +141,7 @@ class _Stage:
         self._setters: dict[int, tuple[str, Callable[[Any], None]]] = {
             id(devices.clamp): ("clamp", self._clamp),
             id(devices.mounting): ("mounting", self._mount),
+            id(devices.seat): ("seat", self._seat),
             id(devices.point): ("point", self._mark),
         }
         self._readings: dict[int, Callable[[], object]] = {
@@ -250,6 +251,11 @@ class _Stage:
                 "mounting with the clamp closed or a drive on", "clamp open, drives off"
             )
         self.mounted = value
+
+    def _seat(self, _value: Seating) -> None:
+        if self.mounted == "nothing":
+            raise InterlockError("seating with nothing mounted", "something between the flanges")
+        self._mount(self.mounted)
 
     def _clamp(self, value: bool) -> None:
         if value and self.mounted == "nothing":

@@ -13,7 +13,7 @@ from bluesky.utils import Msg
 from ophyd_async.core import AsyncStatus
 
 from torquebench.bench.devices import BenchDevices
-from torquebench.bench.drivers.base import Mode, Mounting, Side
+from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
 
 __all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_after"]
 
@@ -94,11 +94,11 @@ def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
     yield from set_mode(devices, setup.side, "driven")
 
 
-def reseat(devices: BenchDevices, setup: Setup) -> Plan[None]:
-    """Have the operator take the standard out and seat it again, turned where the step says so."""
+def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:
+    """Have the operator turn the standard or seat it again, and go on as it was set up."""
     yield from power_off(devices)
     yield from bps.mv(devices.clamp, False)
-    yield from bps.mv(devices.mounting, "nothing")
+    yield from bps.mv(devices.seat, seating)
     yield from set_up(devices, setup)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import bluesky.plan_stubs as bps
 
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
+from torquebench.bench.drivers.base import Seating
 from torquebench.calibration import Step
 from torquebench.procedures.messages import checkpoint, move, progress, take
 from torquebench.procedures.setup import Plan, Setup, power_on, reseat
@@ -76,7 +77,8 @@ class _Loader:
             yield from checkpoint()
             yield from self._return_to_branch(number)
             if step.change != "none":
-                yield from reseat(self.devices, self.setup)
+                seating = Seating(step.change, step.position_deg)
+                yield from reseat(self.devices, self.setup, seating)
                 yield from power_on(self.devices, self.setup.side)
             if step.kind == "zero":
                 yield from self._zero(step)

@@ -384,6 +384,7 @@ class Station:
         The drives are told directly first, so this works while the event loop is blocked.
         """
         self.supervisor.unload()
+        self.drivers.operator.cancel()  # a plan that waits for a person can't end
         self.engine.abort(reason)
 
     def emergency_stop(self, reason: str) -> Alarm:

@@ -6,7 +6,7 @@ from ophyd_async.core import Device
 
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.drive import DriveDevice
-from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice
+from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice, SeatDevice
 from torquebench.bench.devices.labels import PointLabel
 from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
 from torquebench.bench.devices.steady import SteadyTorque
@@ -43,6 +43,7 @@ class BenchDevices(Device):
         The mounted calibrator or verification standard.
     clamp : ClampDevice
     mounting : MountingDevice
+    seat : SeatDevice
     temperatures : TemperatureProbes
     point : PointLabel
         Stamp for the events of a procedure.
@@ -73,6 +74,7 @@ class BenchDevices(Device):
         self.reference = Reference(context)
         self.clamp = ClampDevice(context)
         self.mounting = MountingDevice(context)
+        self.seat = SeatDevice(context)
         self.temperatures = TemperatureProbes(context)
         self.point = PointLabel()
         self.interruptions = 0

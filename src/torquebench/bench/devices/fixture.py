@@ -10,9 +10,9 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.roles import Mode, Mounting, Side
+from torquebench.bench.roles import Mode, Mounting, Seating, Side
 
-__all__ = ["ClampDevice", "ModeDevice", "MountingDevice"]
+__all__ = ["ClampDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
 
 
 class ModeDevice(StandardReadable):
@@ -74,4 +74,27 @@ class MountingDevice(StandardReadable):
         await context.call(context.drivers.operator.mount, value)
         context.acquisition.select_for(value)
         # The standard's first samples are in when this is done.
+        await context.clock.sleep(context.description.counter.block_s)
+
+
+class SeatDevice(StandardReadable):
+    """How the mounted standard sits: `set(Seating(...))` has the operator turn or re-seat it."""
+
+    def __init__(self, context: BenchContext) -> None:
+        self._context = context
+        with self.add_children_as_readables():
+            self.position_deg, self._set_position = soft_signal_r_and_setter(float)
+            self.seatings, self._set_seatings = soft_signal_r_and_setter(int)
+        self._count = 0
+        super().__init__()
+
+    @AsyncStatus.wrap
+    async def set(self, value: Seating) -> None:
+        """Have it seated again. Raises InterlockError with a closed clamp or when declined."""
+        context = self._context
+        context.interlocks.check_mounting(context.drivers.operator.mounted())
+        await context.call(context.drivers.operator.seat, value)
+        self._count += 1
+        self._set_position(value.position_deg)
+        self._set_seatings(self._count)
         await context.clock.sleep(context.description.counter.block_s)

@@ -23,6 +23,7 @@ from torquebench.bench.roles import (
     SIDES,
     Mode,
     Mounting,
+    Seating,
     Side,
     reference_channel,
     torque_channel,
@@ -48,6 +49,7 @@ __all__ = [
     "OperatorPrompts",
     "ReferenceReadout",
     "ReferenceSamples",
+    "Seating",
     "Side",
     "Temperature",
     "TrueTorqueSource",
@@ -252,6 +254,18 @@ class OperatorPrompts(Protocol):
 
     def mounted(self) -> Mounting:
         """Tell what is between the flanges, by the last confirmation."""
+
+    def seat(self, seating: Seating) -> None:
+        """Have what is mounted turned or seated again; return when it is confirmed.
+
+        Raises
+        ------
+        InterlockError
+            The operator declines.
+        """
+
+    def cancel(self) -> None:
+        """Give up waiting for a confirmation: whoever waits gets an `InterlockError`."""
 
 
 @runtime_checkable

@@ -27,6 +27,7 @@ from torquebench.bench.drivers.base import (
     Identity,
     Mode,
     Mounting,
+    Seating,
     Side,
     torque_channel,
 )
@@ -304,6 +305,15 @@ class SimulatedBench:
     def mounted(self) -> Mounting:
         """Tell what is between the flanges."""
         return self._mounted
+
+    def seat(self, _seating: Seating) -> None:
+        """Seat what is mounted again, at once."""
+        mounted = self._mounted
+        self.mount("nothing")
+        self.mount(mounted)
+
+    def cancel(self) -> None:
+        """Nobody ever waits for the simulated operator."""
 
     # -- what no real bench has -------------------------------------------------------------
 

@@ -1,0 +1,163 @@
+"""Questions to the person at the bench, which terminal and panel can both answer."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from torquebench.bench.roles import Mounting, Seating
+from torquebench.errors import InterlockError
+
+__all__ = ["DeskOperator", "Prompt", "PromptDesk"]
+
+
+@dataclass(frozen=True)
+class Prompt:
+    """One thing that a person is asked to do.
+
+    Parameters
+    ----------
+    number : int
+        Which question it is; an answer names it.
+    text : str
+        What is to be done.
+    """
+
+    number: int
+    text: str
+
+
+OnPrompt = Callable[[Prompt], None]
+
+
+class PromptDesk:
+    """Where a question waits until somebody answers it; the first answer counts.
+
+    Examples
+    --------
+    >>> desk = PromptDesk()
+    >>> with desk.watching(lambda prompt: desk.answer(prompt.number, done=True, who="Ana")):
+    ...     desk.ask("Mount the calibrator.")
+    'Ana'
+    """
+
+    def __init__(self) -> None:
+        self._numbers = itertools.count(1)
+        self._changed = threading.Condition()
+        self._watchers: list[OnPrompt] = []
+        self._pending: Prompt | None = None
+        self._answer: tuple[bool, str] | None = None
+
+    @property
+    def pending(self) -> Prompt | None:
+        """The question that waits, or None."""
+        return self._pending
+
+    @contextmanager
+    def watching(self, on_prompt: OnPrompt) -> Iterator[None]:
+        """Have a function called with every question, on a thread of its own, until the end.
+
+        A question that waits already is passed on at once.
+        """
+        with self._changed:
+            self._watchers.append(on_prompt)
+            waiting = self._pending
+        if waiting is not None:
+            _tell(on_prompt, waiting)
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._watchers.remove(on_prompt)
+
+    def ask(self, text: str) -> str:
+        """Put a question and wait until it is answered; return who has done it.
+
+        Raises
+        ------
+        InterlockError
+            Somebody declines, the question is cancelled, or another one waits already.
+        """
+        with self._changed:
+            if self._pending is not None:
+                raise InterlockError(
+                    "a question to the operator while another one waits", "one after the other"
+                )
+            prompt = Prompt(next(self._numbers), text)
+            self._pending, self._answer = prompt, None
+            watchers = tuple(self._watchers)
+        for watcher in watchers:
+            _tell(watcher, prompt)
+        with self._changed:
+            self._changed.wait_for(lambda: self._answer is not None)
+            assert self._answer is not None
+            done, who = self._answer
+            self._pending = self._answer = None
+        if not done:
+            raise InterlockError(f"{who or 'the operator'} declined: {text}", "a confirmation")
+        return who
+
+    def answer(self, number: int, *, done: bool, who: str = "") -> bool:
+        """Answer a question; return whether this was the answer that counts."""
+        with self._changed:
+            pending = self._pending
+            if pending is None or pending.number != number or self._answer is not None:
+                return False
+            self._answer = (done, who)
+            self._changed.notify_all()
+            return True
+
+    def cancel(self, reason: str = "the run") -> None:
+        """Decline the question that waits, if one does."""
+        if self._pending is not None:
+            self.answer(self._pending.number, done=False, who=reason)
+
+
+def _tell(watcher: OnPrompt, prompt: Prompt) -> None:
+    threading.Thread(
+        target=watcher, args=(prompt,), name=f"operator prompt {prompt.number}", daemon=True
+    ).start()
+
+
+class DeskOperator:
+    """The operator of a real bench, asked at a desk; see `drivers.base.OperatorPrompts`.
+
+    Parameters
+    ----------
+    desk : PromptDesk
+        Where the questions wait.
+    mounted : str
+        What is between the flanges to begin with, as far as anybody has said.
+    """
+
+    def __init__(self, desk: PromptDesk, mounted: Mounting = "nothing") -> None:
+        self.desk = desk
+        self._mounted: Mounting = mounted
+
+    def mount(self, mounting: Mounting) -> None:
+        """Ask for something to be put between the flanges."""
+        what = mounting.replace("_", " ")
+        if mounting == "nothing":
+            self.desk.ask(f"Take the {self._mounted.replace('_', ' ')} out of the bench.")
+        else:
+            self.desk.ask(f"Mount the {what} between the flanges.")
+        self._mounted = mounting
+
+    def mounted(self) -> Mounting:
+        """Tell what is between the flanges, by the last confirmation."""
+        return self._mounted
+
+    def seat(self, seating: Seating) -> None:
+        """Ask for what is mounted to be turned or seated again."""
+        what = self._mounted.replace("_", " ")
+        if seating.change == "rotation":
+            self.desk.ask(f"Rotate the {what} to {seating.position_deg:g}° and seat it again.")
+        else:
+            self.desk.ask(f"Take the {what} out and seat it again at {seating.position_deg:g}°.")
+
+    def cancel(self) -> None:
+        """Give up waiting: the run ends."""
+        self.desk.cancel()

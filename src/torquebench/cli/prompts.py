@@ -1,0 +1,69 @@
+"""The terminal's answers to what the bench asks of a person."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torquebench.bench.prompts import Prompt, PromptDesk
+    from torquebench.cli.progress import TerminalProgress
+
+__all__ = ["answering"]
+
+POLL_S = 0.2
+"""How often a waiting question is looked at: another door may have answered it."""
+
+
+@contextlib.contextmanager
+def answering(desk: PromptDesk, progress: TerminalProgress, *, yes: bool) -> Iterator[None]:
+    """Answer the desk's questions until the block ends.
+
+    Parameters
+    ----------
+    desk : PromptDesk
+    progress : TerminalProgress
+        Its bars stand still while a question is asked.
+    yes : bool
+        Confirm everything without asking.
+    """
+
+    def ask(prompt: Prompt) -> None:
+        if yes:
+            progress.say(f"{prompt.text} (confirmed by --yes)")
+            desk.answer(prompt.number, done=True, who="--yes")
+        elif not sys.stdin.isatty():
+            desk.answer(prompt.number, done=False, who="nobody is at the terminal to confirm:")
+        else:
+            _ask_at_terminal(desk, prompt, progress)
+
+    with desk.watching(ask):
+        yield
+
+
+def _ask_at_terminal(desk: PromptDesk, prompt: Prompt, progress: TerminalProgress) -> None:
+    from torquebench.campaign.measuring import operator_name
+
+    progress.pause()
+    try:
+        sys.stderr.write(f"{prompt.text} [d]one or [a]bort? ")
+        sys.stderr.flush()
+        while desk.pending == prompt:
+            if sys.platform != "win32" and not select.select([sys.stdin], [], [], POLL_S)[0]:
+                continue
+            answer = sys.stdin.readline()
+            word = answer.strip().lower()
+            if word in ("d", "done", "y", "yes"):
+                desk.answer(prompt.number, done=True, who=operator_name())
+                return
+            if not answer or word in ("a", "abort", "n", "no"):
+                desk.answer(prompt.number, done=False, who=operator_name())
+                return
+            sys.stderr.write("[d]one or [a]bort? ")
+            sys.stderr.flush()
+        sys.stderr.write("answered elsewhere\n")
+    finally:
+        progress.resume()
