@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
-from pathlib import Path
 from typing import Any
 
 from torquebench import __version__
@@ -65,6 +64,9 @@ class Issue:
         Unique number; made from transducer and calibration where empty.
     issued : datetime.date, optional
         Today (UTC) by default.
+    draft : bool
+        Whether this only shows what a certificate would state; nobody has to answer for it, and
+        it can't be registered.
     """
 
     authorised_by: Sequence[str]
@@ -74,6 +76,7 @@ class Issue:
     tolerance_percent_fs: float = DEFAULT_TOLERANCE_PERCENT_FS
     number: str = ""
     issued: date | None = None
+    draft: bool = False
 
 
 def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
@@ -81,10 +84,18 @@ def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
 
     Raises
     ------
+    RecordError
+        Where there is no such run, or it isn't sealed.
     InputError
-        Where the run measured none.
+        Where the run measured no calibration.
     """
     run = registry.run(run_id)
+    if run.finished is None:
+        raise RecordError(
+            f"run {run_id} isn't sealed: it still runs, or was interrupted",
+            "a completed, sealed run",
+            "let it end, or calibrate again",
+        )
     for entry in registry.calibrations():
         if entry.run_id == run_id:
             return entry
@@ -136,11 +147,11 @@ def build_record(
         Where nobody authorises, a real laboratory has no name, or the calibration has no run.
     """
     names = tuple(name.strip() for name in issue.authorised_by if name.strip())
-    if not names:
+    if not (names or issue.draft):
         raise InputError("a certificate that nobody authorises", "a name", "give --authorised-by")
     source = _Source.of(registry, calibration)
     data, profile = source.data, source.profile
-    if not (source.run.simulated or issue.laboratory.name):
+    if not (source.run.simulated or issue.laboratory.name or issue.draft):
         raise InputError(
             "a certificate of a real calibration without a laboratory",
             "name, city and country of the laboratory",
@@ -160,6 +171,7 @@ def build_record(
     return CertificateRecord(
         number=issue.number or _number(calibration, len(earlier)),
         languages=tuple(dict.fromkeys(issue.languages)),
+        draft=issue.draft,
         simulated=source.run.simulated or data.simulated,
         laboratory=issue.laboratory,
         customer=issue.customer,
@@ -403,8 +415,3 @@ def _number(calibration: CalibrationEntry, issued_before: int) -> str:
     serial = "".join(mark if mark.isalnum() else "-" for mark in calibration.transducer_serial)
     again = f"-{issued_before + 1}" if issued_before else ""
     return f"TB-{calibration.performed:%Y}-{serial}-{calibration.calibration_id:04d}{again}"
-
-
-def default_folder(data_directory: Path, record: CertificateRecord) -> Path:
-    """Return where the files of a certificate go when nobody says otherwise."""
-    return data_directory / "certificates" / record.number

@@ -33,7 +33,7 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
         "issued": record.issued.isoformat(),
         "authors": list(record.authorised_by),
         "laboratory_name": record.laboratory.name,
-        "simulated": words["simulated"] if record.simulated else None,
+        "banner": _banner(record, words),
         "supersedes": f"{words['supersedes']} {record.supersedes}" if record.supersedes else None,
         "page": words["page"],
         "closing": words["closing"],
@@ -46,6 +46,12 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
         "budget": _budget(record, words),
         "records": _records(record, words),
     }
+
+
+def _banner(record: CertificateRecord, words: Labels) -> str | None:
+    """Return what every page warns of."""
+    shown = [words[key] for key in ("draft", "simulated") if getattr(record, key)]
+    return " · ".join(shown) or None
 
 
 def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str]]]:
@@ -94,7 +100,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         (words["date_issue"], [record.issued.isoformat()]),
         (words["measured_by"], [record.measured_by or unknown]),
         (words["checked_by"], [record.checked_by or words["nobody"]]),
-        (words["authorised_by"], [", ".join(record.authorised_by)]),
+        (words["authorised_by"], [", ".join(record.authorised_by) or words["nobody"]]),
     ]
 
 

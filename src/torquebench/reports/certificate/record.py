@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from datetime import date
 from types import UnionType
-from typing import Any, Self, Union, get_args, get_origin, get_type_hints
+from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 
 from torquebench.errors import RecordError
 from torquebench.records import json_text
@@ -239,6 +239,8 @@ class CertificateRecord:
         Unique number of the certificate.
     languages : tuple of str
         ``"en"``, ``"de"``, ``"zh"``: one PDF each, all of them in the XML; the first one leads.
+    draft : bool
+        Whether nobody has issued it, which every page then says.
     simulated : bool
         Whether the bench was simulated, which every page then says.
     calibrated_from, calibrated_to, issued : datetime.date
@@ -264,6 +266,7 @@ class CertificateRecord:
 
     number: str
     languages: tuple[str, ...]
+    draft: bool
     simulated: bool
     laboratory: Party
     customer: Party
@@ -335,7 +338,7 @@ def _restored(kind: Any, value: Any) -> Any:
     if is_dataclass(kind):
         hints = get_type_hints(kind)
         names = [each.name for each in fields(kind)]
-        return kind(**{name: _restored(hints[name], value[name]) for name in names})
+        return cast(Any, kind)(**{name: _restored(hints[name], value[name]) for name in names})
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         return None if value is None else _restored(inner[0], value)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, time
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import segno
@@ -22,7 +22,7 @@ from torquebench.reports.figures import Curve, error_figure
 
 __all__ = ["certificate_pdf", "code_svg", "errors_svg"]
 
-PDF_STANDARD = "a-2u"
+PDF_STANDARD: Final = "a-2u"
 """PDF/A for archives: fonts embedded, text that can be searched and copied."""
 
 

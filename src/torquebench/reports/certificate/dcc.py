@@ -1,0 +1,321 @@
+"""The digital calibration certificate: XML in the form of PTB's DCC, version 3.3.0."""
+
+import re
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+from torquebench.reports.certificate.labels import Labels, labels_of, rounded
+from torquebench.reports.certificate.record import CertificateRecord, Party, ResultRow
+
+__all__ = ["SCHEMA_VERSION", "certificate_xml"]
+
+SCHEMA_VERSION = "3.3.0"
+
+_DCC = "https://ptb.de/dcc"
+_SI = "https://ptb.de/si"
+_NEWTON_METRE = r"\newton\metre"
+_COVERAGE = 0.9545
+_UNKNOWN_COUNTRY = "AQ"
+"""Antarctica, where nobody calibrates: the schema demands a country, and the schematron a real
+one, even for a simulated calibration by no laboratory."""
+
+
+def certificate_xml(record: CertificateRecord) -> bytes:
+    """Return the digital calibration certificate.
+
+    Parameters
+    ----------
+    record : CertificateRecord
+
+    Returns
+    -------
+    bytes
+        XML in UTF-8 with the words of all languages of the record; the same record gives the same
+        bytes. Numbers are rounded as in the PDF: uncertainties to two significant digits.
+    """
+    root = _Writer(record).certificate()
+    ElementTree.register_namespace("dcc", _DCC)
+    ElementTree.register_namespace("si", _SI)
+    ElementTree.indent(root)
+    text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text + b"\n"
+
+
+def _add(parent: ElementTree.Element, name: str, text: str | None = None) -> ElementTree.Element:
+    namespace, _, local = name.rpartition(":")
+    space = _SI if namespace == "si" else _DCC
+    child = ElementTree.SubElement(parent, f"{{{space}}}{local}")
+    if text is not None:
+        child.text = " ".join(text.split())
+    return child
+
+
+class _Writer:
+    """Writes one record."""
+
+    def __init__(self, record: CertificateRecord) -> None:
+        self.record = record
+        self.words: dict[str, Labels] = {name: labels_of(name) for name in record.languages}
+
+    def certificate(self) -> ElementTree.Element:
+        root = ElementTree.Element(
+            f"{{{_DCC}}}digitalCalibrationCertificate", {"schemaVersion": SCHEMA_VERSION}
+        )
+        self._administrative(_add(root, "administrativeData"))
+        self._results(_add(root, "measurementResults"))
+        return root
+
+    # Text in every language of the certificate
+
+    def _words(self, parent: ElementTree.Element, name: str, *keys: str, **values: object) -> None:
+        """Add an element whose content is words of the label table, in each language."""
+        element = _add(parent, name)
+        for language, words in self.words.items():
+            content = _add(
+                element, "content", " ".join(words[key].format(**values) for key in keys)
+            )
+            content.set("lang", language)
+
+    def _text(self, parent: ElementTree.Element, name: str, text: str) -> None:
+        """Add an element whose content has no language: a name, a serial, a recorded text."""
+        _add(_add(parent, name), "content", text)
+
+    # Administrative data
+
+    def _administrative(self, parent: ElementTree.Element) -> None:
+        record = self.record
+        self._software(_add(parent, "dccSoftware"))
+        self._core(_add(parent, "coreData"))
+        self._item(_add(_add(parent, "items"), "item"))
+        laboratory = _add(parent, "calibrationLaboratory")
+        self._contact(_add(laboratory, "contact"), record.laboratory)
+        persons = _add(parent, "respPersons")
+        roles = [
+            (name, "authorised", place == 0) for place, name in enumerate(record.authorised_by)
+        ]
+        # The schema demands a responsible person even of a draft that nobody has authorised.
+        roles = roles or [("-", "authorised", True)]
+        roles += [(record.measured_by, "measured", False), (record.checked_by, "checked", False)]
+        for name, role, main in roles:
+            if name:
+                person = _add(persons, "respPerson")
+                self._text(_add(person, "person"), "name", name)
+                _add(person, "role", role)
+                _add(person, "mainSigner", "true" if main else "false")
+        self._contact(_add(parent, "customer"), record.customer)
+        self._statements(_add(parent, "statements"))
+
+    def _software(self, parent: ElementTree.Element) -> None:
+        software = _add(parent, "software")
+        self._text(software, "name", "torquebench")
+        numbers = re.match(r"\d+(\.\d+){0,2}", self.record.software_version)
+        _add(software, "release", f"v{numbers[0] if numbers else 0}")  # no suffix is allowed
+
+    def _core(self, parent: ElementTree.Element) -> None:
+        record = self.record
+        _add(parent, "countryCodeISO3166_1", record.laboratory.country or _UNKNOWN_COUNTRY)
+        for language in record.languages:
+            _add(parent, "usedLangCodeISO639_1", language)
+        _add(parent, "mandatoryLangCodeISO639_1", record.languages[0])
+        _add(parent, "uniqueIdentifier", record.number)
+        identification = _add(_add(parent, "identifications"), "identification")
+        _add(identification, "issuer", "calibrationLaboratory")
+        _add(identification, "value", record.payload)
+        self._words(identification, "name", "record_hash")
+        _add(parent, "beginPerformanceDate", record.calibrated_from.isoformat())
+        _add(parent, "endPerformanceDate", record.calibrated_to.isoformat())
+        _add(parent, "performanceLocation", "laboratory")
+        _add(parent, "issueDate", record.issued.isoformat())
+        if record.supersedes:
+            replaced = _add(parent, "reportAmendedSubstituted")
+            _add(replaced, "typeOfChange", "substituted")
+            _add(replaced, "replacedUniqueIdentifier", record.supersedes)
+
+    def _item(self, parent: ElementTree.Element) -> None:
+        item = self.record.item
+        keys = ("chain", item.side) if item.side else ("chain",)
+        self._words(parent, "name", *keys)
+        if item.manufacturer:
+            self._text(_add(parent, "manufacturer"), "name", item.manufacturer)
+        if item.model:
+            _add(parent, "model", item.model)
+        identifications = _add(parent, "identifications")
+        self._identification(
+            identifications, "manufacturer", item.serial, "serial", "basic_serialNumber"
+        )
+        self._identification(identifications, "owner", item.counter_identity, "counter")
+        if item.bench:
+            self._identification(identifications, "owner", item.bench, "bench")
+
+    def _identification(
+        self, parent: ElementTree.Element, issuer: str, value: str, label: str, kind: str = ""
+    ) -> None:
+        identification = _add(parent, "identification")
+        if kind:
+            identification.set("refType", kind)
+        _add(identification, "issuer", issuer)
+        _add(identification, "value", value)
+        self._words(identification, "name", label)
+
+    def _contact(self, parent: ElementTree.Element, party: Party) -> None:
+        if party.name:
+            self._text(parent, "name", party.name)
+        else:
+            self._words(parent, "name", "not_stated")
+        if party.email:
+            _add(parent, "eMail", party.email)
+        location = _add(parent, "location")
+        _add(location, "countryCode", party.country or _UNKNOWN_COUNTRY)
+        for name, value in (
+            ("city", party.city),
+            ("postCode", party.post_code),
+            ("street", party.street),
+        ):
+            if value:
+                _add(location, name, value)
+
+    def _statements(self, parent: ElementTree.Element) -> None:
+        record = self.record
+        conformity = _add(parent, "statement")
+        conformity.set("refType", "basic_conformity")
+        self._words(conformity, "name", "conformity")
+        first = self.words[record.languages[0]]
+        self._words(
+            conformity,
+            "declaration",
+            "conformity_text",
+            "rule",
+            tolerance=f"{record.conformity.tolerance_percent_fs:g}",
+            limit=f"{record.conformity.tolerance_percent_fs / 100.0 * record.item.range_nm:g}",
+        )
+        _add(conformity, "conformity", record.conformity.verdict.value)
+        for warning in ("draft", "simulated"):
+            if getattr(record, warning):
+                self._words(_add(parent, "statement"), "declaration", warning)
+        if record.verification is None:
+            statement = _add(parent, "statement")
+            self._words(statement, "name", "verification")
+            self._words(statement, "declaration", "verification_none")
+        for each in record.deviations:
+            statement = _add(parent, "statement")
+            self._words(statement, "name", "deviations")
+            _add(statement, "reference", f"{record.method.name}: {each.clause}")
+            self._text(
+                statement, "declaration", f"{each.found}; {first['allowed']}: {each.allowed}"
+            )
+
+    # Results
+
+    def _results(self, parent: ElementTree.Element) -> None:
+        record = self.record
+        for sign, branch, rows in _tables(record.results):
+            result = _add(parent, "measurementResult")
+            self._words(result, "name", "results", sign, branch)
+            self._method(_add(_add(result, "usedMethods"), "usedMethod"))
+            self._software(_add(result, "usedSoftware"))
+            self._standard(_add(_add(result, "measuringEquipments"), "measuringEquipment"))
+            self._environment(_add(result, "influenceConditions"))
+            table = _add(_add(result, "results"), "result")
+            self._words(table, "name", "results")
+            content = _add(_add(table, "data"), "list")
+            content.set("refType", "basic_tableIndex0")
+            self._columns(content, rows)
+
+    def _method(self, parent: ElementTree.Element) -> None:
+        method = self.record.method
+        self._words(parent, "name", "method_text", series=method.series, points=method.points)
+        self._words(
+            parent, "description", "profile_verified" if method.verified else "profile_unverified"
+        )
+        _add(parent, "reference", f"{method.name}: {method.title}")
+        _add(parent, "reference", f"SHA-256 {method.sha256}")
+
+    def _standard(self, parent: ElementTree.Element) -> None:
+        reference = self.record.reference
+        self._words(parent, "name", "reference")
+        percent = f"{reference.expanded_uncertainty_percent:g}"
+        self._words(
+            parent,
+            "description",
+            "reference_text",
+            model=reference.model,
+            serial=reference.serial,
+            certificate=reference.certificate_number,
+            percent=percent,
+        )
+        if reference.model:
+            _add(parent, "model", reference.model)
+        identifications = _add(parent, "identifications")
+        self._identification(
+            identifications, "manufacturer", reference.serial, "serial", "basic_serialNumber"
+        )
+        if reference.certificate_number:
+            self._identification(identifications, "other", reference.certificate_number, "number")
+
+    def _environment(self, parent: ElementTree.Element) -> None:
+        condition = _add(parent, "influenceCondition")
+        self._words(condition, "name", "environment")
+        condition.set("refType", "basic_temperature")
+        data = _add(condition, "data")
+        temperature = self.record.temperature_c
+        if temperature is None:
+            quantity = _add(data, "quantity")
+            self._words(quantity, "noQuantity", "temperature_unknown")
+            return
+        for kind, value in zip(("Min", "Max"), temperature, strict=True):
+            quantity = _add(data, "quantity")
+            quantity.set("refType", f"basic_temperature{kind}")
+            real = _add(quantity, "si:real")
+            _add(real, "si:value", f"{value:.1f}")
+            _add(real, "si:unit", r"\degreecelsius")
+
+    def _columns(self, parent: ElementTree.Element, rows: Sequence[ResultRow]) -> None:
+        standard = self._column(parent, "basic_referenceValue", "reference")
+        _add(standard, "si:valueXMLList", " ".join(f"{row.standard_nm:.7g}" for row in rows))
+        _add(standard, "si:unitXMLList", _NEWTON_METRE)
+        before = [(row.error_before_nm, row.expanded_before_nm, row.factor_before) for row in rows]
+        self._errors(self._column(parent, "basic_measurementError", "error", "before"), before)
+        after = [(row.error_after_nm, row.expanded_after_nm, row.factor_after) for row in rows]
+        column = self._column(parent, "basic_measurementError", "error", "after")
+        self._errors(column, after)
+        quantity = parent[-1]
+        judged = _add(_add(quantity, "measurementMetaData"), "metaData")
+        judged.set("refType", "basic_conformity")
+        self._words(judged, "declaration", "rule")
+        _add(judged, "conformityXMLList", " ".join(row.verdict.value for row in rows))
+
+    def _column(self, parent: ElementTree.Element, kind: str, *labels: str) -> ElementTree.Element:
+        quantity = _add(parent, "quantity")
+        quantity.set("refType", kind)
+        self._words(quantity, "name", *labels)
+        return _add(quantity, "si:realListXMLList")
+
+    def _errors(
+        self, parent: ElementTree.Element, values: Sequence[tuple[float, float, float]]
+    ) -> None:
+        places = [rounded(expanded) for _, expanded, _ in values]
+        errors = [
+            f"{error:.{decimals}f}"
+            for (error, _, _), (_, decimals) in zip(values, places, strict=True)
+        ]
+        expanded = [f"{value:.{decimals}f}" for value, decimals in places]
+        _add(parent, "si:valueXMLList", " ".join(errors))
+        _add(parent, "si:unitXMLList", _NEWTON_METRE)
+        uncertainty = _add(
+            _add(parent, "si:measurementUncertaintyUnivariateXMLList"), "si:expandedMUXMLList"
+        )
+        _add(uncertainty, "si:valueExpandedMUXMLList", " ".join(expanded))
+        factors = " ".join(f"{factor:.2f}" for _, _, factor in values)
+        _add(uncertainty, "si:coverageFactorXMLList", factors)
+        _add(uncertainty, "si:coverageProbabilityXMLList", f"{_COVERAGE}")
+
+
+def _tables(rows: Sequence[ResultRow]) -> list[tuple[str, str, list[ResultRow]]]:
+    """Return the rows by direction and branch, with the keys of their labels."""
+    tables: dict[tuple[str, str], list[ResultRow]] = {}
+    for row in rows:
+        counter_clockwise = f"{row.torque_nm:g}".startswith("-")  # tells -0.0 too
+        sign = "counter_clockwise" if counter_clockwise else "clockwise"
+        branch = {1: "rising", -1: "falling"}.get(row.branch, "branch_unknown")
+        tables.setdefault((sign, branch), []).append(row)
+    return [(sign, branch, found) for (sign, branch), found in tables.items()]
