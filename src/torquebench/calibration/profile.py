@@ -426,7 +426,7 @@ def available_profiles() -> tuple[str, ...]:
     Examples
     --------
     >>> available_profiles()
-    ('rapid-in-situ', 'reversing', 'staircase', 'verification')
+    ('check', 'rapid-in-situ', 'reversing', 'staircase', 'verification')
     """
     folder = resources.files(__package__) / "profiles"
     names = (entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))

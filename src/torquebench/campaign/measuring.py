@@ -34,6 +34,7 @@ __all__ = [
     "OnPause",
     "RunAbortedError",
     "measure_calibration",
+    "measure_check",
     "measure_friction",
     "measure_verification",
     "operator_name",
@@ -124,6 +125,27 @@ def measure_verification(
         lambda: verify(station.devices, side, profile, steps),
         kind=f"verify-{side}",
         title=f"Verifying the {side} module",
+        metadata=_metadata(side, profile),
+        progress=progress,
+        on_pause=on_pause,
+    )
+
+
+def measure_check(
+    station: Station,
+    side: Side,
+    profile: Profile,
+    *,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> Measured[StaircaseResult]:
+    """Load a few steps of one module against the check standard."""
+    steps = profile.staircase(station.description.module(side).range_nm)
+    return _measure(
+        station,
+        lambda: verify(station.devices, side, profile, steps),
+        kind=f"check-{side}",
+        title=f"Checking the {side} module",
         metadata=_metadata(side, profile),
         progress=progress,
         on_pause=on_pause,

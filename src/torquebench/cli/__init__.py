@@ -9,7 +9,16 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli import calibrate, demo, doctor, evaluate, measure, models, records
+from torquebench.cli import (
+    calibrate,
+    check_standard,
+    demo,
+    doctor,
+    evaluate,
+    measure,
+    models,
+    records,
+)
 from torquebench.cli.failure import guarded
 
 __all__ = ["app", "main"]
@@ -23,7 +32,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _group in (demo, calibrate, models, measure, doctor):
+for _group in (demo, calibrate, check_standard, models, measure, doctor):
     _group.register(app)
 app.add_typer(records.app)
 app.add_typer(evaluate.app)

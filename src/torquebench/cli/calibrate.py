@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from torquebench.procedures import StaircaseResult
     from torquebench.station import Station
 
-__all__ = ["register"]
+__all__ = ["confirm_start", "register"]
 
 
 class Sides(StrEnum):
@@ -99,7 +99,7 @@ def calibrate(
     if dry_run:
         _dry_run(description, side.chosen, chosen)
         return
-    _confirm(description, side, chosen, yes)
+    confirm_start(description, side.value, chosen, yes)
     _calibrate(description, side.chosen, chosen, model, data, real_time=real_time, yes=yes)
 
 
@@ -110,7 +110,7 @@ def _check_model(name: str | None) -> None:
         make_model(name)
 
 
-def _confirm(description: Any, side: Sides, profile: Profile, yes: bool) -> None:
+def confirm_start(description: Any, side: str, profile: Profile, yes: bool) -> None:
     """Ask before torque is applied, where somebody is there and the bench is a real one."""
     import sys
 
@@ -122,7 +122,7 @@ def _confirm(description: Any, side: Sides, profile: Profile, yes: bool) -> None
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )
-    note(f"{description.name}: {side.value} will be loaded to its full range by {profile.name}.")
+    note(f"{description.name}: {side} will be loaded to its full range by {profile.name}.")
     if not typer.confirm("Is the bench clear and may it be loaded?"):
         raise typer.Exit(1)
 

@@ -1,0 +1,177 @@
+"""The check standard's verification: whether a module is as good as its calibration says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import CalibrationData, Profile
+from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.compensation import CompensationModel, load_model
+from torquebench.procedures import StaircaseResult
+from torquebench.records import CheckEntry, ModelEntry
+from torquebench.station import Station
+from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
+
+__all__ = ["CheckResult", "check_module", "judge_check"]
+
+SEVERITY = (Verdict.PASS, Verdict.CONDITIONAL_PASS, Verdict.CONDITIONAL_FAIL, Verdict.FAIL)
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """What a check found.
+
+    Attributes
+    ----------
+    data : CalibrationData
+        Its points.
+    torque_nm : float64[n]
+        Compensated torque, or the reading where no model is in use.
+    expanded_uncertainty_nm : float64[n]
+        Of the errors (k = 2): standard, model and reading.
+    decisions : tuple of Decision
+        One a point, with the guard band w = U.
+    verdict : Verdict
+        The worst of them.
+    model : ModelEntry or None
+        The model in use.
+    run_id : str
+    """
+
+    data: CalibrationData
+    torque_nm: NDArray[np.float64]
+    expanded_uncertainty_nm: NDArray[np.float64]
+    decisions: tuple[Decision, ...]
+    verdict: Verdict
+    model: ModelEntry | None
+    run_id: str
+
+    @property
+    def error_nm(self) -> NDArray[np.float64]:
+        """Torque minus standard, N·m."""
+        return self.torque_nm - self.data.standard_nm
+
+    @property
+    def worst_percent_fs(self) -> float:
+        """The error of largest magnitude with its sign, % of full scale."""
+        error = self.error_nm
+        return 100.0 * float(error[int(np.argmax(np.abs(error)))]) / self.data.range_nm
+
+
+def judge_check(
+    data: CalibrationData,
+    model: CompensationModel | None,
+    *,
+    standard_uncertainty_percent: float,
+    tolerance_percent_fs: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Decision, ...]]:
+    """Return compensated torque, expanded uncertainty and a decision for every point.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    model : CompensationModel or None
+        In use; None judges the reading itself.
+    standard_uncertainty_percent : float
+        Expanded uncertainty (k = 2) of the check standard, % of the range.
+    tolerance_percent_fs : float
+        Largest error allowed, % of the range.
+    """
+    standard = standard_uncertainty_percent / 200.0 * data.range_nm
+    if model is None:
+        torque = data.reading_nm
+        known = data.standard_error_nm
+        own = np.zeros(len(data)) if known is None else known
+    else:
+        X = data.features(model.n_features_in_)
+        torque = np.asarray(model.predict(X), dtype=np.float64)
+        own = np.asarray(model.single_reading_std(X), dtype=np.float64)
+    expanded = 2.0 * np.hypot(own, standard)
+    tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
+    decisions = tuple(
+        decide(float(error), float(u), tolerance, full_scale=data.range_nm)
+        for error, u in zip(torque - data.standard_nm, expanded, strict=True)
+    )
+    return torque, expanded, decisions
+
+
+def check_module(
+    station: Station,
+    side: Side,
+    profile: Profile,
+    tolerance_percent_fs: float,
+    *,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> CheckResult:
+    """Check one module against the check standard, judge it and register the verdict.
+
+    Parameters
+    ----------
+    station : Station
+    side : {"input", "output"}
+    profile : Profile
+        A few steps, such as the packaged profile "check".
+    tolerance_percent_fs : float
+        Largest error allowed, % of full scale.
+    """
+    measured = measure_check(station, side, profile, progress=progress, on_pause=on_pause)
+    data = measured.result.data
+    entry = station.registry.active_model(data.transducer_serial, data.counter_identity)
+    model = None if entry is None else load_model(entry.check_file()).model
+    standard = station.description.verification_standard
+    torque, expanded, decisions = judge_check(
+        data,
+        model,
+        standard_uncertainty_percent=standard.expanded_uncertainty_percent,
+        tolerance_percent_fs=tolerance_percent_fs,
+    )
+    result = CheckResult(
+        data=data,
+        torque_nm=torque,
+        expanded_uncertainty_nm=expanded,
+        decisions=decisions,
+        verdict=max((each.verdict for each in decisions), key=SEVERITY.index),
+        model=entry,
+        run_id=measured.record.run_id,
+    )
+    _register(station, measured, result, tolerance_percent_fs)
+    return result
+
+
+def _register(
+    station: Station,
+    measured: Measured[StaircaseResult],
+    result: CheckResult,
+    tolerance_percent_fs: float,
+) -> None:
+    summary: dict[str, Any] = {
+        "signed_worst_percent_fs": result.worst_percent_fs,
+        "nominal_nm": result.data.nominal_nm,
+        "error_nm": result.error_nm,
+        "expanded_uncertainty_nm": result.expanded_uncertainty_nm,
+        "verdicts": [each.verdict for each in result.decisions],
+        "decision_rule": result.decisions[0].rule(),
+    }
+    station.registry.add_check(
+        CheckEntry(
+            transducer_serial=result.data.transducer_serial,
+            performed=datetime.now(UTC),
+            verdict=result.verdict.value,
+            worst_percent_fs=abs(result.worst_percent_fs),
+            tolerance_percent_fs=tolerance_percent_fs,
+            simulated=result.data.simulated,
+            standard_serial=measured.result.standard_serial,
+            model_id=None if result.model is None else result.model.model_id,
+            run_id=result.run_id,
+            measured_by=operator_name(),
+            summary=summary,
+        )
+    )

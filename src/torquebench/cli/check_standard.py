@@ -1,0 +1,127 @@
+"""`torquebench check`: one module against the check standard, in one command a day."""
+
+from __future__ import annotations
+
+import signal
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import narrow_table, note, out, say, warn
+from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+
+if TYPE_CHECKING:
+    from torquebench.campaign.checking import CheckResult
+
+__all__ = ["register"]
+
+
+class Side(StrEnum):
+    """Which module."""
+
+    input = "input"
+    output = "output"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("check")(check)
+
+
+def check(
+    side: Annotated[Side, typer.Argument(help="Which module.")],
+    bench: BenchOption = None,
+    tolerance: Annotated[
+        float, typer.Option(min=1e-6, max=100, help="Largest error allowed, % of full scale.")
+    ] = 0.1,
+    profile: Annotated[
+        str, typer.Option(help="Steps to check: a profile's name, or the path of a .toml.")
+    ] = "check",
+    data: DataOption = DEFAULT_DATA,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+    ] = False,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Check a module against the check standard: zero, a few steps, verdict with guard band.
+
+    The verdict is registered and enters the control chart of `torquebench records drift`. Exit
+    code 1 where an error lies outside the tolerance.
+    """
+    from torquebench.bench.description import default_bench, load_bench
+    from torquebench.bench.prompts import DeskOperator, PromptDesk
+    from torquebench.calibration import load_profile
+    from torquebench.campaign.checking import check_module
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.calibrate import confirm_start
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
+    from torquebench.station import Station
+
+    chosen = load_profile(profile)
+    description = default_bench() if bench is None else load_bench(bench)
+    confirm_start(description, side.value, chosen, yes)
+    if description.simulated:
+        note("simulated bench")
+    desk = PromptDesk()
+    operator = None if description.simulated else DeskOperator(desk)
+    with Station.open(description, data, real_time=real_time, operator=operator) as station:
+        progress = TerminalProgress()
+        interrupts = BenchInterrupts(station, progress)
+        try:
+            with progress, interrupts.watching(), answering(desk, progress, yes=yes):
+                result = check_module(
+                    station,
+                    side.value,
+                    chosen,
+                    tolerance,
+                    progress=progress,
+                    on_pause=interrupts.ask,
+                )
+        except RunAbortedError as aborted:
+            warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
+            by_key = interrupts.signal == signal.SIGINT
+            raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
+    _report(result, tolerance)
+
+
+def _report(result: CheckResult, tolerance: float) -> None:
+    data = result.data
+    simulated = " - simulated" if data.simulated else ""
+    say(
+        f"[bold]{data.side.capitalize()} module, {data.range_nm:g} N·m, "
+        f"transducer {data.transducer_serial}{simulated}[/bold]"
+    )
+    model = result.model
+    say("without compensation" if model is None else f"compensated by model-{model.model_id}")
+    table = narrow_table()
+    for heading in ("standard N·m", "error N·m", "% FS", "U N·m"):
+        table.add_column(heading, justify="right")
+    table.add_column("verdict", no_wrap=True)
+    for standard, error, expanded, decision in zip(
+        data.standard_nm,
+        result.error_nm,
+        result.expanded_uncertainty_nm,
+        result.decisions,
+        strict=True,
+    ):
+        table.add_row(
+            f"{standard:.2f}",
+            f"{error:+.4f}",
+            f"{100 * error / data.range_nm:+.4f}",
+            f"{expanded:.4f}",
+            decision.verdict.label,
+        )
+    out().print(table)
+    inside = result.verdict.value in ("pass", "conditionalPass")
+    colour = "green" if inside else "red"
+    say(
+        f"[{colour}]{result.verdict.label}[/{colour}]: worst {result.worst_percent_fs:+.3g} % FS, "
+        f"tolerance ±{tolerance:g} % FS, guard band w = U"
+    )
+    say(f"Run: {result.run_id}")
+    if not inside:
+        raise typer.Exit(CHECK_FAILED)
