@@ -247,7 +247,7 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 profile,
                 "missing_series",
                 expected.clause,
-                f"no series {words} for {expected.clause}",
+                f"no series {words}",
                 f"a series of {shape} torque",
             )
             continue
