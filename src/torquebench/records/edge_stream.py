@@ -17,11 +17,12 @@ from torquebench.records.edge_codec import EncodedEdges, decode_edges, encode_ed
 from torquebench.records.raw_stream import WholeBatches
 from torquebench.signals import EdgeBlock
 
-__all__ = ["EDGE_STREAM", "EdgeStream", "RecordedEdges", "stream_edges"]
+__all__ = ["EDGE_STREAM", "EdgeStream", "RecordedEdges", "stream_edges", "torn_bytes"]
 
 EDGE_STREAM = "edges.arrow"
 """Name of the stream in a run's folder."""
 FLUSH_INTERVAL_S = 0.5
+"""Longest time between two synchronisations while blocks come, s of wall time."""
 FLUSH_EDGES = 1_000_000
 """Edges in memory at most: four transducers with 60 kHz make 240 000 a second."""
 
@@ -56,7 +57,7 @@ class RecordedEdges:
 class EdgeStream:
     """Appends blocks of edges to an Arrow IPC stream that survives a kill at any moment.
 
-    Blocks are on the disk at the latest with the first call after `flush_interval_s`, together:
+    Blocks are on the disk at the latest with the first call after `FLUSH_INTERVAL_S`, together:
     what `acknowledged_tick` tells is what was synchronised with the disk, of all channels. Calls
     may come from any thread.
 
@@ -64,13 +65,10 @@ class EdgeStream:
     ----------
     path : pathlib.Path
         File to write; it appears with the first block.
-    flush_interval_s : float
-        Longest time between two synchronisations while blocks come, s of wall time.
     """
 
-    def __init__(self, path: Path, flush_interval_s: float = FLUSH_INTERVAL_S) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._interval_s = flush_interval_s
         self._lock = threading.Lock()
         self._file: DurableFile | None = None
         self._writer: Any = None
@@ -107,7 +105,7 @@ class EdgeStream:
                 self._pending_edges += len(block)
                 stop = block.stop_tick
                 self._pending_tick = max(stop, self._pending_tick or stop)
-            due = time.monotonic() - self._last_flush >= self._interval_s
+            due = time.monotonic() - self._last_flush >= FLUSH_INTERVAL_S
             if due or self._pending_edges >= FLUSH_EDGES:
                 self._flush()
 
@@ -160,6 +158,16 @@ def stream_edges(path: Path) -> Iterator[RecordedEdges]:
     for batch in WholeBatches(path):
         for row in batch.to_pylist():
             yield RecordedEdges(row["channel"], _block(row))
+
+
+def torn_bytes(path: Path) -> int:
+    """Return the size of a stream's incomplete end; 0 where it is whole or doesn't exist."""
+    if not path.exists():
+        return 0
+    batches = WholeBatches(path)
+    for _ in batches:
+        pass
+    return batches.torn_bytes
 
 
 def _row(channel: str, block: EdgeBlock) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike
 
 import torquebench
 from torquebench.errors import InputError, RecordError
+from torquebench.records.edge_archive import read_edges, seal_edges
+from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, RecordedEdges, torn_bytes
 from torquebench.records.files import (
     json_text,
     read_json,
@@ -25,6 +27,7 @@ from torquebench.records.files import (
     write_atomically,
 )
 from torquebench.records.raw_stream import RawReading, RawStream, read_raw, seal_raw
+from torquebench.signals import EdgeBlock
 
 __all__ = ["MANIFEST", "Recovery", "RunFolder", "RunStatus", "RunWriter", "new_run_id"]
 
@@ -74,14 +77,16 @@ class Recovery:
         Complete documents that were kept.
     raw_rows : int
         Complete raw samples that were kept.
-    torn_document_bytes, torn_raw_bytes : int
-        Bytes of an incomplete last document or block of samples, which were left out.
+    torn_document_bytes, torn_raw_bytes, torn_edge_bytes : int
+        Bytes of an incomplete last document, block of samples or block of edges, which were left
+        out.
     """
 
     documents: int
     raw_rows: int
     torn_document_bytes: int
     torn_raw_bytes: int
+    torn_edge_bytes: int = 0
 
 
 class RunWriter:
@@ -120,6 +125,7 @@ class RunWriter:
         write_atomically(path / _METADATA, json_text(content, indent=2) + "\n")
         self._events = (path / _EVENTS).open("xb", buffering=0)
         self._raw = RawStream(path / "raw.arrow")
+        self._edges = EdgeStream(path / EDGE_STREAM)
         sync_folder(path)
         sync_folder(path.parent)
 
@@ -177,6 +183,26 @@ class RunWriter:
         """
         self._raw.append(columns)
 
+    def edges(self, blocks: Mapping[str, EdgeBlock]) -> None:
+        """Append the edges of one interval, on the disk within a second; see `EdgeStream`.
+
+        Raises
+        ------
+        RecordError
+            Where the run is sealed or the disk fails.
+        """
+        self._edges.append(blocks)
+
+    @property
+    def acknowledged_rows(self) -> int:
+        """Raw samples that are on the disk, whatever happens now."""
+        return self._raw.acknowledged_rows
+
+    @property
+    def acknowledged_tick(self) -> int | None:
+        """Tick up to which the edges of all channels are on the disk; None before the first."""
+        return self._edges.acknowledged_tick
+
     def write_results(self, results: Any) -> None:
         """Write what the run found as ``results.json``.
 
@@ -195,7 +221,13 @@ class RunWriter:
         InputError
             Where the name isn't a plain file name or belongs to the folder's own files.
         """
-        if name != Path(name).name or name in (_METADATA, _EVENTS, MANIFEST, "raw.arrow"):
+        if name != Path(name).name or name in (
+            _METADATA,
+            _EVENTS,
+            MANIFEST,
+            "raw.arrow",
+            EDGE_STREAM,
+        ):
             raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
         with self._lock:
             self._require_open()
@@ -227,7 +259,10 @@ class RunWriter:
                 return
             self._open = False
             self._events.close()
-        self._raw.close()
+        try:
+            self._raw.close()
+        finally:
+            self._edges.close()
 
     def __enter__(self) -> Self:
         return self
@@ -353,6 +388,10 @@ class RunFolder:
         """Return the raw samples; an incomplete last block is left out and reported."""
         return read_raw(self.path)
 
+    def edges(self) -> Iterator[RecordedEdges]:
+        """Yield the recorded edges, block by block; an incomplete end is left out."""
+        return read_edges(self.path)
+
     def verify(self) -> None:
         """Check every file against the manifest.
 
@@ -401,7 +440,8 @@ class RunFolder:
             raise RecordError(f"{self.path} is sealed", "a run that was left open")
         lines, torn = self._whole_lines()
         raw = self.raw()
-        report = Recovery(len(lines), raw.rows, torn, raw.torn_bytes)
+        torn_edges = torn_bytes(self.path / EDGE_STREAM)
+        report = Recovery(len(lines), raw.rows, torn, raw.torn_bytes, torn_edges)
         if torn:
             write_atomically(self.path / _EVENTS, b"".join(line + b"\n" for line in lines))
         for leftover in self.path.glob(".*.part"):
@@ -432,6 +472,7 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
     if (folder / MANIFEST).exists():
         raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
     seal_raw(folder)
+    seal_edges(folder)
     files = {
         name: {"sha256": sha256_of_file(folder / name), "bytes": (folder / name).stat().st_size}
         for name in _files_of(folder)
