@@ -116,10 +116,15 @@ def _tell(
 
 
 def _write_report(path: Path, result: DemoResult) -> None:
-    from torquebench.reports.demo_report import demo_page
-    from torquebench.reports.page import write_page
+    from torquebench.cli.progress import TerminalProgress
 
-    write_page(demo_page(result), path)
+    with TerminalProgress() as progress:
+        progress.start("Writing the report", 1)
+        from torquebench.reports.demo_report import demo_page
+        from torquebench.reports.page import write_page
+
+        write_page(demo_page(result), path)
+        progress.advance()
 
 
 def _print(result: DemoResult) -> None:
