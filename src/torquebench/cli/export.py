@@ -1,0 +1,48 @@
+"""`torquebench records export`: a run as a folder that needs no software to be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import say, warn
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.records import Registry, RunSummary
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("export")(export)
+
+
+def export(
+    run: Annotated[str, typer.Argument(help="A run's id or its beginning, or `latest`.")],
+    out: Annotated[Path, typer.Option(help="A folder that doesn't exist yet, or is empty.")],
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Write everything of a run as CSV, JSON, PDF and XML, with a README for a stranger."""
+    from torquebench.records import Registry
+    from torquebench.reports.export import export_run
+
+    with Registry.open(data_directory(data)) as registry:
+        exported = export_run(registry, _find(registry, run), out)
+    for remark in exported.remarks:
+        warn(remark)
+    say(f"{len(exported.files)} files")
+    typer.echo(str(exported.folder))
+
+
+def _find(registry: Registry, name: str) -> RunSummary:
+    found = registry.runs(limit=1) if name == "latest" else registry.runs_beginning(name, limit=2)
+    if len(found) == 1 or (found and found[0].run_id == name):
+        return found[0]
+    if found:
+        raise InputError(f"several runs begin with {name!r}", "one run", "give more of its id")
+    raise InputError(f"no run {name!r}", "a name from `torquebench records list`")

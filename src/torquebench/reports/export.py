@@ -1,0 +1,277 @@
+"""Everything of a run as a folder that a stranger can read without this software."""
+
+import csv
+import io
+import shutil
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from torquebench import __version__
+from torquebench.errors import InputError, RecordError, TorquebenchError
+from torquebench.records import (
+    CalibrationEntry,
+    Registry,
+    RunFolder,
+    RunSummary,
+    calibration_csv,
+    folder_changes,
+    json_text,
+    sha256_of_file,
+    write_atomically,
+)
+from torquebench.reports.certificate import (
+    Issue,
+    archive_folder,
+    build_record,
+    certificate_files,
+    run_data,
+)
+from torquebench.reports.export_words import column_words, file_words
+
+__all__ = ["ExportedRun", "export_run"]
+
+
+@dataclass(frozen=True)
+class ExportedRun:
+    """What an export has written.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    files : tuple of str
+        Names of all files in it.
+    remarks : tuple of str
+        What is missing or was found, as README.txt says too.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+@dataclass
+class _Export:
+    """Gathers files, columns and remarks for the README."""
+
+    folder: Path
+    columns: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    def write(self, name: str, content: str | bytes) -> None:
+        write_atomically(self.folder / name, content)
+
+    def table(self, name: str, columns: Mapping[str, str], rows: Iterator[list[Any]]) -> None:
+        """Write a CSV file whose columns are given with their units."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(rows)
+        self.write(name, text.getvalue())
+        self.columns[name] = [
+            (column, column_words(column, unit)) for column, unit in columns.items()
+        ]
+
+
+def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun:
+    """Write everything of a run in open formats, with a README that explains file and column.
+
+    Parameters
+    ----------
+    registry : Registry
+    run : RunSummary
+        A sealed run, completed or not.
+    folder : pathlib.Path
+        A folder that doesn't exist yet, or is empty.
+
+    Raises
+    ------
+    InputError
+        Where the folder holds something or can't be written.
+    RecordError
+        Where the run isn't sealed.
+    """
+    source = RunFolder.open(run.folder)
+    if not source.sealed:
+        raise RecordError(
+            f"run {run.run_id} isn't sealed", "a sealed run", "let it end, or recover it"
+        )
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} isn't empty", "a new folder", "give another --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    export = _Export(folder)
+    if run.simulated:
+        export.remarks.append("SIMULATED: every number here comes from a simulated bench.")
+    export.remarks += [
+        f"NOT INTACT: {each}" for each in folder_changes(run.folder, run.manifest_sha256)
+    ]
+    _copy_originals(export, source)
+    _write_documents(export, source)
+    _write_raw(export, source)
+    calibrations = [each for each in registry.calibrations() if each.run_id == run.run_id]
+    _write_registry(export, registry, run, calibrations)
+    for calibration in calibrations:
+        _write_calibration(export, source, calibration)
+        _write_models(export, registry, calibration)
+        _write_certificates(export, registry, calibration)
+    if not calibrations:
+        export.remarks.append(
+            "No certificate: only a run that measured a registered calibration has one."
+        )
+    _write_readme(export, run)
+    names = sorted(
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()
+    )
+    hashes = "".join(f"{sha256_of_file(folder / name)}  {name}\n" for name in names)
+    export.write("SHA256SUMS.txt", hashes)
+    return ExportedRun(folder, (*names, "SHA256SUMS.txt"), tuple(export.remarks))
+
+
+def _copy_originals(export: _Export, source: RunFolder) -> None:
+    """Copy the sealed files byte by byte, so that the manifest's hashes still hold."""
+    target = export.folder / "original"
+    shutil.copytree(source.path, target)
+    for name in ("run.json", "results.json"):
+        path = source.path / name
+        if path.is_file():
+            export.write(name, path.read_bytes())
+
+
+def _write_documents(export: _Export, source: RunFolder) -> None:
+    """Write one table for each stream of events."""
+    streams: dict[str, tuple[str, dict[str, str]]] = {}
+    for _, document in source.documents("descriptor"):
+        units = {
+            name: str(entry.get("units") or "") for name, entry in document["data_keys"].items()
+        }
+        streams[document["uid"]] = (str(document.get("name", "events")), units)
+    for uid, (name, units) in streams.items():
+
+        def rows(uid: str = uid, units: dict[str, str] = units) -> Iterator[list[Any]]:
+            for _, event in source.documents("event"):
+                if event["descriptor"] == uid:
+                    yield [event["time"], *(event["data"].get(column, "") for column in units)]
+
+        export.table(f"{name}.csv", {"unix_time_s": "s", **units}, rows())
+
+
+def _write_raw(export: _Export, source: RunFolder) -> None:
+    raw = source.raw()
+    if not raw.columns:
+        return
+    columns = list(raw.columns.values())
+    values = (list(row) for row in zip(*(column.tolist() for column in columns), strict=True))
+    export.table("raw_samples.csv", dict.fromkeys(raw.columns, ""), values)
+
+
+def _write_registry(
+    export: _Export, registry: Registry, run: RunSummary, calibrations: list[CalibrationEntry]
+) -> None:
+    known = []
+    for calibration in calibrations:
+        number = calibration.calibration_id
+        models = [each for each in registry.models() if each.calibration_id == number]
+        known.append(
+            {
+                "calibration": calibration,
+                "models": models,
+                "verifications": [
+                    each for model in models for each in registry.verifications(model.model_id)
+                ],
+                "certificates": registry.certificates(number),
+                "reviews": registry.reviews("calibrations", number),
+                "amendments": registry.amendments("calibrations", number),
+            }
+        )
+    content = {"run": run, "calibrations": known, "chain_end": str(registry.head())}
+    export.write("registry.json", json_text(content, indent=2) + "\n")
+
+
+def _write_calibration(export: _Export, source: RunFolder, calibration: CalibrationEntry) -> None:
+    name = "calibration.csv"
+    text = calibration_csv(run_data(source), {"profile": calibration.profile_name})
+    export.write(name, text)
+    header = next(line for line in text.splitlines() if not line.startswith("#"))
+    export.columns[name] = [(column, column_words(column)) for column in header.split(",")]
+
+
+def _write_models(export: _Export, registry: Registry, calibration: CalibrationEntry) -> None:
+    for model in registry.models(calibration.transducer_serial):
+        if model.calibration_id != calibration.calibration_id:
+            continue
+        try:
+            content = model.check_file().read_bytes()
+        except RecordError as error:
+            export.remarks.append(f"NOT INTACT: {error.found}")
+            continue
+        export.write(f"model-{model.model_id}-{model.kind}.json", content)
+
+
+def _write_certificates(export: _Export, registry: Registry, calibration: CalibrationEntry) -> None:
+    """Copy what was issued, or write a draft where nothing was."""
+    issued = registry.certificates(calibration.calibration_id)
+    for entry in issued:
+        for name, digest in entry.files.items():
+            path = archive_folder(registry, entry.number) / name
+            if not path.is_file() or sha256_of_file(path) != digest:
+                export.remarks.append(f"NOT INTACT: {name} of certificate {entry.number}")
+                continue
+            export.write(f"certificate-{name}", path.read_bytes())
+    if issued:
+        return
+    try:
+        draft = Issue((), number=f"DRAFT-{calibration.calibration_id}", draft=True)
+        files = certificate_files(build_record(registry, calibration, draft))
+    except TorquebenchError as error:
+        export.remarks.append(f"No certificate can be issued: {error}")
+        return
+    export.remarks.append("No certificate was issued yet: certificate-DRAFT-… is a draft.")
+    for name, content in files.items():
+        export.write(f"certificate-{name}", content)
+
+
+def _write_readme(export: _Export, run: RunSummary) -> None:
+    names = sorted(path.name for path in export.folder.iterdir())
+    lines = [
+        f"Run {run.run_id}",
+        "=" * (len(run.run_id) + 4),
+        "",
+        f"A {run.kind} run of torquebench {run.software_version}, a program that measures",
+        f"torque on test benches of reducers. It was exported by torquebench {__version__}.",
+        "",
+        f"Bench: {run.bench}{' (simulated)' if run.simulated else ''}",
+        f"Operator: {run.operator or 'not stated'}",
+        f"Started: {run.started.isoformat()}",
+        f"Finished: {run.finished.isoformat() if run.finished else 'not stated'}",
+        f"Status: {run.status}{': ' + run.reason if run.reason else ''}",
+        f"Profile: {run.profile_name or 'none'}",
+        "",
+        *export.remarks,
+        "",
+        "All text is UTF-8. CSV files have a comma between columns, a point in numbers, and one",
+        "header line; lines that begin with # are remarks. An empty cell is a value that wasn't",
+        "measured, `nan` one that a fault has taken. Torques are in N·m, clockwise positive.",
+        "",
+        "Files",
+        "-----",
+    ]
+    lines += [
+        f"{name}\n    {file_words(name)}"
+        for name in sorted({*names, "README.txt", "SHA256SUMS.txt"})
+    ]
+    for name, columns in sorted(export.columns.items()):
+        title = f"Columns of {name}"
+        lines += ["", title, "-" * len(title)]
+        lines += [f"{column}\n    {words}" for column, words in columns]
+    export.write("README.txt", "\n".join(map(_wrapped, lines)) + "\n")
+
+
+def _wrapped(text: str) -> str:
+    """Break long lines; what goes on is indented as its line is."""
+    lines = []
+    for line in text.split("\n"):
+        indent = line[: len(line) - len(line.lstrip())]
+        lines += textwrap.wrap(line, 88, subsequent_indent=indent, break_long_words=False) or [""]
+    return "\n".join(lines)
