@@ -13,9 +13,11 @@ from torquebench.uncertainty.budget import COVERAGE_PROBABILITY, Budget
 from torquebench.uncertainty.distributions import Distribution, sample
 from torquebench.uncertainty.propagation import (
     Correlations,
+    SharedFreedom,
     correlated_groups,
     correlation_matrix,
     propagate,
+    shared_indices,
 )
 from torquebench.uncertainty.quantity import Quantity
 from torquebench.uncertainty.sensitivity import DerivativeMethod, MeasurementFunction
@@ -172,15 +174,16 @@ def draw_inputs(
     matrix: NDArray[np.float64],
     size: int,
     generator: np.random.Generator,
+    shared: Sequence[Sequence[int]] = (),
 ) -> list[NDArray[np.float64]]:
-    """Draw `size` values of every quantity, correlated ones jointly.
+    """Draw `size` values of every quantity, those that belong together jointly.
 
-    Correlated quantities are drawn from a multivariate normal distribution or, where they share
-    finite degrees of freedom, a multivariate t (JCGM 102:2011, 5.3.2); other shapes can't be
-    correlated by a coefficient alone and are refused.
+    Quantities that are correlated or `shared` (their scatter comes from one estimate) are drawn
+    from a multivariate normal distribution or, with finite degrees of freedom, a multivariate t
+    (JCGM 102:2011, 5.3.2); other shapes can't be correlated by a coefficient alone and are refused.
     """
     draws: list[NDArray[np.float64]] = [np.empty(0)] * len(quantities)
-    for group in correlated_groups(matrix):
+    for group in correlated_groups(matrix, shared):
         members = [quantities[index] for index in group]
         if len(group) == 1:
             only = members[0]
@@ -220,6 +223,7 @@ def monte_carlo(
     *,
     generator: np.random.Generator,
     correlations: Correlations | None = None,
+    shared_freedom: SharedFreedom = (),
     coverage_probability: float = COVERAGE_PROBABILITY,
     interval_kind: IntervalKind = "symmetric",
     significant_digits: int = 2,
@@ -239,7 +243,7 @@ def monte_carlo(
         Inputs, with unique names.
     generator : numpy.random.Generator
         Source of the draws: same state, same result.
-    correlations : mapping, optional
+    correlations, shared_freedom : optional
         As in `propagate`.
     coverage_probability, interval_kind
         Of the coverage interval.
@@ -270,13 +274,14 @@ def monte_carlo(
     (2.0, 3.9)
     """
     matrix = correlation_matrix(quantities, correlations)
+    shared = shared_indices(quantities, shared_freedom)
     block_size = max(ceil(100.0 / (1.0 - coverage_probability)), 10_000)
     blocks: list[NDArray[np.float64]] = []
     statistics: list[tuple[float, float, float, float]] = []
     goal = tolerance if tolerance is not None else inf
     converged = False
     while not converged and (len(blocks) + 1) * block_size <= max(maximum_trials, 2 * block_size):
-        block = _evaluate(function, draw_inputs(quantities, matrix, block_size, generator))
+        block = _evaluate(function, draw_inputs(quantities, matrix, block_size, generator, shared))
         low, high = coverage_interval(block, coverage_probability, interval_kind)
         blocks.append(block)
         statistics.append((float(np.mean(block)), float(np.std(block, ddof=1)), low, high))
@@ -353,6 +358,7 @@ def check_by_monte_carlo(
     *,
     generator: np.random.Generator,
     correlations: Correlations | None = None,
+    shared_freedom: SharedFreedom = (),
     coverage_probability: float = COVERAGE_PROBABILITY,
     significant_digits: int = 2,
     method: DerivativeMethod = "auto",
@@ -363,7 +369,7 @@ def check_by_monte_carlo(
 
     Parameters
     ----------
-    function, quantities, correlations, method, unit
+    function, quantities, correlations, shared_freedom, method, unit
         As in `propagate`.
     generator, coverage_probability, significant_digits, maximum_trials
         As in `monte_carlo`, run with a fifth of the tolerance.
@@ -384,13 +390,21 @@ def check_by_monte_carlo(
     >>> checked.agrees
     True
     """
-    budget = propagate(function, quantities, correlations=correlations, method=method, unit=unit)
+    budget = propagate(
+        function,
+        quantities,
+        correlations=correlations,
+        shared_freedom=shared_freedom,
+        method=method,
+        unit=unit,
+    )
     goal = numerical_tolerance(budget.standard_uncertainty, significant_digits)
     result = monte_carlo(
         function,
         quantities,
         generator=generator,
         correlations=correlations,
+        shared_freedom=shared_freedom,
         coverage_probability=coverage_probability,
         tolerance=goal / 5.0,
         maximum_trials=maximum_trials,

@@ -14,10 +14,20 @@ from torquebench.uncertainty.sensitivity import (
     sensitivities,
 )
 
-__all__ = ["Correlations", "correlated_groups", "correlation_matrix", "propagate"]
+__all__ = [
+    "Correlations",
+    "SharedFreedom",
+    "correlated_groups",
+    "correlation_matrix",
+    "propagate",
+    "shared_indices",
+]
 
 Correlations = Mapping[tuple[str, str], float]
 """Correlation coefficients by the names of the two quantities; pairs left out are independent."""
+
+SharedFreedom = Sequence[Sequence[str]]
+"""Names of quantities whose standard uncertainties come from one estimate, group by group."""
 
 
 def propagate(
@@ -25,6 +35,7 @@ def propagate(
     quantities: Sequence[Quantity],
     *,
     correlations: Correlations | None = None,
+    shared_freedom: SharedFreedom = (),
     derivatives: ArrayLike | None = None,
     method: DerivativeMethod = "auto",
     unit: str = "",
@@ -39,6 +50,9 @@ def propagate(
         Inputs, with unique names.
     correlations : mapping of (name, name) to float, optional
         Correlation coefficients between inputs.
+    shared_freedom : sequence of sequences of names, optional
+        Inputs whose standard uncertainties come from one and the same estimate (the scatter about
+        one fit, say): independent errors, but one number of degrees of freedom together.
     derivatives : array_like of shape (n,), optional
         Sensitivity coefficients where they are known analytically; else they are computed.
     method : {"auto", "complex-step", "differences"}
@@ -50,9 +64,9 @@ def propagate(
     -------
     Budget
         Result, combined standard uncertainty, effective degrees of freedom and contributions.
-        Welch-Satterthwaite holds for independent contributions only: a correlated group counts as
-        one contribution. Where its members' degrees of freedom differ, the smallest is taken,
-        which is cautious, and the budget says so.
+        Welch-Satterthwaite holds for independent estimates only: a group that is correlated or
+        shares its estimate counts as one contribution. Where its members' degrees of freedom
+        differ, the smallest is taken, which is cautious, and the budget says so.
 
     Raises
     ------
@@ -87,7 +101,7 @@ def propagate(
     signed = slope * spread
     partial = signed * (matrix @ signed)
     variance = max(float(np.sum(partial)), 0.0)
-    groups = correlated_groups(matrix)
+    groups = correlated_groups(matrix, shared_indices(quantities, shared_freedom))
     group_variance = np.array([max(float(np.sum(partial[group])), 0.0) for group in groups])
     group_freedom = np.array([float(np.min(freedom[group])) for group in groups])
     cautions = _cautions(quantities, groups, freedom)
@@ -148,14 +162,28 @@ def correlation_matrix(
     return matrix
 
 
-def correlated_groups(matrix: NDArray[np.float64]) -> list[list[int]]:
-    """List the indices of quantities that hang together by correlations, one list a group.
+def correlated_groups(
+    matrix: NDArray[np.float64], shared: Sequence[Sequence[int]] = ()
+) -> list[list[int]]:
+    """List the indices of quantities that hang together, one list a group.
+
+    Parameters
+    ----------
+    matrix : float64 array of shape (n, n)
+        Correlation coefficients.
+    shared : sequence of sequences of int, optional
+        Indices that hang together without being correlated.
 
     Examples
     --------
     >>> correlated_groups(np.array([[1.0, 0.0, 0.4], [0.0, 1.0, 0.0], [0.4, 0.0, 1.0]]))
     [[0, 2], [1]]
+    >>> correlated_groups(np.eye(3), [[0, 1]])
+    [[0, 1], [2]]
     """
+    joined = matrix != 0.0
+    for members in shared:
+        joined[np.ix_(members, members)] = True
     left = set(range(len(matrix)))
     groups: list[list[int]] = []
     while left:
@@ -165,11 +193,28 @@ def correlated_groups(matrix: NDArray[np.float64]) -> list[list[int]]:
         while open_ends:
             index = open_ends.pop()
             group.append(index)
-            joined = [other for other in sorted(left) if matrix[index, other] != 0.0]
-            left.difference_update(joined)
-            open_ends.extend(joined)
+            partners = [other for other in sorted(left) if joined[index, other]]
+            left.difference_update(partners)
+            open_ends.extend(partners)
         groups.append(sorted(group))
     return groups
+
+
+def shared_indices(
+    quantities: Sequence[Quantity], shared_freedom: SharedFreedom
+) -> list[list[int]]:
+    """Turn the groups' names into indices; refuses unknown names.
+
+    Examples
+    --------
+    >>> shared_indices([Quantity("a", 1.0, 0.1), Quantity("b", 2.0, 0.1)], [("b", "a")])
+    [[1, 0]]
+    """
+    names = [quantity.name for quantity in quantities]
+    unknown = sorted({name for group in shared_freedom for name in group} - set(names))
+    if unknown:
+        raise InputError(f"shared degrees of freedom of {unknown}", f"names of {names}")
+    return [[names.index(name) for name in group] for group in shared_freedom]
 
 
 def _cautions(
@@ -180,7 +225,7 @@ def _cautions(
         if len(group) > 1 and len(set(freedom[group].tolist())) > 1:
             names = ", ".join(quantities[index].name for index in group)
             cautions.append(
-                f"{names} are correlated and have different degrees of freedom, for which "
+                f"{names} belong together and have different degrees of freedom, for which "
                 "Welch-Satterthwaite does not hold; the smallest is taken for the group"
             )
     return tuple(cautions)

@@ -12,6 +12,7 @@ from torquebench.errors import InputError
 from torquebench.uncertainty import (
     Budget,
     Quantity,
+    check_by_monte_carlo,
     coverage_factor,
     propagate,
     sensitivities,
@@ -68,8 +69,26 @@ def test_correlated_group_with_different_freedoms_is_cautious_and_says_so():
         correlations={("a", "b"): 0.5},
     )
     assert budget.degrees_of_freedom == pytest.approx(4.0)
-    assert "a, b are correlated" in budget.cautions[0]
+    assert "a, b belong together" in budget.cautions[0]
     assert "caution" in budget.text()
+
+
+def test_one_estimate_behind_two_quantities_counts_once():
+    """Both uncertainties are multiples of one standard deviation with 6 degrees of freedom."""
+    pair = [Quantity("mean", 0.0, 0.3, 6.0), Quantity("single", 0.0, 1.0, 6.0)]
+    together = propagate(lambda a, b: a + b, pair, shared_freedom=[("mean", "single")])
+    assert together.degrees_of_freedom == pytest.approx(6.0)
+    assert together.standard_uncertainty == pytest.approx(1.09**0.5)
+    checked = check_by_monte_carlo(
+        lambda a, b: a + b,
+        pair,
+        generator=np.random.default_rng(1),
+        shared_freedom=[("mean", "single")],
+        significant_digits=1,
+    )
+    assert checked.agrees
+    with pytest.raises(InputError, match="shared degrees of freedom"):
+        propagate(lambda a, b: a + b, pair, shared_freedom=[("mean", "other")])
 
 
 @given(st.lists(st.tuples(uncertainties, freedoms), min_size=1, max_size=8))
