@@ -134,12 +134,15 @@ def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
     if not deviations:
         say("kept: no departure from the profile")
         return
-    table = narrow_table("Departures from the profile")
-    for heading in ("found", "allowed", "clause", "certificate"):
-        table.add_column(heading, overflow="fold")
+    table = narrow_table("Departures from the profile, and what its certificate does")
+    table.show_header = False
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
     for each in deviations:
-        words = "refused" if each.consequence == "refuse" else "states it"
-        table.add_row(each.found, each.allowed, each.clause, words)
+        refused = each.consequence == "refuse"
+        table.add_row("[red]refused[/red]" if refused else "stated", escape(each.found))
+        table.add_row("", f"allowed: {escape(each.allowed)}", style="dim")
+        table.add_row("", f"clause {escape(each.clause)}", style="dim")
     out().print(table)
 
 
