@@ -29,6 +29,7 @@ from torquebench.errors import BenchError, ModelMismatchError, RecordError, Torq
 from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.journal import RunJournal
+from torquebench.station.queued_journal import QueuedJournal
 from torquebench.station.registration import (
     register_equipment,
     run_metadata,
@@ -111,6 +112,7 @@ class Station:
         self.devices = BenchDevices(context)
         self.engine = BenchEngine(self.clock, self.supervisor)
         self.engine.on_interrupt = self._on_interrupt
+        self._queued: QueuedJournal | None = None
         self._run_lock = threading.Lock()
         self._closed = False
 
@@ -275,7 +277,10 @@ class Station:
         self.engine.progress = progress
         self.engine.on_held = self._on_held
         self.engine.attend = lambda: self._attend(on_pause)
-        self.acquisition.set_journal(RunJournal(writer))
+        journal = RunJournal(writer, edges=self.description.recording.edges)
+        # Fast simulated time waits for the disk; real time doesn't.
+        self._queued = None if self.clock.fast else QueuedJournal(journal)
+        self.acquisition.set_journal(self._queued or journal)
         if not self.clock.fast:
             self._watch_loop()
         try:
@@ -317,7 +322,24 @@ class Station:
         self.acquisition.set_journal(None)
         self.engine.progress = None
         self.engine.attend = lambda: None
+        lost = self._end_recording()
+        if lost is not None and status != "failed":
+            self.registry.finish_run(writer.seal("failed", str(lost)))
+            raise lost
         self.registry.finish_run(writer.seal(status, reason))
+
+    def _end_recording(self) -> RecordError | None:
+        """Wait until every block is kept; trip and return the error where that fails."""
+        queued, self._queued = self._queued, None
+        try:
+            if queued is not None:
+                queued.close()
+        except RecordError as error:
+            self.supervisor.trip(
+                AlarmKind.JOURNAL, "journal", error.found, error.allowed, error.remedy
+            )
+            return error
+        return None
 
     def _finish_failed(self, writer: RunWriter, error: BaseException, reason: str) -> None:
         """Finish a failed run; a folder that can't even be sealed doesn't hide why it failed."""

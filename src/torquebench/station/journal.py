@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.roles import CHANNELS, torque_channel
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.bench.roles import CHANNELS, SIDES, torque_channel
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples
 from torquebench.records import RunWriter
 
 __all__ = ["NOT_IN_USE", "RunJournal"]
@@ -16,48 +16,86 @@ NOT_IN_USE = 255
 
 
 class RunJournal:
-    """Writes one row a counter window: time, each channel's frequency and fault, angles, probes.
+    """Writes one row a counter window, and every edge where the bench is described so.
 
-    Frequencies are what the counter found, before scale and certificate; NaN where `fault` isn't
-    0. A channel that isn't in use has the code `NOT_IN_USE`.
+    A row holds the time; of each channel frequency, torque and fault; of each side angle, mean
+    speed over the block, compensated torque and its standard uncertainty; the probes. Frequencies
+    are what the counter found; torque is by the zero in use then, a standard's by its certificate
+    too. There is NaN where `fault` isn't 0 and where nothing is compensated. A channel that isn't
+    in use has the code `NOT_IN_USE`.
 
     Parameters
     ----------
     writer : RunWriter
+    edges : bool
+        Whether to keep the edges.
     """
 
-    def __init__(self, writer: RunWriter) -> None:
+    def __init__(self, writer: RunWriter, *, edges: bool = False) -> None:
         self._writer = writer
+        self._edges = edges
 
     def write(self, block: AcquiredBlock) -> None:
         """Keep a block; raises `RecordError` when it can't."""
+        if self._edges:
+            self._writer.edges(block.edges)
         time_s = block.channels[torque_channel("input")].time_s
         if time_s.size == 0:
             return
         columns: dict[str, NDArray[np.generic] | float] = {"time_s": time_s}
         for name in CHANNELS:
-            frequency, fault = _on_axis(time_s, block.channels.get(name))
+            frequency, torque, fault = _on_axis(time_s, block.channels.get(name))
             columns[f"{name}_hz"] = frequency
+            columns[f"{name}_nm"] = torque
             columns[f"{name}_fault"] = fault
         for side, angles in block.angles.items():
             place = np.searchsorted(angles.time_s, time_s).clip(max=angles.counts.size - 1)
             columns[f"{side}_angle_counts"] = angles.counts[place]
+        for side in SIDES:
+            columns[f"{side}_speed_rad_s"] = float(block.speed_rad_s.get(side, np.nan))
+            own = block.channels.get(torque_channel(side))
+            torque, uncertainty = _compensated(time_s, own, block.compensated.get(side))
+            columns[f"{side}_compensated_nm"] = torque
+            columns[f"{side}_compensation_uncertainty_nm"] = uncertainty
         for probe, temperature in block.temperatures.items():
             columns[f"{probe}_c"] = float(temperature)
         self._writer.samples(columns)
 
 
+def _compensated(
+    time_s: NDArray[np.float64], own: ChannelSamples | None, found: CompensatedSamples | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Compensated torque and its standard uncertainty at the windows of another channel."""
+    torque = np.full(time_s.shape, np.nan)
+    uncertainty = np.full(time_s.shape, np.nan)
+    if own is not None and found is not None:
+        there, here = _places(time_s, own.time_s)
+        torque[there] = found.torque_nm[here]
+        uncertainty[there] = found.standard_uncertainty_nm[here]
+    return torque, uncertainty
+
+
 def _on_axis(
     time_s: NDArray[np.float64], samples: ChannelSamples | None
-) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Frequency and fault of a channel at the windows of another one."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+    """Frequency, torque and fault of a channel at the windows of another one."""
     if samples is not None and np.array_equal(samples.time_s, time_s):
-        return samples.frequency_hz, samples.fault
+        return samples.frequency_hz, samples.torque_nm, samples.fault
     frequency = np.full(time_s.shape, np.nan)
+    torque = np.full(time_s.shape, np.nan)
     fault = np.full(time_s.shape, NOT_IN_USE, dtype=np.uint8)
-    if samples is not None and samples.time_s.size:
-        place = np.searchsorted(time_s, samples.time_s - 1e-6).clip(max=time_s.size - 1)
-        same = np.abs(time_s[place] - samples.time_s) < 1e-6
-        frequency[place[same]] = samples.frequency_hz[same]
-        fault[place[same]] = samples.fault[same]
-    return frequency, fault
+    if samples is not None:
+        there, here = _places(time_s, samples.time_s)
+        frequency[there] = samples.frequency_hz[here]
+        torque[there] = samples.torque_nm[here]
+        fault[there] = samples.fault[here]
+    return frequency, torque, fault
+
+
+def _places(
+    axis_s: NDArray[np.float64], time_s: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where on an axis which of some times are."""
+    place = np.searchsorted(axis_s, time_s - 1e-6).clip(max=axis_s.size - 1)
+    here = np.flatnonzero(np.abs(axis_s[place] - time_s) < 1e-6)
+    return place[here], here

@@ -1,12 +1,13 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples
 from torquebench.records import RunFolder
-from torquebench.signals import SignalFaultKind
+from torquebench.signals import EdgeBlock, SignalFaultKind
 from torquebench.station.journal import NOT_IN_USE, RunJournal
 
 WINDOWS = 5
@@ -64,6 +65,34 @@ def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -
     assert (columns["input_reference_fault"] == NOT_IN_USE).all()
     assert columns["input_angle_counts"][:3].tolist() == [5, 15, 25]
     assert (columns["ambient_c"] == 23.0).all()
+
+
+def test_torque_speed_and_compensated_torque_are_kept(tmp_path: Path) -> None:
+    writer = RunFolder.create(tmp_path, {}, kind="test")
+    journal = RunJournal(writer)
+    own = channel("output_torque", times(0), 60e3)
+    found = CompensatedSamples(own.torque_nm + 1.0, np.full(WINDOWS, 0.25))
+    first = block(0, [channel("input_torque", times(0), 60e3), own])
+    journal.write(replace(first, compensated={"output": found}, speed_rad_s={"output": 2.0}))
+    columns = writer.seal().raw().columns
+    assert columns["output_torque_nm"].tolist() == own.torque_nm.tolist()
+    assert columns["output_compensated_nm"].tolist() == found.torque_nm.tolist()
+    assert columns["output_compensation_uncertainty_nm"].tolist() == [0.25] * WINDOWS
+    assert np.isnan(columns["input_compensated_nm"]).all()
+    assert columns["output_speed_rad_s"].tolist() == [2.0] * WINDOWS
+    assert np.isnan(columns["input_speed_rad_s"]).all()  # its encoder is silent
+
+
+def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
+    edges = {"output_torque": EdgeBlock(np.arange(0, 5_000_000, 1667), 0, 5_000_000, 100e6)}
+    for wanted in (False, True):
+        writer = RunFolder.create(tmp_path, {}, kind="test")
+        given = replace(block(0, [channel("input_torque", times(0), 60e3)]), edges=edges)
+        RunJournal(writer, edges=wanted).write(given)
+        found = list(writer.seal().edges())
+        assert len(found) == wanted
+    assert found[0].channel == "output_torque"
+    np.testing.assert_array_equal(found[0].block.ticks, edges["output_torque"].ticks)
 
 
 def test_a_block_without_a_window_keeps_nothing(tmp_path: Path) -> None:

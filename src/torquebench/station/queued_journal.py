@@ -1,0 +1,79 @@
+"""A journal behind a bounded queue, so that acquisition in real time needn't wait for the disk."""
+
+from __future__ import annotations
+
+import queue
+import threading
+
+from torquebench.bench.acquisition import JournalSink
+from torquebench.bench.samples import AcquiredBlock
+from torquebench.errors import RecordError
+
+__all__ = ["QueuedJournal"]
+
+WAITING_BLOCKS = 200
+"""Blocks that may wait for the disk: ten seconds of the usual 50 ms."""
+LOOK_S = 0.05
+
+
+class QueuedJournal:
+    """Hands blocks to a journal on a thread of its own, in order, and never drops one.
+
+    Where the queue is full the writer waits: acquisition stands, and the supervisor takes that
+    for a stall if it lasts. Where the journal fails the next call raises what it failed with.
+
+    Parameters
+    ----------
+    journal : JournalSink
+    maximum : int
+        Blocks that may wait.
+    """
+
+    def __init__(self, journal: JournalSink, maximum: int = WAITING_BLOCKS) -> None:
+        self._journal = journal
+        self._waiting: queue.Queue[AcquiredBlock | None] = queue.Queue(maximum)
+        self._failure: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="torquebench-journal", daemon=True)
+        self._thread.start()
+
+    def write(self, block: AcquiredBlock) -> None:
+        """Keep a block.
+
+        Raises
+        ------
+        RecordError
+            The journal couldn't keep this block or an earlier one.
+        """
+        self._put(block)
+
+    def close(self) -> None:
+        """Wait until every block is kept, and end the thread; raises like `write`."""
+        if self._thread.is_alive():
+            self._put(None)
+            self._thread.join()
+        self._raise_failure()
+
+    def _put(self, item: AcquiredBlock | None) -> None:
+        while True:
+            self._raise_failure()
+            try:
+                self._waiting.put(item, timeout=LOOK_S)
+            except queue.Full:
+                continue
+            return
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise RecordError(
+                f"blocks since the failure aren't kept: {self._failure}",
+                "every block kept",
+                "make room on the disk or repair it, then repeat the run",
+            ) from self._failure
+
+    def _run(self) -> None:
+        while (block := self._waiting.get()) is not None:
+            try:
+                self._journal.write(block)
+            except Exception as error:  # a full disk or a bug: either way nothing is recorded
+                self._failure = error
+                return
