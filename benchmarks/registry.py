@@ -1,0 +1,92 @@
+"""How fast a long registry opens, lists its runs and is verified, on SQLite and PostgreSQL.
+
+python -m benchmarks.registry [RUNS] [postgresql://user@server/empty-database]
+"""
+
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from torquebench.records import Registry, RunSummary, check_records
+
+BATCH = 5000
+REPEATS = 20
+
+
+def fill(registry: Registry, folder: Path, runs: int) -> None:
+    """Enter finished runs, all chained, in batches of one transaction."""
+    start = datetime(2025, 1, 31, tzinfo=UTC)
+    first = RunSummary("", "calibrate-output", start, True, "0.1.0", folder, status="completed")
+    kinds = ("calibrate-output", "verify-output", "zero", "no-load-friction")
+    for begin in range(0, runs, BATCH):
+        with registry.writing():
+            for number in range(begin, min(begin + BATCH, runs)):
+                moment = start + timedelta(minutes=number)
+                registry.add_run(
+                    replace(
+                        first,
+                        run_id=f"run-{number:07}",
+                        kind=kinds[number % len(kinds)],
+                        started=moment,
+                        finished=moment,
+                        folder=folder / "runs" / f"run-{number:07}",
+                        operator="Ana",
+                        bench="Bench 1",
+                    )
+                )
+
+
+def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
+    """Return median and longest duration of some work, in ms."""
+    taken = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        work()
+        taken.append(1e3 * (time.perf_counter() - begin))
+    return statistics.median(taken), max(taken)
+
+
+def measure(folder: Path, url: str | None, runs: int) -> None:
+    """Print the durations on one database."""
+    begin = time.perf_counter()
+    with Registry.open(folder, url) as registry:
+        fill(registry, folder, runs)
+        print(f"{registry.name}: {runs} runs entered in {time.perf_counter() - begin:.0f} s")
+
+    def opened() -> None:
+        with Registry.open(folder, url) as registry:
+            assert len(registry.runs(limit=100)) == 100
+
+    with Registry.open(folder, url) as registry:
+        for what, work in (
+            ("open the registry and list the newest 100 runs", opened),
+            ("list the newest 100 runs", lambda: registry.runs(limit=100)),
+            ("list the newest 100 runs of a kind", lambda: registry.runs(limit=100, kind="zero")),
+            ("find runs by the beginning of a name", lambda: registry.runs_beginning("run-00420")),
+        ):
+            median, longest = milliseconds(work)
+            print(f"  {what:<50} {median:7.1f} ms, at most {longest:.1f} ms")
+        begin = time.perf_counter()
+        report = check_records(registry, folders=False)
+        assert report.intact
+        print(
+            f"  verify {report.records} records along the chain: {time.perf_counter() - begin:.1f} s"
+        )
+
+
+def main() -> None:
+    """Measure on SQLite, and on PostgreSQL where a URL is given."""
+    runs = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
+    urls = [None, *sys.argv[2:]]
+    for url in urls:
+        with tempfile.TemporaryDirectory() as folder:
+            measure(Path(folder), url, runs)
+
+
+if __name__ == "__main__":
+    main()
