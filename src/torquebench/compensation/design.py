@@ -1,0 +1,182 @@
+"""Where to measure next: calibration points that lower the predicted uncertainty most.
+
+A Gaussian process fitted to the first, coarse series says how strongly a new point would inform
+every place of the range; the model that is going to be used says how uncertain each place is now.
+Points are chosen one after the other, each the one that lowers the criterion most when all those
+before it are taken as measured: what a point will read doesn't matter for that, only where it lies
+(greedy sequential design; A. Krause, A. Singh, C. Guestrin, J. Machine Learning Research 9 (2008)
+235-284).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import cho_factor, cho_solve
+
+from torquebench.compensation.base import CompensationModel, FloatArray, features
+from torquebench.compensation.gaussian_process import GaussianProcessModel
+from torquebench.compensation.kernels import KernelPoints, covariance
+from torquebench.errors import InputError
+
+__all__ = ["Criterion", "Proposal", "propose_points"]
+
+Criterion = Literal["worst", "integrated"]
+
+_PLACES = 121
+_SHARPNESS = 16
+"""Exponent of the mean that stands for the worst: a maximum alone can't tell two peaks apart."""
+
+_MOST = 150
+"""Points of one proposal: more would be chosen on a guess that the first of them ought to check."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Calibration points in an order in which a bench can load them.
+
+    Attributes
+    ----------
+    target_nm : float64 array of shape (k,)
+        Torques: clockwise up and down again, then counter-clockwise up and down again.
+    branch : int8 array of shape (k,)
+        +1 on the way up, -1 on the way down.
+    before_nm, after_nm : float
+        Standard uncertainty by the criterion (worst, or root mean square) before the points are
+        measured, and as predicted after.
+    """
+
+    target_nm: FloatArray
+    branch: np.ndarray[tuple[int], np.dtype[np.int8]]
+    before_nm: float
+    after_nm: float
+
+
+def propose_points(
+    model: CompensationModel,
+    X: ArrayLike,
+    y: ArrayLike,
+    count: int,
+    *,
+    criterion: Criterion = "worst",
+) -> Proposal:
+    """Propose the next calibration points.
+
+    Parameters
+    ----------
+    model : fitted CompensationModel
+        Model of any kind with an uncertainty, fitted to X and y.
+    X : array_like of shape (n, k)
+        Calibration so far, see `features`.
+    y : array_like of shape (n,)
+        Standard torque in N·m.
+    count : int
+        How many points to propose, 1 to 150; better a few at a time.
+    criterion : {"worst", "integrated"}
+        Whether the largest or the root mean square standard uncertainty over the range counts.
+
+    Returns
+    -------
+    Proposal
+
+    Raises
+    ------
+    InputError
+        When the count isn't possible, or the calibration so far is too small for a fit.
+
+    Examples
+    --------
+    >>> from torquebench.compensation import features, make_model
+    >>> reading = np.linspace(-100.0, 100.0, 16)
+    >>> X, y = features(reading, 1.0), reading + 1e-5 * reading**2 + 0.01 * np.sin(reading)
+    >>> proposal = propose_points(make_model("spline").fit(X, y), X, y, count=6)
+    >>> proposal.target_nm.size, bool(proposal.after_nm < proposal.before_nm)
+    (6, True)
+    """
+    if not 1 <= count <= _MOST:
+        raise InputError(
+            f"{count} points to propose", f"1 to {_MOST}", "measure these first and propose again"
+        )
+    rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
+    full_scale = float(model.full_scale_nm_)
+    process = GaussianProcessModel(range_nm=full_scale, outliers="keep").fit(rows, y)
+    low = max(model.reading_low_nm_, -full_scale)
+    high = min(model.reading_high_nm_, full_scale)
+    places = np.tile(np.linspace(low, high, _PLACES), 2)
+    branch = np.repeat([1.0, -1.0], _PLACES)
+    posterior, noise = _posterior(process, places, branch)
+    # how far a point's information reaches is the process', how much is unknown the model's
+    deviation = _model_deviation(model, rows.shape[1], places, branch)
+    scale = deviation / np.sqrt(np.diag(posterior))
+    posterior *= np.outer(scale, scale)
+    noise_variance = noise**2
+    chosen: list[int] = []
+    for _ in range(count):
+        variance = np.diag(posterior)
+        after = variance[:, None] - posterior**2 / (variance + noise_variance)
+        score = _score(after, criterion)
+        score[chosen] = np.inf
+        best = int(np.argmin(score))
+        chosen.append(best)
+        column = posterior[:, best].copy()
+        posterior -= np.outer(column, column) / (column[best] + noise_variance)
+    order = _staircase(places[chosen], branch[chosen])
+    return Proposal(
+        places[chosen][order],
+        branch[chosen][order].astype(np.int8),
+        _uncertainty(np.square(deviation), criterion),
+        _uncertainty(np.diag(posterior), criterion),
+    )
+
+
+def _posterior(
+    process: GaussianProcessModel, places: FloatArray, branch: FloatArray
+) -> tuple[FloatArray, float]:
+    """Covariance among places in (N·m)² given the calibration, and the noise in N·m."""
+    full_scale = process.full_scale_nm_
+    train = KernelPoints(process.train_u_, process.train_branch_)
+    grid = KernelPoints(places / full_scale, branch)
+    total = np.zeros((places.size, places.size))
+    for share, theta in zip(process.shares_, process.thetas_, strict=True):
+        matrix = covariance(train, train, theta)
+        matrix[np.diag_indices_from(matrix)] += np.exp(2 * theta[-1]) / process.train_weights_
+        cross = covariance(grid, train, theta)
+        explained = cross @ cho_solve(cho_factor(matrix), cross.T)
+        total += share * (covariance(grid, grid, theta) - explained)
+    unit = full_scale * process.target_scale_
+    total[np.diag_indices_from(total)] += 1e-12 * np.trace(total)
+    return np.asarray(unit**2 * total), float(process.noise_nm_)
+
+
+def _model_deviation(
+    model: CompensationModel, columns: int, places: FloatArray, branch: FloatArray
+) -> FloatArray:
+    X = np.zeros((places.size, columns))
+    X[:, : min(columns, 2)] = features(places, branch)[:, : min(columns, 2)]
+    _, deviation = model.predict(X, return_std=True)
+    return np.maximum(deviation, 1e-9 * model.full_scale_nm_)
+
+
+def _score(variance: FloatArray, criterion: Criterion) -> FloatArray:
+    """Return what is to be made small, for each column of variances over the range."""
+    if criterion == "integrated":
+        return np.asarray(np.mean(variance, axis=0))
+    largest = np.max(variance)
+    power = (np.maximum(variance, 0.0) / largest) ** (_SHARPNESS // 2)
+    return np.asarray(np.mean(power, axis=0))
+
+
+def _uncertainty(variance: FloatArray, criterion: Criterion) -> float:
+    """Return the standard uncertainty by the criterion."""
+    size = np.max(variance) if criterion == "worst" else np.mean(variance)
+    return float(np.sqrt(max(size, 0.0)))
+
+
+def _staircase(target: FloatArray, branch: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Order points as a bench loads them: each direction up and down again, clockwise first."""
+    counter_clockwise = target < 0
+    size = np.where(branch > 0, np.abs(target), -np.abs(target))
+    return np.lexsort((size, -branch, counter_clockwise))
