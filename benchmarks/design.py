@@ -1,0 +1,115 @@
+"""How many well-placed calibration points are worth 200 even ones: ``python -m benchmarks.design``.
+
+On chains with a known truth, a coarse calibration of 24 points is extended a dozen points at a
+time, each time where `propose_points` says, and compared with even calibrations after every
+extension: the worst error against the truth, and the largest standard uncertainty that the model
+itself states. Both are medians over the chains, with the recommended model. Exits with 1 where
+200 even points are not reached with fewer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import warnings
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.chains import LOADING_ACCURACY, Chain, make_chain
+from torquebench.compensation import RECOMMENDED, CompensationModel, make_model
+from torquebench.compensation.design import Criterion, Proposal, propose_points
+
+FloatArray = NDArray[np.float64]
+
+FAMILIES = ("reference", "power-law", "skewed-hysteresis", "drifting", "kinked", "rippled")
+COARSE, EVEN = 24, (50, 100, 150, 200)
+
+
+def fit(chain: Chain, X: FloatArray, y: FloatArray) -> CompensationModel:
+    """Fit the recommended model."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a wild point is part of the game
+        return make_model(RECOMMENDED, range_nm=chain.range_nm).fit(X, y)
+
+
+def errors(chain: Chain, model: CompensationModel) -> tuple[float, float, float]:
+    """Return worst and RMS error and the largest stated uncertainty, in % of full scale."""
+    dense = chain.dense()
+    torque, deviation = model.predict(dense.X, return_std=True)
+    error = 100.0 / chain.range_nm * (torque - dense.torque_nm)
+    largest = 100.0 / chain.range_nm * float(np.max(deviation))
+    return float(np.max(np.abs(error))), float(np.sqrt(np.mean(error**2))), largest
+
+
+def load(
+    chain: Chain, proposal: Proposal, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Load the proposed points as a bench does: not quite met, with noise."""
+    missed = LOADING_ACCURACY * chain.range_nm * generator.uniform(-1, 1, proposal.branch.size)
+    torque = np.clip(proposal.target_nm + missed, -chain.range_nm, chain.range_nm)
+    torque = np.where(torque * proposal.target_nm < 0, -torque, torque)
+    branch = proposal.branch.astype(np.float64)
+    noise = chain.range_nm * chain.noise.draw(torque.size, generator)
+    reading = chain.reading(torque, branch) + noise
+    return np.column_stack([reading, branch, np.where(torque > 0, 1.0, 2.0)]), torque
+
+
+def extend(
+    chain: Chain, criterion: Criterion, step: int, most: int
+) -> dict[int, tuple[float, float, float]]:
+    """Extend a coarse calibration step by step."""
+    data = chain.calibration(COARSE)
+    X, y = data.X, data.standard_nm
+    generator = np.random.default_rng([chain.seed, 99])
+    results = {}
+    model = fit(chain, X, y)
+    while y.size + step <= most:
+        more_X, more_y = load(
+            chain, propose_points(model, X, y, step, criterion=criterion), generator
+        )
+        X, y = np.vstack([X, more_X]), np.concatenate([y, more_y])
+        model = fit(chain, X, y)
+        results[y.size] = errors(chain, model)
+    return results
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print, and return 1 where 200 even points aren't reached with fewer."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two chains a family, larger steps")
+    parser.add_argument("--criterion", choices=("worst", "integrated"), default="worst")
+    options = parser.parse_args(arguments)
+    seeds, step = (range(2), 36) if options.quick else (range(10), 12)
+    chains = [make_chain(family, seed) for family in FAMILIES for seed in seeds]
+    collected: dict[tuple[str, int], list[tuple[float, float, float]]] = {}
+    for chain in chains:
+        for points in EVEN:
+            data = chain.calibration(points)
+            result = errors(chain, fit(chain, data.X, data.standard_nm))
+            collected.setdefault(("even", points), []).append(result)
+        for points, result in extend(chain, options.criterion, step, EVEN[-1]).items():
+            collected.setdefault(("proposed", points), []).append(result)
+    median = {key: np.median(rows, axis=0) for key, rows in collected.items()}
+    print(f"{len(chains)} chains, {RECOMMENDED} model, % of full scale, medians")
+    print(f"{'points':<14}{'worst error':>13}{'RMS error':>13}{'largest u':>13}")
+    for (way, points), row in sorted(median.items()):
+        print(f"{way:<9}{points:>5}" + "".join(f"{value:13.4f}" for value in row))
+    goal = median["even", EVEN[-1]]
+    reached = True
+    for index, name in ((0, "worst error"), (2, "largest stated uncertainty")):
+        enough = [
+            points
+            for (way, points), row in sorted(median.items())
+            if way == "proposed" and row[index] <= goal[index]
+        ]
+        reached &= bool(enough) and enough[0] < EVEN[-1]
+        print(f"{name} of {EVEN[-1]} even points reached with {enough[0] if enough else 'none'}")
+    return 0 if reached else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
