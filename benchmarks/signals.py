@@ -1,8 +1,9 @@
 """Speed and noise of the signal path, against other solutions and against plain reads of memory.
 
 ``python -m benchmarks.signals [--quick]`` prints what it measures and exits with 1 where an aim
-is missed. Everything runs in one thread. Times are the least of several rounds in which all
-contenders take turns, so a busy machine slows all of them alike.
+is missed. Everything runs in one thread. Times are the processor's time for this process, the
+least of several rounds in which all contenders take turns: other work on the machine may make
+all of them slower by its use of caches and memory, but doesn't count as theirs.
 """
 
 import argparse
@@ -64,15 +65,15 @@ def pulse_train(frequency_hz: float, edges: int, seed: int) -> Ticks:
 
 
 def least_seconds(contenders: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Least time of each contender over rounds in which all take turns."""
+    """Least processor time of each contender over rounds in which all take turns."""
     least = dict.fromkeys(contenders, np.inf)
     for run in contenders.values():
         run()
     for _ in range(rounds):
         for name, run in contenders.items():
-            begin = time.perf_counter()
+            begin = time.process_time()
             run()
-            least[name] = min(least[name], time.perf_counter() - begin)
+            least[name] = min(least[name], time.process_time() - begin)
     return least
 
 

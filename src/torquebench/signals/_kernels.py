@@ -1,39 +1,26 @@
 """Hot loops of the counters.
 
-Every counter is a quotient of two integers: a numerator in ticks and a denominator in edges,
-summed relative to the window's start, so that a result depends on nothing but the edges in its
-window and is the same to the last bit however the stream was cut. Integer sums over slices
-also vectorise, where the same loop over floats must keep its order and runs eight times slower.
+Every counter is a quotient of two integers: a numerator in ticks and a denominator in edges. A
+result depends on nothing but the edges in its window and is the same to the last bit however
+the stream was cut. Integer sums also vectorise, where the same loop over floats must keep its
+order and runs eight times slower.
 """
 
 import numpy as np
 from numba import int64, njit
 
+from torquebench.signals._lanes import LANES, slope_and_intervals_in_lanes
 from torquebench.signals._processor import prefetch
 
 GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
 # A window whose pulse train is irregular; it is looked at more closely outside the hot loop.
 SUSPECT = 255
-# Edges per look-ahead for irregular intervals, and distance of the prefetch: a few kilobytes,
-# well inside the first cache, and far enough ahead of the memory's latency.
-_CHUNK = 512
+# Distance of the prefetch in edges: well inside the first cache, and far enough ahead of the
+# memory's latency.
 _AHEAD = 2048
 _EDGES_PER_CACHE_LINE = 8
-# Windows whose integers stay in the first cache until they become frequencies.
-_GROUP = 1024
-
-
-@njit(cache=True)
-def _interval_range(ticks, low, high):  # type: ignore[no-untyped-def]
-    shortest = int64(2**62)
-    longest = int64(-(2**62))
-    before = ticks[low - 1 : high - 1]
-    after = ticks[low:high]
-    for i in range(after.size):
-        interval = after[i] - before[i]
-        shortest = min(shortest, interval)
-        longest = max(longest, interval)
-    return shortest, longest
+# Windows whose integers stay in the inner caches until they become frequencies.
+_GROUP = 2048
 
 
 @njit(cache=True)
@@ -56,11 +43,9 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def]
     return high > 1 and 2 * (stop - ticks[high - 1]) > 3 * (ticks[high - 1] - ticks[high - 2])
 
 
-# Slices are taken inside these functions: handing one over would count references, which costs
-# as much as the sum over a short window. Weights add up to zero, so the absolute ticks need no
-# base, and sums that overflow on the way come back right: 64-bit integers wrap around.
 @njit(cache=True)
 def _sum(ticks, low, high):  # type: ignore[no-untyped-def]
+    # A slice handed over would count references, which costs as much as a short sum.
     window = ticks[low:high]
     total = int64(0)
     for i in range(window.size):
@@ -69,36 +54,32 @@ def _sum(ticks, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _slope_sum(ticks, low, high):  # type: ignore[no-untyped-def]
-    window = ticks[low:high]
-    first_weight = 1 - (high - low)
-    total = int64(0)
-    for i in range(window.size):
-        total += window[i] * (first_weight + 2 * i)
-    return total
+def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def]
+    """Sum of (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
+
+    What `slope_and_intervals_in_lanes` does, for windows of few edges or the first of a train.
+    The weights add up to zero, so absolute ticks need no origin, and a sum that overflows on
+    its way comes back right: 64-bit integers wrap around.
+    """
+    slope = int64(0)
+    shortest = int64(2**62)
+    longest = int64(-(2**62))
+    weight = 1 - (high - low)
+    for i in range(low, high):
+        slope += ticks[i] * weight
+        weight += 2
+        if i > 0:
+            shortest = min(shortest, ticks[i] - ticks[i - 1])
+            longest = max(longest, ticks[i] - ticks[i - 1])
+    return slope, shortest, longest
 
 
 @njit(cache=True)
-def _look_ahead(ticks, looked, high, misaligned, irregular_until):  # type: ignore[no-untyped-def]
-    """Look at intervals up to an edge or farther; see whether any two differ by a half.
-
-    Returns how far it looked, the end of the last irregular stretch, and the first edge that
-    isn't later than the one before it (-1 for none).
-    """
-    while looked < high:
-        until = looked + _CHUNK
-        until = min(until - (until + misaligned) % _EDGES_PER_CACHE_LINE, ticks.size)
-        # One interval twice, so that every pair of neighbours is seen together.
-        first = max(looked - 1, 1)
-        shortest, longest = _interval_range(ticks, first, until)
-        if shortest <= 0:
-            for i in range(first, until):
-                if ticks[i] <= ticks[i - 1]:
-                    return until, until, i
-        if 2 * longest > 3 * shortest:
-            irregular_until = until
-        looked = until
-    return looked, irregular_until, -1
+def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def]
+    for i in range(max(low, 1), high):
+        if ticks[i] <= ticks[i - 1]:
+            return i
+    return -1
 
 
 @njit(cache=True)
@@ -110,39 +91,40 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
     """
     fewest = 1 if method == GATED else 2
     low = high = begin
-    n = advance = looked = irregular_until = 0
+    n = advance = 0
     last_stop = int64(-(2**62))
-    # The look-ahead's reads begin on cache lines, or each of them would take two.
-    misaligned = ticks.ctypes.data // 8 % _EDGES_PER_CACHE_LINE - 2
     for k in range(starts.size):
         start = starts[k]
         stop = stops[k]
         if start == last_stop:
             low = high
         else:
-            before = low
+            last_low = low
             low = _first_at_or_after(ticks, low + advance, start)
-            advance = low - before
+            advance = low - last_low
         last_stop = stop
         high = _first_at_or_after(ticks, low + n, stop)
         n = high - low
         for ahead in range(low + _AHEAD, min(high + _AHEAD, ticks.size), _EDGES_PER_CACHE_LINE):
             prefetch(ticks, ahead)
-        looked = max(looked, low - 1, 1)
-        if looked < high:
-            looked, irregular_until, wrong = _look_ahead(
-                ticks, looked, high, misaligned, irregular_until
-            )
-            if wrong >= 0:
-                return wrong, high
         edges[k] = n
         code = 0
         if n < fewest:
             numerator[k] = 0
             code = 1 if n == 0 else 2
         else:
+            if n >= LANES and low > 0:
+                slope, shortest, longest = slope_and_intervals_in_lanes(ticks, low, high)
+            else:
+                slope, shortest, longest = slope_and_intervals(ticks, low, high)
+            if low > 1:
+                before = ticks[low - 1] - ticks[low - 2]
+                shortest = min(shortest, before)
+                longest = max(longest, before)
+            if shortest <= 0:
+                return _first_out_of_order(ticks, low - 1, high), high
             if method == REGRESSION:
-                numerator[k] = _slope_sum(ticks, low, high)
+                numerator[k] = slope
             elif method == TRIANGULAR:
                 late = _sum(ticks, high - n // 2, high)
                 numerator[k] = late - _sum(ticks, low, low + n // 2)
@@ -150,10 +132,12 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
                 numerator[k] = ticks[high - 1] - ticks[low]
             else:
                 numerator[k] = stop - start
-            last = ticks[high - 1]
-            short = high > 1 and 2 * (stop - last) > 3 * (last - ticks[high - 2])
-            if (low < irregular_until or short) and check and _irregular(ticks, low, high, stop):
-                code = SUSPECT
+            if check:
+                last = ticks[high - 1]
+                short = high > 1 and 2 * (stop - last) > 3 * (last - ticks[high - 2])
+                uneven = 2 * longest > 3 * shortest
+                if (uneven or short) and _irregular(ticks, low, high, stop):
+                    code = SUSPECT
         fault[k] = code
     return -1, high
 
