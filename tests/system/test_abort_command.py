@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.system.command_line import run, started, wait_until
+from tests.system.command_line import at_terminal, run, started, wait_until
 
 from torquebench.records import RunFolder
 
@@ -56,3 +56,12 @@ def test_measuring_ends_cleanly(tmp_path: Path) -> None:
     assert process.returncode == 0, messages
     assert "measuring ended" in messages
     assert "Traceback" not in messages
+
+
+def test_ctrl_c_at_a_terminal_ends_a_demo(tmp_path: Path) -> None:
+    options = ("--quick", "--real-time", "--data", "data", "--out", "x.html")
+    code, shown = at_terminal("demo", *options, cwd=tmp_path, dialogue=[("3/45", "\x03")])
+    assert code == 130, shown
+    assert "without torque" in shown
+    assert "Traceback" not in shown
+    assert not (tmp_path / "x.html").exists()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from torquebench.cli.console import note, out, say, warn
-from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
 from torquebench.errors import InputError
 
@@ -178,10 +176,7 @@ def _calibrate(
                         station, side, profile, model or RECOMMENDED, progress, interrupts
                     )
             except RunAbortedError as aborted:
-                warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
-                note(f"The bench is without torque. Kept so far: {aborted.record.folder}")
-                by_key = interrupts.signal == signal.SIGINT
-                raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
+                raise interrupts.reported(aborted) from None
             _report(outcome)
 
 

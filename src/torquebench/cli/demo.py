@@ -102,6 +102,7 @@ def _settings(description: BenchDescription, quick: bool) -> StorySettings:
 def _tell(
     description: BenchDescription, settings: StorySettings, data: Path, real_time: bool
 ) -> DemoResult:
+    from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.story import tell_story
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.progress import TerminalProgress
@@ -110,9 +111,12 @@ def _tell(
     note(f"simulated bench: preset {description.driver.get('preset')}, seed {settings.seed}")
     progress = TerminalProgress()
     with Station.open(description, data, real_time=real_time) as station:
-        interrupts = BenchInterrupts(station, progress)
-        with progress, interrupts.watching():
-            return tell_story(station, settings, progress)
+        interrupts = BenchInterrupts(station, progress, may_pause=False)
+        try:
+            with progress, interrupts.watching():
+                return tell_story(station, settings, progress)
+        except RunAbortedError as aborted:
+            raise interrupts.reported(aborted) from None
 
 
 def _write_report(path: Path, result: DemoResult) -> None:

@@ -10,7 +10,13 @@ from collections.abc import Iterator
 from types import FrameType
 from typing import TYPE_CHECKING, Literal, NoReturn
 
+import typer
+
+from torquebench.cli.console import note, warn
+from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
+
 if TYPE_CHECKING:
+    from torquebench.campaign.measuring import RunAbortedError
     from torquebench.cli.progress import TerminalProgress
     from torquebench.station import Station
 
@@ -31,6 +37,8 @@ class BenchInterrupts:
         Its Ctrl-C action is set.
     progress : TerminalProgress
         Its bars stand still while a question is asked.
+    may_pause : bool
+        False where nothing is lost by starting again: then Ctrl-C aborts at a terminal too.
 
     Attributes
     ----------
@@ -38,11 +46,13 @@ class BenchInterrupts:
         The last signal that came.
     """
 
-    def __init__(self, station: Station, progress: TerminalProgress) -> None:
+    def __init__(
+        self, station: Station, progress: TerminalProgress, *, may_pause: bool = True
+    ) -> None:
         self._station = station
         self._progress = progress
         self.signal: signal.Signals | None = None
-        station.interrupt_action = "pause" if self.interactive else "abort"
+        station.interrupt_action = "pause" if may_pause and self.interactive else "abort"
 
     @property
     def interactive(self) -> bool:
@@ -77,6 +87,12 @@ class BenchInterrupts:
                     return "abort"
         finally:
             self._progress.resume()
+
+    def reported(self, aborted: RunAbortedError) -> typer.Exit:
+        """Say what is left of an aborted run, and return the end of the command."""
+        warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
+        note(f"The bench is without torque. Kept so far: {aborted.record.folder}")
+        return typer.Exit(INTERRUPTED if self.signal == signal.SIGINT else CHECK_FAILED)
 
     def _on_interrupt(self, _number: int, _frame: FrameType | None) -> NoReturn:
         if self._station.interrupt_action == "pause" and self.signal is None:
