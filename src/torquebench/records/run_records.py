@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, select
+from sqlalchemy import Select, func, select
 
 from torquebench.errors import RecordError
 from torquebench.records.database import Database, run_row
@@ -98,6 +98,11 @@ class RunRecords(Database):
         query = self.runs_query(kind).limit(limit).offset(offset)
         with self.session() as session:
             return [self._run(row) for row in session.execute(query)]
+
+    def number_of_runs(self) -> int:
+        """Return how many runs are registered."""
+        with self.session() as session:
+            return session.scalar(select(func.count()).select_from(RunRow)) or 0
 
     def runs_beginning(self, name: str, limit: int = 100) -> list[RunSummary]:
         """Return runs whose identifier begins with a text, by identifier."""

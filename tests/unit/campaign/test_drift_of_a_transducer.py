@@ -1,0 +1,78 @@
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.drifting import drift_of, next_due
+from torquebench.records import Registry, RunSummary, Zeroing
+
+START = datetime(2024, 1, 31, 12, 0, tzinfo=UTC)
+
+
+@pytest.fixture
+def registry(tmp_path):
+    with Registry.open(tmp_path) as opened:
+        yield opened
+
+
+def calibrate(registry, moment, gain):
+    torque = np.array([-50.0, -25.0, 25.0, 50.0])
+    data = CalibrationData(
+        torque * gain,
+        torque,
+        [1] * 4,
+        [1] * 4,
+        50.0,
+        transducer_serial="T-1",
+        counter_identity="C-1",
+    )
+    registry.add_calibration(data, performed=moment)
+
+
+def test_a_steady_drift_is_found_and_calibrated_in_time(registry):
+    for number in range(7):
+        calibrate(registry, START + timedelta(days=91 * number), 1.0 + 2e-4 * number)
+    clockwise, counter_clockwise = drift_of(registry, "T-1", tolerance_percent=0.15)
+    assert clockwise.values == pytest.approx([0.02 * number for number in range(7)])
+    assert clockwise.trend.significant
+    assert clockwise.trend.per_year == pytest.approx(0.02 * 365.25 / 91, rel=1e-6)
+    left = clockwise.prediction
+    assert left.expected - START == pytest.approx(timedelta(days=91 * 7.5), abs=timedelta(days=2))
+    due = next_due((clockwise, counter_clockwise), longest_days=365)
+    assert clockwise.moments[-1].date() <= due <= left.expected.date()
+
+
+def test_the_chart_reads_in_the_order_of_measuring_not_of_entering(registry):
+    calibrate(registry, START + timedelta(days=50), 1.001)
+    calibrate(registry, START, 1.0)
+    (clockwise, _) = drift_of(registry, "T-1", tolerance_percent=0.1)
+    assert clockwise.values == pytest.approx([0.0, 0.1])
+    assert clockwise.chart is None
+    assert clockwise.prediction is None
+    assert next_due((clockwise,), longest_days=100) == (START + timedelta(days=150)).date()
+
+
+def test_one_zero_a_run_enters_the_chart_and_an_hour_predicts_nothing(registry, tmp_path):
+    from torquebench.records import Equipment
+
+    registry.add_equipment(Equipment("transducer", "T-1", range_nm=50.0))
+    for run in range(4):
+        name = f"run-{run}"
+        registry.add_run(RunSummary(name, "zero", START, True, "0.1.0", tmp_path / name))
+        for again in range(3):
+            moment = START + timedelta(minutes=10 * run + again)
+            registry.add_zeroing(Zeroing("T-1", moment, 6e4, 0.05 * run + again, run_id=name))
+    (zero,) = drift_of(registry, "T-1", tolerance_percent=0.1)
+    assert zero.values == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert zero.chart is not None
+    assert zero.trend is None
+    assert zero.prediction is None
+    assert next_due((zero,), longest_days=365) is None
+
+
+def test_remarks_say_what_the_chart_sees(registry):
+    for number, gain in enumerate([1.0, 1.0001, 1.0, 1.0001, 1.0, 1.01]):
+        calibrate(registry, START + timedelta(days=number), gain)
+    clockwise, _ = drift_of(registry, "T-1", tolerance_percent=0.1, base=5)
+    assert [clockwise.remark(row) for row in range(6)] == [*[""] * 5, "outside the limits, a jump"]

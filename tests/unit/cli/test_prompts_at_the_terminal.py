@@ -1,0 +1,59 @@
+import os
+import pty
+import sys
+import threading
+
+import pytest
+
+from torquebench.bench.prompts import PromptDesk
+from torquebench.cli.progress import TerminalProgress
+from torquebench.cli.prompts import answering
+from torquebench.errors import InterlockError
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """A terminal in place of the standard input; the other end of it types."""
+    keyboard, screen = pty.openpty()
+    with os.fdopen(screen, "r", encoding="utf-8") as file:
+        monkeypatch.setattr(sys, "stdin", file)
+        yield keyboard
+    os.close(keyboard)
+
+
+def test_yes_confirms_without_asking():
+    desk = PromptDesk()
+    with answering(desk, TerminalProgress(), yes=True):
+        assert desk.ask("Mount the calibrator.") == "--yes"
+
+
+def test_without_a_terminal_nobody_confirms():
+    desk = PromptDesk()
+    with (
+        answering(desk, TerminalProgress(), yes=False),
+        pytest.raises(InterlockError, match="nobody is at the terminal"),
+    ):
+        desk.ask("Mount the calibrator.")
+
+
+def test_a_person_at_the_terminal_is_asked_until_the_answer_is_clear(terminal, monkeypatch, capsys):
+    monkeypatch.setenv("TORQUEBENCH_OPERATOR", "Ana")
+    desk = PromptDesk()
+    with answering(desk, TerminalProgress(), yes=False):
+        os.write(terminal, b"what?\ndone\n")
+        assert desk.ask("Rotate the calibrator to 120°.") == "Ana"
+        os.write(terminal, b"a\n")
+        with pytest.raises(InterlockError, match="Ana declined"):
+            desk.ask("Mount the calibrator.")
+    assert "Rotate the calibrator to 120°. [d]one or [a]bort?" in capsys.readouterr().err
+
+
+def test_an_answer_from_another_door_ends_the_question_here(terminal, capsys):
+    desk = PromptDesk()
+    with answering(desk, TerminalProgress(), yes=False):
+        timer = threading.Timer(0.3, lambda: desk.answer(1, done=True, who="panel"))
+        timer.start()
+        assert desk.ask("Mount the calibrator.") == "panel"
+        timer.join()
+        while "answered elsewhere" not in capsys.readouterr().err:
+            threading.Event().wait(0.05)
