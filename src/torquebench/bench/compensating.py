@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.samples import CompensatedSamples
 from torquebench.compensation import CompensationModel, features
+from torquebench.compensation.table import CompensationTable, compile_table
 from torquebench.errors import InputError
 
 __all__ = ["ActiveCompensation"]
+
+STATE = frozenset({"speed_rpm", "temperature_c"})
+"""Features that change while a compensation is active: no table holds for all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,11 +24,22 @@ class ActiveCompensation:
 
     Live readings have no known branch (0), so a model with hysteresis states its middle and the
     wider uncertainty that goes with it.
+
+    Attributes
+    ----------
+    table : CompensationTable or None
+        The model compiled once, within 1e-6 of full scale: what live windows are compensated by.
+        None where the model looks at speed or temperature or can't be followed by a table; then
+        the model itself is asked, which takes milliseconds a block.
     """
 
     model: CompensationModel
     model_id: str
     kind: str
+    table: CompensationTable | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "table", _compiled(self.model))
 
     @property
     def _columns(self) -> int:
@@ -54,7 +69,11 @@ class ActiveCompensation:
         )
         torque = np.full(reading_nm.shape, np.nan)
         uncertainty = np.full(reading_nm.shape, np.nan)
-        if inside.any():
+        if self.table is not None:
+            accepted = reading_nm[inside]
+            torque[inside] = self.table.torque(accepted)
+            uncertainty[inside] = self.table.standard_uncertainty(accepted)
+        elif inside.any():
             X = features(reading_nm[inside], 0, 0, speed_rpm, temperature_c)
             try:
                 torque[inside], uncertainty[inside] = self.model.predict(
@@ -63,3 +82,12 @@ class ActiveCompensation:
             except InputError:  # a speed or temperature that the model refuses
                 torque[inside] = uncertainty[inside] = np.nan
         return CompensatedSamples(torque, uncertainty)
+
+
+def _compiled(model: CompensationModel) -> CompensationTable | None:
+    if STATE.intersection(model.used_features):
+        return None
+    try:
+        return compile_table(model, branches=False)
+    except InputError:  # a curve that jumps
+        return None

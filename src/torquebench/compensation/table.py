@@ -190,6 +190,7 @@ def compile_table(
     *,
     tolerance: float = 1e-6,
     uncertainty: bool = True,
+    branches: bool = True,
     series: float = 0.0,
     speed_rpm: float = 0.0,
     temperature_c: float = 0.0,
@@ -204,6 +205,8 @@ def compile_table(
         Largest deviation of torque and of standard uncertainty, as a fraction of full scale.
     uncertainty : bool, default True
         Whether to compile the standard uncertainty as well.
+    branches : bool, default True
+        Whether to tell branches apart; without, a third of the work and every branch unknown.
     series, speed_rpm, temperature_c : float
         What the other columns hold, for models that look at them: a table is for one state.
 
@@ -230,7 +233,7 @@ def compile_table(
         raise InputError(f"table tolerance {tolerance:g}", "above 0 and below 1 (full scale)")
     fixed = (0.0, 0.0, series, speed_rpm, temperature_c)
     columns = int(model.n_features_in_)
-    branch_aware = columns > 1 and "branch" in model.used_features
+    branch_aware = branches and columns > 1 and "branch" in model.used_features
 
     def rows(reading: FloatArray, branch: int) -> FloatArray:
         X = np.tile(np.asarray(fixed[:columns], dtype=np.float64), (reading.size, 1))
