@@ -1,7 +1,8 @@
 """Models of the measuring chain's error: from a torque reading to the best estimate of the torque.
 
 Every model is a scikit-learn regressor with an uncertainty; this room also selects among them by
-cross-validation and stores them as JSON.
+cross-validation, stores them as JSON, compiles them to tables that run live or elsewhere, follows
+hysteresis, budgets the uncertainty of a reading and proposes where to calibrate next.
 """
 
 from torquebench.compensation.base import (
@@ -13,9 +14,18 @@ from torquebench.compensation.base import (
     make_model,
 )
 from torquebench.compensation.bayesian_network import BayesianNetworkModel
+from torquebench.compensation.budget import (
+    ChainSpecification,
+    ReadingBudget,
+    ReadingConditions,
+    StreamUncertainty,
+)
 from torquebench.compensation.checks import OutlierWarning, PointsReducedWarning, WildPoint
+from torquebench.compensation.design import Proposal, propose_points
+from torquebench.compensation.export import EXPORTS, export_table
 from torquebench.compensation.gaussian_process import GaussianProcessModel
 from torquebench.compensation.hybrid import HybridModel
+from torquebench.compensation.hysteresis import HistoryCompensator, HysteresisOperator, LiveTorque
 from torquebench.compensation.model_file import (
     Provenance,
     StoredModel,
@@ -34,35 +44,49 @@ from torquebench.compensation.selection import (
     compare,
 )
 from torquebench.compensation.spline import SplineModel
+from torquebench.compensation.table import CompensationTable, compile_table
 
 __all__ = [
     "CANDIDATES",
+    "EXPORTS",
     "FEATURES",
     "MODELS",
     "RECOMMENDED",
     "BayesianNetworkModel",
+    "ChainSpecification",
     "Comparison",
     "CompensationModel",
+    "CompensationTable",
     "GaussianProcessModel",
+    "HistoryCompensator",
     "HybridModel",
+    "HysteresisOperator",
+    "LiveTorque",
     "ModelScore",
     "NoiseFloor",
     "OutlierWarning",
     "PhysicsModel",
     "PointsReducedWarning",
     "PolynomialModel",
+    "Proposal",
     "Provenance",
     "PublishedNetworkModel",
     "RadialBasisModel",
+    "ReadingBudget",
+    "ReadingConditions",
     "SplineModel",
     "StoredModel",
+    "StreamUncertainty",
     "WildPoint",
     "compare",
+    "compile_table",
+    "export_table",
     "feature_column",
     "features",
     "load_model",
     "make_model",
     "noise_floor",
+    "propose_points",
     "repeat_groups",
     "save_model",
 ]
