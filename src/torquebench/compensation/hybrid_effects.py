@@ -33,19 +33,19 @@ from torquebench.compensation.state import storable
 __all__ = ["Dictionary", "Effect", "EffectPoints", "make_dictionary"]
 
 _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
-_STEP_WIDTHS = np.array([0.003, 0.008, 0.02, 0.05])
+_STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
 _SIDELESS = 5e-4
 _SCALES = {
     "loop": (1e-4, 4e-4),
     "step": (1.5e-4, 6e-4),
-    "ripple": (7e-5, 3e-4),
+    "ripple": (1.5e-4,),
     "bump": (1e-4, 4e-4),
     "offset": (3e-4,),
 }
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
-_LOOP_DIFFERENCE = 0.3  # how much loops of both directions differ
+_LOOP_DIFFERENCE = 0.2  # how much loops of both directions differ
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ def make_effects(
     scales = {name: prior_scale * np.array(pair) for name, pair in _SCALES.items()}
     clocks, loops = len(points.elapsed), len(dictionary.loop_shapes)
     # none, odd loop, even loop, odd loop with drift, drift alone
-    share = np.array([0.15, 0.25, 0.10, 0.30, 0.20] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
+    share = np.array([0.20, 0.30, 0.10, 0.24, 0.16] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
     counts = [loops, loops, loops * clocks, clocks]
     loop_prior = np.repeat(share[1:] / np.maximum(counts, 1), counts)
     ripple_prior = 1.0 / dictionary.frequencies
@@ -256,7 +256,7 @@ def make_effects(
         Effect("step", step, scales["step"], *_prior(np.ones(len(step)), 0.2)),
         Effect("ripple", ripple, scales["ripple"], *_prior(ripple_prior, 0.4)),
         Effect("bump", bump, scales["bump"], *_prior(dictionary.bump_widths, 0.4), copies=3),
-        Effect("offset", offset, scales["offset"], *_prior(np.ones(1), 0.6)),
+        Effect("offset", offset, scales["offset"], *_prior(np.ones(1), 0.75)),
     ]
 
 
