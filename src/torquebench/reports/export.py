@@ -108,12 +108,18 @@ def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun
         f"NOT INTACT: {each}" for each in folder_changes(run.folder, run.manifest_sha256)
     ]
     _copy_originals(export, source)
-    _write_documents(export, source)
-    _write_raw(export, source)
+    for write in (_write_documents, _write_raw):
+        try:
+            write(export, source)
+        except RecordError as error:
+            export.remarks.append(f"UNREADABLE: {error}")
     calibrations = [each for each in registry.calibrations() if each.run_id == run.run_id]
     _write_registry(export, registry, run, calibrations)
     for calibration in calibrations:
-        _write_calibration(export, source, calibration)
+        try:
+            _write_calibration(export, source, calibration)
+        except (InputError, RecordError) as error:
+            export.remarks.append(f"UNREADABLE: {error}")
         _write_models(export, registry, calibration)
         _write_certificates(export, registry, calibration)
     if not calibrations:

@@ -27,6 +27,7 @@ from torquebench.records import (
     Report,
     RunFolder,
     RunSummary,
+    calibration_changes,
     folder_changes,
 )
 from torquebench.reports.certificate.record import (
@@ -272,7 +273,10 @@ class _Source:
             model_entry=model_entry,
             model=load_model(model_entry.check_file()).model,
             unsettled=int(folder.results.get("unsettled", 0)),
-            changes=_changed_points(data, calibration),
+            changes=(
+                *_changed_points(data, calibration),
+                *calibration_changes(registry, calibration.calibration_id),
+            ),
         )
 
     def calibration_record(self) -> CalibrationRecord:

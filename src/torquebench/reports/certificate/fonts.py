@@ -2,6 +2,7 @@
 
 import unicodedata
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import typst
@@ -71,10 +72,24 @@ def fonts_for(
         Where a text is Chinese and no font for it is installed.
     """
     if not has_chinese(texts):
-        return typst.Fonts(include_system_fonts=False), [LATIN]
-    found = installed or typst.Fonts()
+        return _fonts(), [LATIN]
+    found = installed or _system_fonts()
     family = chinese_family(found)
-    folders = {
-        str(Path(font.path).parent) for font in found.fonts() if font.family == family and font.path
-    }
-    return typst.Fonts(include_system_fonts=False, font_paths=sorted(folders)), [LATIN, family]
+    folders = sorted(
+        {
+            str(Path(font.path).parent)
+            for font in found.fonts()
+            if font.family == family and font.path
+        }
+    )
+    return _fonts(*folders), [LATIN, family]
+
+
+@cache
+def _system_fonts() -> typst.Fonts:
+    return typst.Fonts()
+
+
+@cache
+def _fonts(*folders: str) -> typst.Fonts:
+    return typst.Fonts(include_system_fonts=False, font_paths=list(folders))

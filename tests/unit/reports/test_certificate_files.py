@@ -1,0 +1,206 @@
+"""The files of a certificate: reproducible, readable, valid, and told from others."""
+
+import io
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pypdf
+import pytest
+import typst
+from tests.unit.reports.calibrated_bench import calibrated_bench
+
+from torquebench.errors import InputError, RecordError
+from torquebench.records import Registry
+from torquebench.reports.certificate import (
+    CertificateRecord,
+    Issue,
+    build_record,
+    certificate_pdf,
+    certificate_xml,
+    check_certificate,
+    issue_certificate,
+    schema_findings,
+)
+from torquebench.reports.certificate.fonts import fonts_for
+
+DCC = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+
+
+@pytest.fixture
+def registry(tmp_path: Path) -> Iterator[Registry]:
+    with Registry.open(tmp_path / "data") as opened:
+        yield opened
+
+
+@pytest.fixture
+def short(record: CertificateRecord) -> CertificateRecord:
+    """The same in one language."""
+    return replace(record, languages=("en",))
+
+
+@pytest.fixture
+def record(registry: Registry) -> CertificateRecord:
+    issue = Issue(["A. Boss", "B. Boss"], languages=("de", "en", "zh"), issued=date(2026, 3, 5))
+    return build_record(registry, calibrated_bench(registry).calibration, issue)
+
+
+def pages(pdf: bytes) -> list[str]:
+    return [page.extract_text() for page in pypdf.PdfReader(io.BytesIO(pdf)).pages]
+
+
+@pytest.mark.parametrize(
+    ("language", "title", "counted", "simulated"),
+    [
+        ("en", "Calibration certificate", "Page {} of {}", "SIMULATED"),
+        ("de", "Kalibrierschein", "Seite {} von {}", "SIMULIERT"),
+        ("zh", "校准证书", "第 {} 页，共 {} 页", "模拟数据"),
+    ],
+)
+def test_pdf_says_on_every_page_what_it_is(
+    record: CertificateRecord, language: str, title: str, counted: str, simulated: str
+) -> None:
+    text = pages(certificate_pdf(record, language))
+    assert len(text) == 3
+    for number, page in enumerate(text, start=1):
+        assert record.number in page
+        assert simulated in page
+        assert counted.format(number, len(text)).replace(" ", "") in page.replace(" ", "")
+    assert title in text[0]
+    whole = "".join(text)
+    for stated in ("T-7", "CAL-3", "PTB-12345", "rapid-in-situ", "M. Weber", "A. Boss, B. Boss"):
+        assert stated in whole
+    assert record.registry_head.replace(":", "")[-20:] in "".join(whole.split()).replace(
+        "\u200b", ""
+    )
+
+
+def test_same_record_gives_the_same_bytes(record: CertificateRecord) -> None:
+    again = CertificateRecord.from_json(record.to_json())
+    assert certificate_pdf(record, "de") == certificate_pdf(again, "de")
+    assert certificate_xml(record) == certificate_xml(again)
+    other = replace(record, issued=date(2026, 3, 6))
+    assert certificate_pdf(other, "de") != certificate_pdf(record, "de")
+
+
+def test_pdf_embeds_its_fonts_and_carries_the_records_date(record: CertificateRecord) -> None:
+    reader = pypdf.PdfReader(io.BytesIO(certificate_pdf(record, "zh")))
+    assert reader.metadata is not None
+    assert reader.metadata.creation_date is not None
+    assert reader.metadata.creation_date.date() == record.issued
+    assert record.payload in str(reader.metadata.get("/Keywords"))
+    descendants = [
+        font["/DescendantFonts"][0]["/FontDescriptor"]
+        for page in reader.pages
+        for font in (each.get_object() for each in page["/Resources"]["/Font"].values())
+    ]
+    assert descendants
+    assert all({"/FontFile2", "/FontFile3"} & set(each) for each in descendants)
+    names = {str(each["/FontName"]) for each in descendants}
+    assert any("Libertinus" in name for name in names)
+    assert any("CJK" in name for name in names)
+
+
+def test_missing_chinese_font_names_the_debian_package(record: CertificateRecord) -> None:
+    bare = typst.Fonts(include_system_fonts=False)
+    with pytest.raises(InputError, match="fonts-noto-cjk"):
+        certificate_pdf(record, "zh", bare)
+    # A Chinese name needs the font in a German certificate too; German alone needs none.
+    named = replace(record, measured_by="王伟")
+    with pytest.raises(InputError, match="fonts-noto-cjk"):
+        certificate_pdf(named, "de", bare)
+    assert fonts_for(["Drehmoment"], bare)[1] == ["Libertinus Serif"]
+
+
+def test_xml_passes_schema_and_schematron(record: CertificateRecord) -> None:
+    assert schema_findings(certificate_xml(record)) == ()
+    draft = replace(record, draft=True, authorised_by=(), temperature_c=None, languages=("zh",))
+    assert schema_findings(certificate_xml(draft)) == ()
+    followed = replace(record, supersedes="TB-1", software_version="1.2.dev3", checked_by="K. S")
+    assert schema_findings(certificate_xml(followed)) == ()
+
+
+def test_schema_check_finds_what_is_wrong(record: CertificateRecord) -> None:
+    xml = certificate_xml(record)
+    assert "schema, line" in str(schema_findings(xml.replace(b"coreData", b"coreDatum")))
+    assert "schematron" in str(schema_findings(xml.replace(b">AQ<", b">XX<")))
+    assert "no XML" in str(schema_findings(xml[: len(xml) // 2]))
+
+
+def test_xml_states_the_numbers_of_the_record(record: CertificateRecord) -> None:
+    root = ElementTree.fromstring(certificate_xml(record))
+    assert root.findtext(".//dcc:uniqueIdentifier", namespaces=DCC) == record.number
+    conformities = root.findall(".//dcc:conformityXMLList", DCC)
+    verdicts = [verdict for each in conformities for verdict in str(each.text).split()]
+    assert len(verdicts) == len(record.results)
+    stated = root.findall(".//si:valueExpandedMUXMLList", DCC)
+    digits = [
+        text.replace(".", "").strip("0") for each in stated for text in str(each.text).split()
+    ]
+    assert len(digits) == 2 * len(record.results)
+    assert max(map(len, digits)) <= 2
+    tables = root.findall(".//dcc:measurementResult", DCC)
+    assert len(tables) == 4  # either direction, rising and falling
+
+
+# Issued and checked
+
+
+def test_issued_files_match_and_others_do_not(
+    registry: Registry, record: CertificateRecord, tmp_path: Path
+) -> None:
+    issued = issue_certificate(registry, record, tmp_path / "out")
+    assert len(issued.files) == 5
+    for path in issued.files:
+        found = check_certificate(registry, str(path))
+        assert found.matches, found.findings
+        assert found.number == record.number
+        assert found.schema == ("valid" if path.suffix == ".xml" else "")
+    assert check_certificate(registry, record.payload).matches
+    for suffix in (".pdf", ".xml", ".json"):
+        path = next(each for each in issued.files if each.suffix == suffix)
+        path.write_bytes(path.read_bytes() + b" ")
+        assert not check_certificate(registry, str(path)).matches
+
+
+def test_forged_code_and_foreign_file_do_not_match(
+    registry: Registry, short: CertificateRecord, tmp_path: Path
+) -> None:
+    issue_certificate(registry, short)
+    forged = short.payload[:-1] + ("0" if short.payload[-1] != "0" else "1")
+    assert "record has SHA-256" in str(check_certificate(registry, forged).findings)
+    unknown = short.payload.replace(short.number, "TB-0")
+    assert "no certificate TB-0" in str(check_certificate(registry, unknown).findings)
+    foreign = tmp_path / "foreign.pdf"
+    foreign.write_bytes(b"%PDF-1.7")
+    assert "states no number" in str(check_certificate(registry, str(foreign)).findings)
+    with pytest.raises(InputError, match="no file and no code"):
+        check_certificate(registry, "nowhere.pdf")
+
+
+def test_second_certificate_replaces_the_first(
+    registry: Registry, short: CertificateRecord
+) -> None:
+    first = issue_certificate(registry, short)
+    calibration = registry.calibration(short.calibration_id)
+    second = build_record(registry, calibration, Issue(["A. Boss"]))
+    assert second.supersedes == first.record.number
+    assert second.number != first.record.number
+    issue_certificate(registry, second)
+    assert check_certificate(registry, short.payload).replaced_by == second.number
+
+
+def test_number_is_given_once_and_files_are_never_overwritten(
+    registry: Registry, short: CertificateRecord, tmp_path: Path
+) -> None:
+    (tmp_path / f"{short.number}.xml").write_text("mine")
+    with pytest.raises(InputError, match="exists"):
+        issue_certificate(registry, short, tmp_path)
+    assert registry.certificates() == []
+    issue_certificate(registry, short)
+    with pytest.raises(RecordError, match="is issued"):
+        issue_certificate(registry, short, tmp_path / "other")
+    with pytest.raises(RecordError, match="draft"):
+        issue_certificate(registry, replace(short, draft=True, number="D-1"))

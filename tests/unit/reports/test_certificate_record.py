@@ -1,0 +1,229 @@
+"""From a registered calibration to the record of its certificate, and what is refused."""
+
+import json
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.unit.reports.calibrated_bench import calibrated_bench, points
+
+from torquebench.calibration import load_profile
+from torquebench.compensation import make_model
+from torquebench.errors import InputError, RecordError
+from torquebench.records import Registry
+from torquebench.reports.certificate import (
+    CertificateRecord,
+    Issue,
+    build_record,
+    calibration_of,
+    read_letterhead,
+)
+from torquebench.reports.certificate.labels import labels_of, rounded
+from torquebench.reports.certificate.record import Party
+from torquebench.reports.certificate.results import evaluate_results
+from torquebench.uncertainty import Verdict
+
+ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5))
+
+
+@pytest.fixture
+def registry(tmp_path: Path) -> Iterator[Registry]:
+    with Registry.open(tmp_path) as opened:
+        yield opened
+
+
+def test_record_states_item_method_people_dates_and_hashes(registry: Registry) -> None:
+    bench = calibrated_bench(registry, due=date(2027, 1, 15))
+    registry.review("calibrations", bench.calibration.calibration_id, checked_by="K. Sommer")
+
+    record = build_record(registry, bench.calibration, ISSUE)
+
+    assert (record.item.serial, record.item.manufacturer, record.item.range_nm) == (
+        "T-7",
+        "HBK",
+        2000.0,
+    )
+    assert (record.method.name, record.method.verified) == ("rapid-in-situ", False)
+    assert record.method.sha256 == bench.calibration.profile_sha256
+    assert (record.reference.certificate_number, record.reference.due) == (
+        "PTB-12345",
+        date(2027, 1, 15),
+    )
+    assert (record.measured_by, record.checked_by, record.authorised_by) == (
+        "M. Weber",
+        "K. Sommer",
+        ("A. Boss",),
+    )
+    assert (record.calibrated_from, record.issued) == (date(2026, 3, 2), date(2026, 3, 5))
+    assert record.simulated
+    assert record.temperature_c == pytest.approx((23.0, 23.2))
+    manifest = json.loads((bench.folder / "manifest.json").read_text())
+    assert record.files["events.jsonl"] == manifest["files"]["events.jsonl"]["sha256"]
+    assert record.files["calibration points"] == bench.calibration.data_sha256
+
+
+def test_compensation_shows_beside_the_raw_error_at_every_step(registry: Registry) -> None:
+    record = build_record(registry, calibrated_bench(registry).calibration, ISSUE)
+    before = max(abs(row.error_before_nm) for row in record.results)
+    after = max(abs(row.error_after_nm) for row in record.results)
+    assert len(record.results) == 20
+    assert before > 10.0
+    assert after < 2.0
+    torques = [row.torque_nm for row in record.results]
+    assert torques == sorted(torques)
+    # The zeros after either direction lie on different loops and stay apart.
+    assert [np.signbit(torque) for torque in torques if torque == 0.0] == [True, False]
+
+
+def test_budget_adds_up_to_the_stated_uncertainty(registry: Registry) -> None:
+    record = build_record(registry, calibrated_bench(registry).calibration, ISSUE)
+    combined = np.sqrt(sum(line.standard_uncertainty_nm**2 for line in record.budget))
+    row = record.results[record.budget_step]
+    assert row.expanded_after_nm == pytest.approx(row.factor_after * combined)
+    assert row.expanded_after_nm == max(each.expanded_after_nm for each in record.results)
+    assert sum(line.share for line in record.budget) == pytest.approx(1.0)
+    reference = next(line for line in record.budget if line.name == "reference")
+    assert reference.standard_uncertainty_nm == pytest.approx(0.2)  # 0.02 % of 2000 N·m, k = 2
+
+
+def test_repeated_series_bring_their_scatter_and_average(registry: Registry) -> None:
+    profile = load_profile("rapid-in-situ").with_options(step_percent=20.0, repeats=4)
+    data = points(profile, simulated=True, temperature_drift_k=0.0)
+    model = make_model("polynomial", degree=2, range_nm=2000.0)
+    model.fit(data.features(2), data.standard_nm)
+    results = evaluate_results(data, model, reference_percent=0.02, tolerance_percent_fs=0.1)
+    assert {row.readings for row in results.rows} == {4}
+    repeatability = results.budget[0]
+    assert repeatability.degrees_of_freedom == pytest.approx(3 * 20)
+    assert repeatability.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "verdict"),
+    [(1.0, Verdict.PASS), (0.004, Verdict.CONDITIONAL_FAIL)],
+    ids=["wide", "narrow"],
+)
+def test_verdict_is_the_worst_of_all_steps(
+    registry: Registry, tolerance: float, verdict: Verdict
+) -> None:
+    bench = calibrated_bench(registry)
+    issue = Issue(["A. Boss"], tolerance_percent_fs=tolerance)
+    record = build_record(registry, bench.calibration, issue)
+    assert record.conformity.verdict is verdict
+    assert sum(record.conformity.counts.values()) == len(record.results)
+    assert any(row.verdict is verdict for row in record.results)
+
+
+def test_record_is_read_back_as_it_was_written(registry: Registry) -> None:
+    record = build_record(registry, calibrated_bench(registry).calibration, ISSUE)
+    again = CertificateRecord.from_json(record.to_json())
+    assert again == record
+    assert again.sha256 == record.sha256
+    assert record.payload.endswith(f";{record.number};{record.sha256}")
+    with pytest.raises(RecordError, match="can't be read"):
+        CertificateRecord.from_json("{}")
+
+
+# Refusals
+
+
+def test_real_calibration_needs_a_laboratory_and_a_standard_in_date(registry: Registry) -> None:
+    bench = calibrated_bench(registry, simulated=False, due=date(2026, 1, 31))
+    with pytest.raises(InputError, match="without a laboratory"):
+        build_record(registry, bench.calibration, ISSUE)
+    named = Issue(["A. Boss"], laboratory=Party("Lab", city="Ulm", country="DE"))
+    with pytest.raises(RecordError, match=r"expired on 2026-01-31 .*clause reference.in_date"):
+        build_record(registry, bench.calibration, named)
+
+
+def test_deviation_is_carried_where_the_profile_says_so(registry: Registry) -> None:
+    bench = calibrated_bench(registry, temperature_drift_k=1.5)
+    record = build_record(registry, bench.calibration, ISSUE)
+    clauses = [each.clause for each in record.deviations]
+    assert clauses == ["environment.temperature_drift_k"]
+
+
+def test_changed_run_is_refused(registry: Registry) -> None:
+    bench = calibrated_bench(registry)
+    path = bench.folder / "results.json"
+    path.write_text(path.read_text().replace('"unsettled": 0', '"unsettled": 1'))
+    with pytest.raises(RecordError, match=r"results\.json was changed after sealing"):
+        build_record(registry, bench.calibration, ISSUE)
+
+
+def test_changed_model_is_refused(registry: Registry) -> None:
+    bench = calibrated_bench(registry)
+    next((registry.root / "models").iterdir()).write_text("{}")
+    with pytest.raises(RecordError, match="was changed after it was registered"):
+        build_record(registry, bench.calibration, ISSUE)
+
+
+def test_unsealed_run_is_refused(registry: Registry) -> None:
+    bench = calibrated_bench(registry, seal=False)
+    with pytest.raises(RecordError, match="isn't sealed"):
+        build_record(registry, bench.calibration, ISSUE)
+    with pytest.raises(RecordError, match="isn't sealed"):
+        calibration_of(registry, bench.run_id)
+
+
+def test_nobody_authorising_is_refused(registry: Registry) -> None:
+    bench = calibrated_bench(registry)
+    with pytest.raises(InputError, match="nobody authorises"):
+        build_record(registry, bench.calibration, Issue([" "]))
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[laboratory]\nname = 'Lab'\ncity = 'Ulm'\ncountry = 'Germany'\n", "laboratory.country"),
+        ("[laboratory]\ncity = 'Ulm'\ncountry = 'DE'\n", "laboratory.name"),
+        ("name = ", "laboratory.toml"),
+    ],
+)
+def test_letterhead_names_the_key(tmp_path: Path, text: str, named: str) -> None:
+    path = tmp_path / "laboratory.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=named.replace(".", r"\.")):
+        read_letterhead(path)
+
+
+def test_laboratory_is_its_own_customer_where_none_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "laboratory.toml"
+    path.write_text("[laboratory]\nname = '扭矩实验室'\ncity = '苏州'\ncountry = 'CN'\n")
+    laboratory, customer = read_letterhead(path).parties
+    assert laboratory == customer
+    assert laboratory.name == "扭矩实验室"
+
+
+# Numbers
+
+
+@given(st.floats(1e-9, 1e9))
+def test_uncertainty_has_at_most_two_significant_digits(value: float) -> None:
+    shown, decimals = rounded(value)
+    text = f"{shown:.{decimals}f}" if shown < 10.0 else f"{shown:g}"
+    digits = text.split("e")[0].replace(".", "").strip("0")
+    assert len(digits) <= 2
+    assert shown == pytest.approx(value, rel=0.051)
+
+
+def test_value_ends_at_the_place_of_its_uncertainty() -> None:
+    assert labels_of("en").pair(12.3456, 0.0823) == ("12.346", "0.082")
+    assert labels_of("de").pair(-12.3456, 1.26) == ("−12,3", "1,3")
+    assert labels_of("zh").pair(-0.0004, 0.26) == ("0.00", "0.26")
+
+
+def test_every_word_exists_in_every_language_with_the_same_gaps() -> None:
+    import re
+    import tomllib
+    from importlib import resources
+
+    text = (resources.files("torquebench.reports.certificate") / "labels.toml").read_text("utf-8")
+    for key, words in tomllib.loads(text).items():
+        assert set(words) == {"en", "de", "zh"}, key
+        gaps = {frozenset(re.findall(r"{\w+}", word)) for word in words.values()}
+        assert len(gaps) == 1, key
