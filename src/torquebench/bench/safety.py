@@ -38,6 +38,9 @@ __all__ = ["Alarm", "AlarmKind", "SafetySupervisor"]
 WATCH_PERIOD_S = 0.05
 UNLOAD_SETTLING_S = 0.2
 """How long shafts and drives swing after an orderly ramp to zero, s of bench time."""
+FAST_PATIENCE = 15.0
+"""How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
+
 ROUNDING_S = 1e-6
 RPM = 60.0 / (2.0 * np.pi)
 
@@ -437,6 +440,8 @@ class SafetySupervisor:
 
     def _watch(self) -> None:
         stall_s = self._description.safety.stall_s
+        if self._clock.fast:  # bench time stands while the machine is busy with something else
+            stall_s *= FAST_PATIENCE
         while not self._closing.wait(WATCH_PERIOD_S):
             busy_since = self._busy_since
             stalled = busy_since is not None and time.monotonic() - busy_since > stall_s
