@@ -27,11 +27,11 @@ from torquebench.records.integrity import (
     Finding,
     IntegrityReport,
     anchor_of,
+    calibration_changes,
     check_records,
     folder_changes,
 )
 from torquebench.records.raw_stream import RawReading
-from torquebench.records.recorded import RecordedCalibration, recorded_calibration
 from torquebench.records.registry import Registry
 from torquebench.records.run_folder import MANIFEST, Recovery, RunFolder, RunWriter, new_run_id
 from torquebench.records.tables import (
@@ -62,7 +62,6 @@ __all__ = [
     "ModelEntry",
     "RawReading",
     "ReadingsTable",
-    "RecordedCalibration",
     "Recovery",
     "Registry",
     "Report",
@@ -73,6 +72,7 @@ __all__ = [
     "VerificationEntry",
     "Zeroing",
     "anchor_of",
+    "calibration_changes",
     "calibration_csv",
     "check_records",
     "folder_changes",
@@ -80,7 +80,6 @@ __all__ = [
     "new_run_id",
     "read_calibration_csv",
     "read_readings_csv",
-    "recorded_calibration",
     "sha256_of_file",
     "write_atomically",
     "write_calibration_csv",

@@ -7,20 +7,29 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from torquebench.errors import InputError, RecordError
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
 from torquebench.records.database import Database, content_of
 from torquebench.records.files import sha256_of_file
 from torquebench.records.run_folder import MANIFEST, RunFolder
-from torquebench.records.schema import Base, LinkRow, ModelRow, ReportRow, RunEndRow, RunRow
+from torquebench.records.schema import (
+    Base,
+    CalibrationRow,
+    LinkRow,
+    ModelRow,
+    ReportRow,
+    RunEndRow,
+    RunRow,
+)
 
 __all__ = [
     "Finding",
     "IntegrityReport",
     "anchor_of",
+    "calibration_changes",
     "check_records",
-    "check_rows_of",
     "folder_changes",
 ]
 
@@ -152,10 +161,7 @@ class _Check:
         self.compared = 0
         with registry.session() as session:
             query = select(LinkRow).order_by(LinkRow.sequence)
-            self.links = [
-                Link(**{name: getattr(row, name) for name in Link.__dataclass_fields__})
-                for row in session.scalars(query)
-            ]
+            self.links = [_link(row) for row in session.scalars(query)]
         self.anchors: list[tuple[ChainHead, str]] = []
 
     def chain(self) -> Iterator[Finding]:
@@ -185,14 +191,7 @@ class _Check:
                 if link is None:
                     yield Finding("added", where)
                     continue
-                try:
-                    entered = json.loads(link.content)
-                except json.JSONDecodeError:
-                    yield Finding("chain", where, found="its entry in the chain can't be read")
-                    continue
-                present = json.loads(canonical(content_of(row)))
-                for name, before, now in changed_fields(entered, present):
-                    yield Finding("changed", where, name, repr(now), repr(before))
+                yield from _differences(row, link)
                 session.expunge(row)
         for key in links:
             yield Finding("removed", f"{table} {key}")
@@ -251,14 +250,66 @@ class _Check:
                 )
 
 
-def check_rows_of(registry: Database, run_id: str, calibration_id: int) -> list[str]:
-    """Return what was changed in the rows of one calibration and its run."""
+def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, ...]:
+    """Return what was changed in the rows that a calibration's certificate rests on.
+
+    Those of the calibration, its run, its chain and its standard, their certificates, and the
+    models that were fitted to it: a few rows, however long the registry is.
+
+    Raises
+    ------
+    RecordError
+        Where there is no such calibration.
+    """
     with registry.session() as session:
-        key = session.scalar(select(RunRow.id).where(RunRow.run_id == run_id))
-        end = session.scalar(select(RunEndRow.id).where(RunEndRow.run_key == key))
-    wanted = {f"runs {key}", f"run_ends {end}", f"calibrations {calibration_id}"}
-    found = check_records(registry, folders=False).findings
-    return [str(each) for each in found if each.where in wanted]
+        row = session.get(CalibrationRow, calibration_id)
+        if row is None:
+            raise RecordError(
+                f"calibration {calibration_id} isn't registered", "a registered calibration"
+            )
+        rows: list[Any] = [row, row.run, row.transducer, row.counter, row.standard]
+        for query in (
+            select(RunEndRow).where(RunEndRow.run_key == row.run_key),
+            select(ModelRow).where(ModelRow.calibration_key == row.id),
+            select(ReportRow).where(ReportRow.equipment_key == row.standard_key),
+        ):
+            rows += session.scalars(query)
+        found: list[str] = []
+        for each in rows:
+            if each is not None:
+                found += _row_changes(session, each)
+        return tuple(found)
+
+
+def _row_changes(session: Session, row: Any) -> Iterator[str]:
+    table = row.__tablename__
+    entered = session.scalar(select(LinkRow).where(LinkRow.table == table, LinkRow.key == row.id))
+    where = f"{table} {row.id}"
+    if entered is None:
+        yield str(Finding("added", where))
+        return
+    link = _link(entered)
+    if link.sha256 != link.expected_sha256():
+        what = f"entry {link.sequence} doesn't have the hash that it was sealed with"
+        yield str(Finding("chain", where, found=what))
+    for finding in _differences(row, link):
+        yield str(finding)
+
+
+def _link(row: LinkRow) -> Link:
+    return Link(**{name: getattr(row, name) for name in Link.__dataclass_fields__})
+
+
+def _differences(row: Any, link: Link) -> Iterator[Finding]:
+    where = f"{row.__tablename__} {row.id}"
+    try:
+        entered = json.loads(link.content)
+    except json.JSONDecodeError:
+        yield Finding("chain", where, found="its entry in the chain can't be read")
+        return
+    present = json.loads(canonical(content_of(row)))
+    for name, before, now in changed_fields(entered, present):
+        yield Finding("changed", where, name, repr(now), repr(before))
 
 
 def folder_changes(path: Path, manifest_sha256: str) -> list[str]:

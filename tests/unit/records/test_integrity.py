@@ -18,6 +18,7 @@ from torquebench.records import (
     RunSummary,
     Zeroing,
     anchor_of,
+    calibration_changes,
     check_records,
 )
 from torquebench.records.schema import Base, LinkRow, RunRow
@@ -269,3 +270,23 @@ def test_a_failed_transaction_leaves_neither_rows_nor_links(filled):
 def test_a_chain_end_that_is_none_is_refused(noted):
     with pytest.raises(InputError, match="chain end"):
         anchor_of(noted)
+
+
+def test_what_a_certificate_rests_on_is_checked_without_the_rest(filled, unguarded):
+    (entry,) = filled.calibrations()
+    assert calibration_changes(filled, entry.calibration_id) == ()
+    with unguarded.begin() as connection:
+        connection.execute(text("UPDATE reviews SET checked_by = 'Eve'"))  # no part of it
+        connection.execute(text("UPDATE models SET range_nm = 11"))
+        connection.execute(text("UPDATE reports SET due = '2031-01-01'"))
+        connection.execute(text("DELETE FROM chain WHERE \"table\" = 'run_ends'"))
+        connection.execute(text("UPDATE chain SET recorded = 'now' WHERE \"table\" = 'runs'"))
+    found = calibration_changes(filled, entry.calibration_id)
+    assert [change.partition(":")[0] for change in found] == [
+        "runs 1",
+        "run_ends 1",
+        "models 1, range_nm",
+        "reports 1, due",
+    ]
+    with pytest.raises(RecordError, match="calibration 7 isn't registered"):
+        calibration_changes(filled, 7)
