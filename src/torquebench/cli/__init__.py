@@ -11,6 +11,7 @@ import typer
 
 from torquebench.cli import (
     calibrate,
+    certificate,
     check_standard,
     demo,
     doctor,
@@ -32,7 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _group in (demo, calibrate, check_standard, models, measure, doctor):
+for _group in (demo, calibrate, check_standard, certificate, models, measure, doctor):
     _group.register(app)
 app.add_typer(records.app)
 app.add_typer(evaluate.app)
