@@ -8,11 +8,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from torquebench.records import Registry, RunSummary, check_records
+from torquebench.records import Registry, check_records
+from torquebench.records.schema import RunEndRow, RunRow
 
 BATCH = 5000
 REPEATS = 20
@@ -21,24 +21,38 @@ REPEATS = 20
 def fill(registry: Registry, folder: Path, runs: int) -> None:
     """Enter finished runs, all chained, in batches of one transaction."""
     start = datetime(2025, 1, 31, tzinfo=UTC)
-    first = RunSummary("", "calibrate-output", start, True, "0.1.0", folder, status="completed")
     kinds = ("calibrate-output", "verify-output", "zero", "no-load-friction")
     for begin in range(0, runs, BATCH):
-        with registry.writing():
-            for number in range(begin, min(begin + BATCH, runs)):
-                moment = start + timedelta(minutes=number)
-                registry.add_run(
-                    replace(
-                        first,
-                        run_id=f"run-{number:07}",
-                        kind=kinds[number % len(kinds)],
-                        started=moment,
-                        finished=moment,
-                        folder=folder / "runs" / f"run-{number:07}",
-                        operator="Ana",
-                        bench="Bench 1",
-                    )
+        numbers = range(begin, min(begin + BATCH, runs))
+        with registry.writing() as session:
+            begun = [
+                RunRow(
+                    run_id=f"run-{number:07}",
+                    kind=kinds[number % len(kinds)],
+                    started=start + timedelta(minutes=number),
+                    side="output",
+                    operator="Ana",
+                    bench="Bench 1",
+                    simulated=True,
+                    profile_name="rapid-in-situ",
+                    profile_sha256="ab" * 32,
+                    software_version="0.1.0",
+                    folder=registry.stored(folder / "runs" / f"run-{number:07}"),
                 )
+                for number in numbers
+            ]
+            session.add_all(begun)
+            session.flush()
+            session.add_all(
+                RunEndRow(
+                    run_key=run.id,
+                    finished=run.started,
+                    status="completed",
+                    reason="",
+                    manifest_sha256="cd" * 32,
+                )
+                for run in begun
+            )
 
 
 def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
@@ -74,9 +88,8 @@ def measure(folder: Path, url: str | None, runs: int) -> None:
         begin = time.perf_counter()
         report = check_records(registry, folders=False)
         assert report.intact
-        print(
-            f"  verify {report.records} records along the chain: {time.perf_counter() - begin:.1f} s"
-        )
+        took = time.perf_counter() - begin
+        print(f"  verify {report.records} records along the chain: {took:.1f} s")
 
 
 def main() -> None:

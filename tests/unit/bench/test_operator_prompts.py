@@ -39,9 +39,9 @@ def test_the_first_answer_of_two_doors_counts():
 def test_every_door_hears_every_question_also_one_that_waits_already():
     desk = PromptDesk()
     heard = {"terminal": threading.Event(), "panel": threading.Event()}
-    with desk.watching(lambda prompt: heard["terminal"].set()):
+    with desk.watching(lambda _prompt: heard["terminal"].set()):
         thread, _ = asked(desk, lambda: desk.ask("Rotate to 120°."))
-        with desk.watching(lambda prompt: heard["panel"].set()):
+        with desk.watching(lambda _prompt: heard["panel"].set()):
             assert all(event.wait(10.0) for event in heard.values())
         desk.answer(desk.pending.number, done=True)
         thread.join()
