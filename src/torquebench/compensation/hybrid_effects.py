@@ -38,8 +38,8 @@ _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
 _SIDELESS = 5e-4
 _SCALES = {
-    "loop": (1e-4, 4e-4),
-    "step": (1.5e-4, 6e-4),
+    "loop": (1e-4, 4e-4, 3e-3),
+    "step": (1.5e-4, 6e-4, 4e-3),
     "ripple": (1.5e-4,),
     "bump": (1e-4, 4e-4),
     "offset": (3e-4,),
