@@ -14,7 +14,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.records import Registry, RunSummary
 
-__all__ = ["register"]
+__all__ = ["find_run", "register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -32,14 +32,15 @@ def export(
     from torquebench.reports.export import export_run
 
     with Registry.open(data_directory(data)) as registry:
-        exported = export_run(registry, _find(registry, run), out)
+        exported = export_run(registry, find_run(registry, run), out)
     for remark in exported.remarks:
         warn(remark)
     say(f"{len(exported.files)} files")
     typer.echo(str(exported.folder))
 
 
-def _find(registry: Registry, name: str) -> RunSummary:
+def find_run(registry: Registry, name: str) -> RunSummary:
+    """Return the run of this name, beginning of a name, or `latest`."""
     found = registry.runs(limit=1) if name == "latest" else registry.runs_beginning(name, limit=2)
     if len(found) == 1 or (found and found[0].run_id == name):
         return found[0]

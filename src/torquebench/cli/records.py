@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli import drift, export, record_checks
+from torquebench.cli import drift, export, export_data, record_checks
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError, RecordError
@@ -28,6 +28,7 @@ app = typer.Typer(
 
 record_checks.register(app)
 export.register(app)
+export_data.register(app)
 drift.register(app)
 
 

@@ -1,0 +1,60 @@
+"""`torquebench records export-data`: a run's streams for other programs."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from torquebench.cli.console import say
+from torquebench.cli.export import find_run
+from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
+
+__all__ = ["register"]
+
+
+class Format(StrEnum):
+    """Formats of streams."""
+
+    csv = "csv"
+    parquet = "parquet"
+    hdf5 = "hdf5"
+    tdms = "tdms"
+    mdf4 = "mdf4"
+
+
+class StreamName(StrEnum):
+    """Streams of a run."""
+
+    samples = "samples"
+    edges = "edges"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("export-data")(export_data)
+
+
+def export_data(
+    run: Annotated[str, typer.Argument(help="A run's id or its beginning, or `latest`.")],
+    out: Annotated[Path, typer.Option(help="File to write.")],
+    file_format: Annotated[
+        Format, typer.Option("--format", help="TDMS, MDF4 and HDF5 need the extra of their name.")
+    ] = Format.csv,
+    stream: Annotated[
+        StreamName, typer.Option(help="Torque, angle, speed, temperature; or every edge.")
+    ] = StreamName.samples,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Write a run's samples or edges as CSV, Parquet, HDF5, TDMS or MDF4, with units."""
+    from torquebench.records import Registry, RunFolder
+    from torquebench.records.stream_export import export_streams
+
+    check_output(out)
+    with Registry.open(data_directory(data)) as registry:
+        folder = RunFolder.open(find_run(registry, run).folder)
+    export_streams(folder, out, file_format.value, stream.value)
+    say(f"{stream.value} of {folder.run_id} as {file_format.value}")
+    typer.echo(str(out))
