@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from datetime import date
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
-from torquebench.calibration import load_profile
-from torquebench.compensation import make_model
+from torquebench.calibration import load_profile, verify
+from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Registry
 from torquebench.reports.certificate import (
@@ -126,6 +126,26 @@ def test_record_is_read_back_as_it_was_written(registry: Registry) -> None:
     assert record.payload.endswith(f";{record.number};{record.sha256}")
     with pytest.raises(RecordError, match="can't be read"):
         CertificateRecord.from_json("{}")
+
+
+def test_verification_at_fresh_points_is_stated(registry: Registry) -> None:
+    bench = calibrated_bench(registry, simulated=False, due=date(2027, 1, 15))
+    issue = Issue(["A. Boss"], laboratory=Party("Lab", city="Ulm", country="DE"))
+    assert build_record(registry, bench.calibration, issue).verification is None
+
+    entry = registry.models()[0]
+    profile = load_profile("rapid-in-situ").with_options(step_percent=12.5, repeats=3)
+    fresh = points(profile, simulated=False, temperature_drift_k=0.0)
+    result = verify(fresh, {"polynomial": load_model(entry.file).model})
+    registry.add_verification(entry.model_id, result, performed=datetime(2026, 3, 3, tzinfo=UTC))
+
+    found = build_record(registry, bench.calibration, issue).verification
+    assert found is not None
+    assert (found.performed, found.points, found.groups) == (date(2026, 3, 3), len(fresh), 6)
+    after = result.of("polynomial")
+    assert found.worst_after_nm == after.against_standard.worst_nm < found.worst_before_nm
+    assert after.averaged is not None
+    assert found.averaged_after_nm == after.averaged.worst_nm
 
 
 # Refusals
