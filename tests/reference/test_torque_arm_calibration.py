@@ -118,12 +118,11 @@ def test_models_are_compared_and_none_is_better_than_the_reference_resolves(data
 
     result = compare(table.features(), table.standard_nm, range_nm=RANGE_NM)
     scores = {score.name: score for score in result.scores}
-    line = scores["polynomial-1"]
-    chosen = scores[result.selected]
-    # What cross-validation shows: the curvature is real, and the hysteresis remains for models
-    # that don't look at the branch.
-    assert chosen.rms_nm < line.rms_nm
-    assert result.selected_rms_nm < line.rms_nm
+    # What points left out show: the loop is real, and a model that sees the branch halves the
+    # error of the best one that doesn't; none gets below the reference's resolution.
+    blind = min(score.rms_nm for name, score in scores.items() if name.startswith("polynomial"))
+    assert result.selected == "hybrid"
+    assert result.selected_rms_nm < 0.6 * blind < 0.6 * scores["polynomial-1"].rms_nm
     assert result.selected_rms_nm > REFERENCE_RESOLUTION_NM / np.sqrt(12)
     fitted = summarise_errors(result.model.predict(table.features()), table.standard_nm, RANGE_NM)
     raw = summarise_errors(table.reading_nm, table.standard_nm, RANGE_NM)
