@@ -64,8 +64,8 @@ def with_numpy(ticks: Ticks, window: int, timebase_hz: float) -> Frequencies:
     offset = ticks - number * window
     total = np.add.reduceat(offset, first)
     moment = np.add.reduceat(offset * place, first)
-    # The first and the last window are cut off.
-    return _frequency(count, total, moment, timebase_hz)[1:-1]
+    whole = slice(1, -1)
+    return _frequency(count[whole], total[whole], moment[whole], timebase_hz)
 
 
 def with_numpy_and_search(ticks: Ticks, window: int, timebase_hz: float) -> Frequencies:
@@ -110,9 +110,9 @@ def with_polars(ticks: Ticks, window: int, timebase_hz: float) -> Frequencies:
         )
         .collect()
     )
-    count, total, moment = (sums[name].to_numpy() for name in ("count", "total", "moment"))
-    # The first and the last window are cut off.
-    return _frequency(count, total, moment, timebase_hz)[1:-1]
+    whole = slice(1, -1)
+    count, total, moment = (sums[name].to_numpy()[whole] for name in ("count", "total", "moment"))
+    return _frequency(count, total, moment, timebase_hz)
 
 
 def bits_with_numpy(packed: NDArray[np.uint8]) -> NDArray[np.intp]:

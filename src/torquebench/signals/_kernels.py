@@ -17,7 +17,7 @@ GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
 SUSPECT = 255
 # Distance of the prefetch in edges: well inside the first cache, and far enough ahead of the
 # memory's latency.
-_AHEAD = 2048
+_AHEAD = 1024
 _EDGES_PER_CACHE_LINE = 8
 # Windows whose integers stay in the inner caches until they become frequencies.
 _GROUP = 2048
