@@ -218,8 +218,7 @@ def measure_arrays(size: int, rounds: int) -> list[Aim]:
 def measure_scalars(rounds: int) -> list[Aim]:
     """Compare for one reading from plain Python."""
     table = compiled("hybrid")
-    _, left, right = table.curve.pieces()
-    nodes = np.append(left, right[-1])
+    nodes = table.curve.nodes()
     values = table.torque(nodes)
     reading, calls = 1234.5, 20_000
     statements: dict[str, Callable[[], object]] = {

@@ -85,15 +85,15 @@ def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
     InputError
         When a cubic table would need more than a million rows.
     """
-    _, left, right = table.curve.pieces()
+    edges = table.curve.nodes()
     beside = _BESIDE_ZERO * table.full_scale_nm
     for parts in (1, 2, 4, 8, 16, 32, 64):
         steps = np.arange(parts) / parts
-        nodes = (left[:, None] + (right - left)[:, None] * steps).ravel()
-        nodes = np.append(nodes, right[-1])
+        nodes = (edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel()
+        nodes = np.append(nodes, edges[-1])
         if nodes.size > 1_000_000:
             break
-        if left[0] < 0.0 < right[-1] and _jumps_at_zero(table):
+        if edges[0] < 0.0 < edges[-1] and _jumps_at_zero(table):
             nodes = np.sort(np.append(nodes, -beside))
         nodes = nodes[np.append(True, np.diff(nodes) > 0.5 * beside)]
         added = max(_linear_deviation(table, nodes, branch) for branch, _ in _BRANCHES)

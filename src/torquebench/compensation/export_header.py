@@ -95,17 +95,17 @@ static inline int {name}(double reading_nm, int branch, double *{what}_nm)
     const double low = {curve.low!r}, high = {curve.high!r}, near = {curve.near!r};
     const int outside = !(reading_nm >= low && reading_nm <= high);
     double clamped = reading_nm > low ? reading_nm : low;
-    double location, place;
+    double central, location, place;
     const float *c;
     int interval;{unused}
     if (clamped > high) {{
         clamped = high;
     }}
-    if (clamped > -near && clamped < near) {{
-        location = clamped * {curve.near_scale!r} + {curve.near_zero!r};
-    }} else {{
-        location = clamped * {curve.scale!r} + {curve.zero!r};
+    central = clamped > -near ? clamped : -near;
+    if (central > near) {{
+        central = near;
     }}
+    location = clamped * {curve.scale!r} + central * {curve.extra!r} + {curve.zero!r};
     interval = (int)(location + 0.5);
     place = location - interval;
     c = {name}_coefficients + {order} * (interval + {count} * ({side}));

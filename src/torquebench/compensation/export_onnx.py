@@ -119,7 +119,6 @@ class _Graph:
         greater = self.apply("Greater", ["reading_nm", low], "greater_than_low")
         raised = self.apply("Where", [greater, "reading_nm", low], "raised")
         self.apply("Min", [raised, high], "clamped")
-        self.apply("Abs", ["clamped"], "size")
         sign = self.apply("Sign", ["branch"], "branch_sign")
         self.apply("Add", [sign, self.constant("one", 1)], "side")
 
@@ -129,17 +128,16 @@ class _Graph:
         def named(part: str) -> str:
             return f"{output}_{part}"
 
-        def location(scale: float, zero: float, part: str) -> str:
-            factor = self.constant(named(f"{part}_scale"), scale)
-            shift = self.constant(named(f"{part}_zero"), zero)
-            product = self.apply("Mul", ["clamped", factor], named(f"{part}_product"))
-            return self.apply("Add", [product, shift], named(f"{part}_location"))
+        def constant(part: str, value: float) -> str:
+            return self.constant(named(part), value)
 
-        far = location(curve.scale, curve.zero, "far")
-        near = location(curve.near_scale, curve.near_zero, "near")
-        limit = self.constant(named("near"), curve.near)
-        is_near = self.apply("Less", ["size", limit], named("is_near"))
-        place = self.apply("Where", [is_near, near, far], named("location"))
+        limits = constant("minus_near", -curve.near), constant("near", curve.near)
+        raised = self.apply("Max", ["clamped", limits[0]], named("raised"))
+        central = self.apply("Min", [raised, limits[1]], named("central"))
+        far = self.apply("Mul", ["clamped", constant("scale", curve.scale)], named("far"))
+        finer = self.apply("Mul", [central, constant("extra", curve.extra)], named("finer"))
+        both = self.apply("Add", [far, finer], named("both"))
+        place = self.apply("Add", [both, constant("zero", curve.zero)], named("location"))
         whole = self.apply("Round", [place], named("whole"))
         fraction = self.apply("Sub", [place, whole], named("place"))
         number = self.apply("Cast", [whole], named("interval"), to=self.types.INT64)

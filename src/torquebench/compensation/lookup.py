@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 __all__ = ["Grid", "evaluate"]
 
-Grid = tuple[float, float, float, float, float, float, float, float]
+Grid = tuple[float, float, float, float, float, float, float]
 """Numbers that `evaluate` locates an interval with."""
 
 _LANES = 8
@@ -111,18 +111,13 @@ def _block_code(words_per_interval: int, with_branch: bool) -> Callable[..., Any
         )
         at, stride, grid = arguments[4:7]
         emit = _Emitter(builder)
-        scale, zero, near_scale, near_zero, near, low, high, gain = (
-            emit.splat(builder.extract_value(grid, number)) for number in range(8)
+        scale, zero, extra, near, low, high, gain = (
+            emit.splat(builder.extract_value(grid, number)) for number in range(7)
         )
         value = emit.load(reading, at, _DOUBLES, 8)
         clamped = emit.clamp(value, low, high)
-        is_near = builder.fcmp_ordered("<", emit.call("fabs", clamped), near)
-        location = emit.call(
-            "fma",
-            clamped,
-            builder.select(is_near, near_scale, scale),
-            builder.select(is_near, near_zero, zero),
-        )
+        central = emit.clamp(clamped, builder.fneg(near), near)
+        location = emit.call("fma", clamped, scale, emit.call("fma", central, extra, zero))
         bias = ir.Constant(_DOUBLES, [_WHOLE_NUMBER_IN_LOW_BITS] * _LANES)
         shifted = builder.fadd(location, bias)
         fraction = builder.fsub(location, builder.fsub(shifted, bias))
@@ -223,10 +218,10 @@ def evaluate(
 ) -> int:
     """Evaluate a piecewise polynomial for many readings.
 
-    Interval k of the grid is centred where ``reading · scale + zero == k``; with f the distance
-    from that centre in intervals, the result is ``gain · reading + c₀ + c₁ f (+ c₂ f² + c₃ f³)``,
-    gain being 0 or 1.
-    Near zero, where the torque turns round, a second grid with narrower intervals takes over.
+    A reading x lies at ``scale · x + extra · clamp(x, −near, near) + zero`` on a scale where
+    interval k reaches from k − ½ to k + ½: near zero, where the torque turns round, intervals are
+    narrower. With f the distance from the middle of the interval, the result is
+    ``gain · x + c₀ + c₁ f (+ c₂ f² + c₃ f³)``, gain being 0 or 1.
 
     Parameters
     ----------
@@ -238,10 +233,9 @@ def evaluate(
         Filled with the results; may be `reading` itself.
     coefficients : float32 array of shape (3, intervals, 2 or 4), C-contiguous
         c₀, c₁ (, c₂, c₃) for the branches -1, 0 and +1.
-    grid : tuple of 8 floats
-        scale in 1/(N·m) and zero of the grid, the same two of the grid near zero, the size of
-        reading in N·m below which that one is used, lower and upper limit of the reading in N·m,
-        gain.
+    grid : tuple of 7 floats
+        scale in 1/(N·m), zero, extra in 1/(N·m), near in N·m, lower and upper limit of the reading
+        in N·m, gain.
     workers : int, optional
         Threads; by default as many as processors, and one for fewer than four million readings.
 
@@ -255,7 +249,7 @@ def evaluate(
     >>> table = np.zeros((3, 4, 2), dtype=np.float32)
     >>> table[1, :, 0] = [1.0, 2.0, 3.0, 4.0]
     >>> out = np.empty(3)
-    >>> grid = (1.0, 1.0, 1.0, 1.0, 0.0, -1.0, 2.0, 1.0)
+    >>> grid = (1.0, 1.0, 0.0, 0.0, -1.0, 2.0, 1.0)
     >>> evaluate(np.array([-1.0, 0.6, 9.0]), None, out, table, grid)
     1
     >>> out.tolist()
@@ -299,7 +293,7 @@ def _tail(
     grid: Grid,
 ) -> int:
     """Evaluate the last few readings, filled up to a block of eight."""
-    padded = np.full(_LANES, grid[5])
+    padded = np.full(_LANES, grid[4])
     padded[: reading.size] = reading
     signs = np.zeros(_LANES if branch.size else 0, dtype=np.int8)
     signs[: branch.size] = branch

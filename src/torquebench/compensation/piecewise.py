@@ -26,7 +26,7 @@ first-level cache, the last one is for curves with kinks, which no degree helps.
 
 _FIRST_INTERVALS = 128
 _NEAR = 0.02
-"""Share of full scale round zero that has a finer grid of its own: there the torque turns round."""
+"""Share of full scale round zero that has narrower intervals: there the torque turns round."""
 
 _CHECKS = {1: 5, 3: 9}
 """Evenly spaced points of an interval where the deviation is taken, by degree."""
@@ -43,19 +43,21 @@ _BESIDE_ZERO = 1e-12
 
 @dataclass(frozen=True)
 class PiecewisePolynomial:
-    """Polynomials of one degree on the intervals of two uniform grids, one set a branch.
+    """Polynomials of one degree on the intervals of a grid, one set a branch.
 
     Attributes
     ----------
     coefficients : float32 array of shape (3, intervals, degree + 1)
-        For the branches -1, 0, +1; powers of the distance from an interval's centre in intervals.
-    scale, near_scale : float
-        Intervals per N·m of the grid over the whole range and of the finer one near zero.
-    zero, near_zero : float
+        For the branches -1, 0, +1; powers of the distance from an interval's middle in intervals.
+    scale : float
+        Intervals per N·m.
+    zero : float
         Position of the reading 0 N·m in intervals; half-way between two whole numbers, so that 0
         lies between two intervals and a step at torque reversal is kept.
+    extra : float
+        Further intervals per N·m near zero.
     near : float
-        Size of reading in N·m below which the finer grid is used; 0 where there is none.
+        Size of reading in N·m up to which a reading counts as near zero.
     low, high : float
         Limits of the reading in N·m.
     gain : float
@@ -69,8 +71,7 @@ class PiecewisePolynomial:
     coefficients: NDArray[np.float32]
     scale: float
     zero: float
-    near_scale: float
-    near_zero: float
+    extra: float
     near: float
     low: float
     high: float
@@ -85,15 +86,13 @@ class PiecewisePolynomial:
 
     @property
     def intervals(self) -> int:
-        """Number of intervals of a branch, both grids together."""
+        """Number of intervals of a branch."""
         return int(self.coefficients.shape[1])
 
     @property
     def grid(self) -> Grid:
-        """The grids as `lookup.evaluate` takes them."""
-        far = (self.scale, self.zero)
-        near = (self.near_scale, self.near_zero, self.near)
-        return (*far, *near, self.low, self.high, self.gain)
+        """The grid as `lookup.evaluate` takes it."""
+        return self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain
 
     def evaluate(
         self,
@@ -106,26 +105,14 @@ class PiecewisePolynomial:
         signs = branch if self.branch_aware else None
         return evaluate(reading, signs, out, self.coefficients, self.grid, workers)
 
-    def pieces(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-        """Intervals in use in ascending order: their numbers and both edges in N·m.
-
-        Intervals of the wide grid near zero are not in use, and edges are cut at the limits.
-        """
-        number = np.arange(self.intervals)
-        is_near = number >= self._near_first
-        scale = np.where(is_near, self.near_scale, self.scale)
-        zero = np.where(is_near, self.near_zero, self.zero)
-        left, right = (number - 0.5 - zero) / scale, (number + 0.5 - zero) / scale
-        middle = 0.5 * (left + right)
-        used = (is_near == (np.abs(middle) < self.near)) & (right > self.low) & (left < self.high)
-        order = np.argsort(middle[used])
-        edges = np.clip([left[used][order], right[used][order]], self.low, self.high)
-        return number[used][order], edges[0], edges[1]
-
-    @property
-    def _near_first(self) -> int:
-        """Number of the first interval of the finer grid."""
-        return round(self.near_zero + 0.5 - self.near * self.near_scale * (1.0 + 1e-9))
+    def nodes(self) -> FloatArray:
+        """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""
+        edges = np.arange(self.intervals + 1) - 0.5 - self.zero
+        central = self.near * (self.scale + self.extra)
+        inside = np.clip(edges, -central, central)
+        reading = inside / (self.scale + self.extra) + (edges - inside) / self.scale
+        within = reading[(reading > self.low) & (reading < self.high)]
+        return np.concatenate([[self.low], within, [self.high]])
 
 
 @dataclass(frozen=True)
@@ -244,53 +231,47 @@ class _Builder:
 
     def count(self, far: int, fineness: int) -> int:
         """Count the intervals, nearly."""
-        near = 2.0 * _NEAR * self.full_scale / (self.high - self.low) * far * fineness
-        return far + (0 if fineness == 1 else ceil(near))
+        near = 2.0 * _NEAR * self.full_scale / (self.high - self.low) * far
+        return far + ceil(near) * (fineness - 1)
 
     def attempt(self, far: int, fineness: int, degree: int) -> _Attempt:
         """Approximate on a grid of about `far` intervals, near zero `fineness` times as fine."""
         width = self.full_scale / ceil(self.full_scale * far / (self.high - self.low))
-        # even numbers below zero: ties round to even, so that 0 itself counts as positive
-        below = 2 * ceil(-self.low / (2.0 * width) + 1e-9)
-        far_count = 2 * ceil((ceil(self.high / width + 1e-9) + below) / 2)
-        near_half = 2 * ceil(_NEAR * self.full_scale / (2.0 * width)) if fineness > 1 else 0
-        near_count = 2 * near_half * fineness
-        number = np.concatenate([np.arange(far_count) - below, np.arange(near_count)])
-        number[far_count:] -= near_half * fineness
-        is_near = np.arange(number.size) >= far_count
-        widths = np.where(is_near, width / fineness, width)
-        single = np.zeros((3, number.size, degree + 1), dtype=np.float32)
-        pieces = _Pieces(
-            number, widths, np.where(number >= 0, 1.0, -1.0), self.low, self.high, degree
-        )
+        near_intervals = ceil(_NEAR * self.full_scale / width)
+        near, extra = near_intervals * width, (fineness - 1) / width
+
+        def position(reading: float) -> float:
+            return reading / width + min(max(reading, -near), near) * extra
+
+        # an even number of intervals below zero: ties round to even, so 0 itself counts as positive
+        below = 2 * ceil(-position(self.low) / 2.0 + 1e-9)
+        count = ceil(position(self.high) + 1e-9) + below
+        edges = np.arange(count + 1) - below
+        central = np.clip(edges, -near_intervals * fineness, near_intervals * fineness)
+        edges_nm = width * (central / fineness + (edges - central))
+        pieces = _Pieces(edges_nm, self.low, self.high, degree)
+        is_near = np.abs(edges[:-1] + 0.5) < near_intervals * fineness
+        single = np.zeros((3, count, degree + 1), dtype=np.float32)
         worst = {True: -1.0, False: -1.0}
         at, worst_branch = 0.0, 0
-        near = near_half * width
-        zone = np.abs((number + 0.5) * width) < _NEAR * self.full_scale
-        zone = np.where(is_near, True, zone)
-        replaced = ~is_near & (np.abs((number + 0.5) * width) < near)
         for branch in self.branches:
             value = self._difference(pieces.points, pieces.sides, branch)
             single[branch + 1] = pieces.fit(value)
             bound, place = pieces.bound(single[branch + 1], value)
-            bound[replaced] = -1.0
             for part in (True, False):
-                here = np.where(zone == part, bound, -1.0)
+                here = np.where(is_near == part, bound, -1.0)
                 index = int(np.argmax(here))
-                if here[index] > worst[part]:
-                    if here[index] >= max(worst.values()):
-                        at, worst_branch = float(place[index]), branch
-                    worst[part] = float(here[index])
+                if here[index] > max(worst.values()):
+                    at, worst_branch = float(place[index]), branch
+                worst[part] = max(worst[part], float(here[index]))
         if len(self.branches) == 1:
             single[:] = single[1]
         piecewise = PiecewisePolynomial(
             coefficients=single,
             scale=1.0 / width,
             zero=below - 0.5,
-            near_scale=fineness / width,
-            near_zero=far_count + near_half * fineness - 0.5,
-            # just inside its last edge, where rounding could name an interval too many
-            near=near * (1.0 - 1e-9),
+            extra=extra,
+            near=near,
             low=self.low,
             high=self.high,
             gain=self.gain,
@@ -319,17 +300,10 @@ class _Builder:
 class _Pieces:
     """Intervals with the points where their polynomials meet the curve and are checked."""
 
-    def __init__(
-        self,
-        number: NDArray[np.intp],
-        widths: FloatArray,
-        sides: FloatArray,
-        low: float,
-        high: float,
-        degree: int,
-    ) -> None:
-        self.sides, self.degree = sides, degree
-        left, right = number * widths, (number + 1) * widths
+    def __init__(self, edges: FloatArray, low: float, high: float, degree: int) -> None:
+        left, right, widths = edges[:-1], edges[1:], np.diff(edges)
+        self.degree = degree
+        self.sides = np.where(left >= 0.0, 1.0, -1.0)
         # where the limits cut an interval, its points keep to the part inside, at least half of it
         first = np.clip(left, low, high - 0.5 * widths)
         last = np.clip(right, low + 0.5 * widths, high)

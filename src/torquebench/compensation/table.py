@@ -273,9 +273,10 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
     down, unknown, up = ([tuple(row) for row in rows] for rows in curve.coefficients.tolist())
     # indexed by the branch itself: -1 is the last one
     tables = (unknown, up, down)
-    low, high, near = curve.low, curve.high, curve.near
-    far_grid = curve.scale, curve.zero + 0.5
-    near_grid = curve.near_scale, curve.near_zero + 0.5
+    low, high, near, scale = curve.low, curve.high, curve.near, curve.scale
+    # locations half an interval up, so that an interval's number is their whole part
+    central_scale, zero = curve.scale + curve.extra, curve.zero + 0.5
+    below, above = zero - near * curve.extra, zero + near * curve.extra
 
     def refuse(reading_nm: float) -> InputError:
         return InputError(
@@ -287,8 +288,12 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
     def linear(reading_nm: float, branch: int = 0) -> float:
         if not low <= reading_nm <= high:
             raise refuse(reading_nm)
-        scale, zero = near_grid if -near < reading_nm < near else far_grid
-        location = reading_nm * scale + zero
+        if reading_nm > near:
+            location = reading_nm * scale + above
+        elif reading_nm < -near:
+            location = reading_nm * scale + below
+        else:
+            location = reading_nm * central_scale + zero
         index = int(location)
         constant, slope = tables[branch][index]
         return float(reading_nm + (constant + slope * (location - index - 0.5)))
@@ -296,8 +301,12 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
     def cubic(reading_nm: float, branch: int = 0) -> float:
         if not low <= reading_nm <= high:
             raise refuse(reading_nm)
-        scale, zero = near_grid if -near < reading_nm < near else far_grid
-        location = reading_nm * scale + zero
+        if reading_nm > near:
+            location = reading_nm * scale + above
+        elif reading_nm < -near:
+            location = reading_nm * scale + below
+        else:
+            location = reading_nm * central_scale + zero
         index = int(location)
         constant, slope, square, cube = tables[branch][index]
         place = location - index - 0.5

@@ -63,10 +63,9 @@ def test_every_model_compiles_within_its_bound(fitted, kind):
 
 def _reference(reading, branch, coefficients, grid):
     """The formula that `lookup.evaluate` documents, in NumPy."""
-    scale, zero, near_scale, near_zero, near, low, high, gain = grid
+    scale, zero, extra, near, low, high, gain = grid
     clamped = np.clip(reading, low, high)
-    is_near = np.abs(clamped) < near
-    location = clamped * np.where(is_near, near_scale, scale) + np.where(is_near, near_zero, zero)
+    location = scale * clamped + extra * np.clip(clamped, -near, near) + zero
     number = np.rint(location).astype(int)
     place = location - number
     rows = coefficients[branch.astype(int) + 1, number].astype(np.float64)
@@ -87,8 +86,8 @@ def _reference(reading, branch, coefficients, grid):
 def test_kernel_agrees_with_numpy(size, order, with_branch, gain, workers, seed):
     generator = np.random.default_rng(seed)
     coefficients = generator.standard_normal((3, 48, order)).astype(np.float32)
-    # 32 wide intervals from -16 to 16 and 16 half as wide from -4 to 4
-    grid = (1.0, 15.5, 2.0, 39.5, 4.0, -15.0, 15.0, gain)
+    # from -16 to 16: 1 wide, between -8 and 8 only a half
+    grid = (1.0, 23.5, 1.0, 8.0, -15.0, 15.0, gain)
     reading = generator.uniform(-17.0, 17.0, size)
     branch = generator.integers(-1, 2, size).astype(np.int8)
     out = np.empty(size)
@@ -194,13 +193,16 @@ def test_curve_that_is_not_a_number_is_refused():
         )
 
 
-def test_pieces_cover_the_range_without_gap(fitted):
+def test_intervals_cover_the_range_and_are_narrow_near_zero(fitted):
     curve = compile_table(fitted["physics"], uncertainty=False).curve
-    number, left, right = curve.pieces()
-    assert (left[0], right[-1]) == (curve.low, curve.high)
-    np.testing.assert_allclose(left[1:], right[:-1], atol=1e-9)
-    assert np.unique(number).size == number.size
-    assert np.any(left == 0.0)
+    nodes = curve.nodes()
+    assert (nodes[0], nodes[-1]) == (curve.low, curve.high)
+    assert np.all(np.diff(nodes) > 0)
+    assert np.any(nodes == 0.0)
+    assert np.diff(nodes)[np.searchsorted(nodes, 0.0)] < 0.5 * np.diff(nodes).max()
+    middle = 0.5 * (nodes[1:-2] + nodes[2:-1])
+    location = curve.scale * middle + curve.extra * np.clip(middle, -curve.near, curve.near)
+    np.testing.assert_allclose(np.diff(location), 1.0, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
