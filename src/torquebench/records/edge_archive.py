@@ -62,17 +62,24 @@ def seal_edges(folder: Path) -> None:
     if not stream.exists():
         return
     part = folder / ".edges.parquet.part"
+    try:
+        _write(part, stream)
+        if not _same(stream_edges(stream), _archived(part)):
+            raise RecordError(f"{part} differs from {stream}", "the same edges", "check the disk")
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.replace(sealed)
+    finally:
+        part.unlink(missing_ok=True)  # a full disk needs the room
+    stream.unlink()
+
+
+def _write(path: Path, stream: Path) -> None:
     with pq.ParquetWriter(
-        part, _SCHEMA, compression="zstd", use_dictionary=False, column_encoding=_ENCODING
+        path, _SCHEMA, compression="zstd", use_dictionary=False, column_encoding=_ENCODING
     ) as writer:
         for group in _groups(stream_edges(stream)):
             writer.write_batch(group)
-    if not _same(stream_edges(stream), _archived(part)):
-        raise RecordError(f"{part} differs from {stream}", "the same edges", "check the disk")
-    with part.open("rb") as file:
-        os.fsync(file.fileno())
-    part.replace(sealed)
-    stream.unlink()
 
 
 def read_edges(folder: Path) -> Iterator[RecordedEdges]:

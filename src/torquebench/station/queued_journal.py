@@ -63,6 +63,8 @@ class QueuedJournal:
             return
 
     def _raise_failure(self) -> None:
+        if isinstance(self._failure, RecordError):
+            raise self._failure  # it says itself what to do
         if self._failure is not None:
             raise RecordError(
                 f"blocks since the failure aren't kept: {self._failure}",
