@@ -1,0 +1,144 @@
+"""The generator of chains with a known truth, and the benchmark that compares models on them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks import compensation as benchmark
+from benchmarks.chain_shapes import SHAPES
+from benchmarks.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
+from benchmarks.compensation_contenders import contenders
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+QUICK = ("known form", "raw reading", "hybrid", "physics", "polynomial-2 per direction")
+
+
+@settings(max_examples=20)
+@given(family=st.sampled_from(sorted(FAMILIES)), seed=st.integers(0, 5000))
+def test_the_same_seed_gives_the_same_chain(family: str, seed: int) -> None:
+    one, other = make_chain(family, seed), make_chain(family, seed)
+    assert one == other
+    np.testing.assert_array_equal(one.calibration(20).X, other.calibration(20).X)
+    assert make_chain(family, seed + 1) != one
+    assert not np.array_equal(one.calibration(20).X, one.calibration(20, repeat=1).X)
+
+
+@settings(max_examples=20)
+@given(family=st.sampled_from(sorted(FAMILIES)), seed=st.integers(0, 5000))
+def test_loops_close_at_full_scale_and_readings_stay_one_to_one(family: str, seed: int) -> None:
+    chain = make_chain(family, seed)
+    ends = np.array([-2000.0, 2000.0])
+    up, down = (chain.reading(ends, np.full(2, b)) for b in (1.0, -1.0))
+    np.testing.assert_allclose(up, down, atol=1e-9)
+    for branch in (1.0, -1.0):
+        torque = np.linspace(5.0, 2000.0, 300)
+        assert np.all(np.diff(chain.reading(torque, np.full(300, branch))) > 0)
+
+
+@pytest.mark.parametrize("points", [50, 53, 200])
+def test_the_path_goes_up_and_down_in_both_directions(points: int) -> None:
+    torque, branch, direction = path(points, 2000.0)
+    assert torque.size == branch.size == direction.size == points
+    assert torque.max() == 2000.0
+    assert torque.min() == -2000.0
+    grows = np.diff(np.abs(np.concatenate([[0.0], torque]))) > 0
+    np.testing.assert_array_equal(grows, branch > 0)
+
+
+def test_the_reference_family_has_the_difficulty_it_was_made_for() -> None:
+    raw, bound = [], []
+    for seed in range(25):
+        chain = make_chain("reference", seed)
+        data, dense = chain.calibration(50), chain.dense(200)
+        raw.append(np.max(np.abs(dense.X[:, 0] - dense.torque_nm)) / 20)
+        error = known_form(chain, data).predict(dense.X) - dense.torque_nm
+        bound.append([np.max(np.abs(error)) / 20, np.sqrt(np.mean(error**2)) / 20])
+    assert np.median(raw) == pytest.approx(0.66, abs=0.1)  # % of full scale
+    assert np.median(bound, axis=0) == pytest.approx([0.024, 0.0093], rel=0.15)
+
+
+def test_the_known_form_without_noise_is_exact() -> None:
+    for family in FAMILIES:
+        chain = make_chain(family, 3)
+        data = chain.calibration(80)
+        truth = chain.additional_torque(data.standard_nm, data.X[:, 1])
+        reading = data.standard_nm - truth
+        exact = type(data)(np.column_stack([reading, data.X[:, 1:]]), data.standard_nm)
+        dense = chain.dense(100)
+        error = known_form(chain, exact).predict(dense.X) - dense.torque_nm
+        assert np.max(np.abs(error)) < 1e-6, family
+
+
+def test_with_constants_unknown_the_known_form_does_worse() -> None:
+    chain = make_chain("reference", 12)
+    data, dense = chain.calibration(200), chain.dense(100)
+    told, untold = (
+        float(np.std(known_form(chain, data, nonlinear=n).predict(dense.X) - dense.torque_nm))
+        for n in (False, True)
+    )
+    assert told < untold
+
+
+@pytest.mark.parametrize("noise", [Noise(), Noise(freedom=3.0), Noise(wild=0.06)])
+def test_every_noise_has_the_same_standard_deviation(noise: Noise) -> None:
+    drawn = noise.draw(400_000, np.random.default_rng(1))
+    assert np.std(drawn) == pytest.approx(REPEATABILITY, rel=0.1)
+    weights = noise.weights(np.array([0.0, 10 * REPEATABILITY]))
+    assert weights[1] <= weights[0]
+
+
+def test_shapes_of_unit_amplitude_stay_within_their_size() -> None:
+    x = np.linspace(-1, 1, 101)
+    for name in ("smooth-step", "rational-step", "triangle", "bump", "resonance", "packet", "loop"):
+        constants = {"smooth-step": (0.01,), "rational-step": (0.01,), "packet": (0.1, 0.1, 0.2)}
+        value = SHAPES[name](x, np.ones(101), *constants.get(name, (0.3, 0.7)))
+        assert np.max(np.abs(value)) <= 1.0 + 1e-9
+
+
+def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None:
+    field = [contender for contender in contenders() if contender.name in QUICK]
+    results = benchmark.compare(
+        Console(quiet=True), field, ["reference", "quadratic"], range(2), 50
+    )
+    headings, rows = benchmark.comparison_rows(results)
+    by_name = {row[0]: dict(zip(headings, row, strict=True)) for row in rows}
+    rms = {name: float(row["RMS, % FS"]) for name, row in by_name.items()}
+    assert min(rms, key=lambda name: rms[name]) == "known form"
+    assert max(rms, key=lambda name: rms[name]) == "raw reading"
+    assert by_name["raw reading"]["95 % intervals hold"] == "–"
+    _, family_rows = benchmark.family_rows({50: results}, ["reference", "quadratic"])
+    assert [row[0] for row in family_rows] == ["reference", "quadratic"]
+    aims = benchmark.accuracy_aims(results, ["reference", "quadratic"], 50)
+    assert {aim.name for aim in aims} >= {"hybrid, RMS / bound, 50 points"}
+    assert benchmark.interval_aims(results, ["hybrid", "physics"], 50)
+
+
+def test_an_aim_is_met_inside_its_interval_only() -> None:
+    assert benchmark.Aim("", 0.95, 0.93, 0.97).met
+    assert not benchmark.Aim("", 0.92, 0.93, 0.97).met
+    assert not benchmark.Aim("", float("nan"), 0.0, 1.0).met
+
+
+def test_the_section_is_replaced_and_the_rest_kept(tmp_path: Path) -> None:
+    document = tmp_path / "docs" / "benchmarks.md"
+    benchmark.write_section(document, "first")
+    assert document.read_text().startswith("# Benchmarks")
+    document.write_text(document.read_text() + "\n## Another\n")
+    benchmark.write_section(document, "second")
+    text = document.read_text()
+    assert "first" not in text
+    assert text.count(benchmark.BEGIN) == text.count(benchmark.END) == 1
+    assert text.rstrip().endswith("## Another")
+
+
+def test_every_other_library_takes_part_and_follows_the_chain() -> None:
+    chain = make_chain("quadratic", 0)
+    data, dense = chain.calibration(50), chain.dense(50)
+    for contender in contenders():
+        if contender.own or contender.name == "raw reading":
+            continue
+        torque, std = contender.fit(chain, data)(dense.X)
+        assert np.sqrt(np.mean((torque - dense.torque_nm) ** 2)) < 3.0, contender.name
+        assert std is None or np.all(std >= 0)

@@ -1,0 +1,261 @@
+import json
+
+import numpy as np
+import pytest
+from benchmarks.chains import Chain, Noise, Term, make_chain
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from torquebench.compensation import (
+    CompensationModel,
+    HybridModel,
+    PointsReducedWarning,
+    StoredModel,
+    features,
+    load_model,
+    save_model,
+)
+from torquebench.compensation.hybrid_effects import (
+    EffectPoints,
+    all_columns,
+    at_zero_time,
+    loop_columns,
+    make_dictionary,
+    make_effects,
+    merge_clocks,
+    path_clocks,
+)
+from torquebench.compensation.hybrid_inference import (
+    Problem,
+    curve_variance,
+    deviation_kernel,
+    deviation_variance,
+    explore,
+)
+from torquebench.compensation.model_file import Provenance
+
+LINEAR = tuple(Term("power", 3e-3, (side, 1.0), 1) for side in (1.0, -1.0))
+
+
+def rms_error(model: CompensationModel, chain: Chain) -> float:
+    """Error over the dense range in fractions of full scale."""
+    dense = chain.dense()
+    error = model.predict(dense.X) - dense.torque_nm
+    return float(np.sqrt(np.mean(error**2))) / chain.range_nm
+
+
+def fitted(chain: Chain, points: int = 50) -> HybridModel:
+    data = chain.calibration(points)
+    return HybridModel(range_nm=chain.range_nm).fit(data.X, data.standard_nm)
+
+
+def test_each_structure_is_recognised_where_it_is_and_only_there() -> None:
+    structures = {
+        "ripple": (Term("sine", 4e-4, (0.3, 0.0)),),
+        "step": (Term("smooth-step", 8e-4, (0.01,)),),
+        "loop": (Term("loop", 6e-4, (1.0, 1.0)),),
+        "bump": (Term("bump", 9e-4, (0.4, 0.08)),),
+    }
+    for name, terms in structures.items():
+        present = fitted(Chain("", 1, LINEAR + terms, Noise(scale=1e-4)), 100).present_
+        assert present[name] > 0.97, (name, present)
+    nothing = fitted(Chain("", 1, LINEAR, Noise(scale=1e-4)), 100).present_
+    assert nothing["ripple"] < 0.5
+    assert nothing["step"] < 0.6
+    # A drift of the zero is a candidate too, so the loop's kind keeps some probability.
+    assert nothing["loop"] < 0.85
+
+
+def test_a_drift_of_the_zero_is_left_out_of_the_curve() -> None:
+    still = Chain("", 5, LINEAR, Noise(scale=5e-5))
+    drifting = Chain("", 5, LINEAR, Noise(scale=5e-5, drift=8e-4))
+    assert rms_error(fitted(still, 100), still) < 4e-5
+    assert rms_error(fitted(drifting, 100), drifting) < 1.5e-4
+
+
+def test_wild_readings_are_outvoted() -> None:
+    wild = Chain("", 9, LINEAR, Noise(wild=0.08))
+    ratio = []
+    for repeat in range(4):
+        data = wild.calibration(80, repeat)
+        model = HybridModel(range_nm=2000, outliers="keep").fit(data.X, data.standard_nm)
+        ratio.append(model.noise_nm_ / 2000 / wild.noise.scale)
+    # The scale of the many good readings, not of all: the core is 0.62 of the standard deviation.
+    assert np.median(ratio) < 0.85
+
+
+def test_one_direction_alone_is_fitted_and_the_other_refused() -> None:
+    chain = make_chain("reference", 3)
+    data = chain.calibration(60)
+    mine = data.standard_nm >= 0
+    model = HybridModel().fit(data.X[mine], data.standard_nm[mine])
+    dense = chain.dense()
+    inside = dense.torque_nm > 20
+    error = model.predict(dense.X[inside]) - dense.torque_nm[inside]
+    assert np.sqrt(np.mean(error**2)) < 0.5
+    with pytest.raises(ValueError, match="outside the calibrated range"):
+        model.predict([[-500.0, 1.0, 1.0]])
+
+
+def test_rising_series_leave_the_falling_branch_in_doubt() -> None:
+    chain = make_chain("reference", 8)
+    data = chain.calibration(80)
+    rising = data.X[:, 1] > 0
+    both = HybridModel(range_nm=2000).fit(data.X, data.standard_nm)
+    model = HybridModel(range_nm=2000).fit(data.X[rising], data.standard_nm[rising])
+    at = features(np.linspace(200, 1500, 20), np.full(20, -1), np.ones(20))
+    _, doubt = model.predict(at, return_std=True)
+    _, known = both.predict(at, return_std=True)
+    assert np.mean(doubt) > 1.3 * np.mean(known)
+
+
+def test_without_a_branch_column_intervals_hold_both_branches() -> None:
+    inside = []
+    for seed in range(6):
+        chain = make_chain("reference", seed)
+        data, dense = chain.calibration(60), chain.dense()
+        model = HybridModel(range_nm=2000).fit(data.X[:, :1], data.standard_nm)
+        torque, std = model.predict(dense.X[:, :1], return_std=True)
+        inside.append(np.mean(np.abs(torque - dense.torque_nm) < 1.96 * std))
+    assert 0.9 < np.mean(inside) <= 1.0
+
+
+def test_an_unknown_branch_is_the_middle_of_both_and_less_certain() -> None:
+    model = fitted(make_chain("reference", 8))
+    at = np.linspace(-1900, 1900, 39)
+    up, down, middle = (features(at, np.full(39, b), np.ones(39)) for b in (1, -1, 0))
+    half = 0.5 * (model.predict(up) - model.predict(down))
+    torque, std = model.predict(middle, return_std=True)
+    np.testing.assert_allclose(torque, model.predict(up) - half, atol=1e-9)
+    assert np.all(std >= np.abs(half))
+
+
+@settings(max_examples=8)
+@given(factor=st.floats(1e-3, 1e3))
+def test_the_unit_of_torque_does_not_matter(factor: float) -> None:
+    data = make_chain("power-law", 7).calibration(40)
+    scaled = data.X.copy()
+    scaled[:, 0] *= factor
+    one = HybridModel().fit(data.X, data.standard_nm)
+    other = HybridModel().fit(scaled, factor * data.standard_nm)
+    for value, wanted in zip(
+        other.predict(scaled, return_std=True), one.predict(data.X, return_std=True), strict=True
+    ):
+        np.testing.assert_allclose(value, factor * wanted, rtol=1e-5, atol=2e-5 * factor)
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 10_000))
+def test_the_order_of_the_rows_does_not_matter(seed: int) -> None:
+    data = make_chain("kinked", 7).calibration(40)
+    order = np.random.default_rng(seed).permutation(40)
+    one = HybridModel().fit(data.X, data.standard_nm)
+    other = HybridModel().fit(data.X[order], data.standard_nm[order])
+    np.testing.assert_array_equal(one.predict(data.X), other.predict(data.X))
+
+
+def test_the_model_file_gives_it_back_bit_for_bit(tmp_path) -> None:
+    model = fitted(make_chain("rippled", 4))
+    path = save_model(tmp_path / "model.json", StoredModel(model, Provenance(2000.0)))
+    again = load_model(path).model
+    dense = make_chain("rippled", 4).dense(60)
+    for one, other in zip(
+        model.predict(dense.X, return_std=True),
+        again.predict(dense.X, return_std=True),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(one, other)
+    assert len(json.dumps(model.get_state())) < 60_000
+
+
+def test_many_points_are_averaged_and_named() -> None:
+    chain = make_chain("quadratic", 1)
+    data = chain.calibration(900)
+    with pytest.warns(PointsReducedWarning):
+        model = HybridModel(range_nm=2000).fit(data.X, data.standard_nm)
+    assert rms_error(model, chain) < 4e-5
+
+
+def test_a_gross_offset_is_learned_although_the_zero_was_taken() -> None:
+    chain = Chain("", 3, (*LINEAR, Term("offset", 6e-4)), Noise(scale=5e-5))
+    assert rms_error(fitted(chain, 80), chain) < 8e-5
+
+
+def test_the_tabulated_uncertainty_is_the_inference_own() -> None:
+    data = make_chain("reference", 2).calibration(50)
+    order = np.argsort(data.X[:, 0])
+    X, standard = data.X[order], data.standard_nm[order]
+    model = HybridModel(range_nm=2000).fit(X, standard)
+    u = X[:, 0] / 2000
+    points = EffectPoints(u, X[:, 1], path_clocks(u, X[:, 1], X[:, 2]))
+    problem = Problem(points, standard / 2000 - u, np.ones(50), 1.0)
+    members = explore(problem, 3e-4)
+    logs = np.array([member.log_evidence for member in members])
+    shares = np.exp(logs - logs.max())
+    at = np.array([-0.7, -0.2, 0.35, 0.9])
+    up, _ = curve_variance(problem, members, shares / shares.sum(), at)
+    _, std = model.predict(features(2000 * at, np.ones(4), np.ones(4)), return_std=True)
+    np.testing.assert_allclose(std / 2000, 1.04 * np.sqrt(up), rtol=0.05)
+
+
+def test_the_deviation_has_a_positive_covariance_whose_diagonal_is_its_variance() -> None:
+    u = np.sort(np.random.default_rng(6).uniform(-1, 1, 30))
+    kernel = deviation_kernel(u, u)
+    np.testing.assert_allclose(np.diag(kernel), deviation_variance(u))
+    assert np.linalg.eigvalsh(kernel)[0] > -1e-12
+
+
+# ---- the path as a clock ----------------------------------------------------------------------
+
+
+def test_clocks_follow_the_path_through_directions_and_series() -> None:
+    u = np.array([0.5, 1.0, 0.5, -0.5, -1.0, -0.5])
+    branch = np.array([1.0, 1, -1, 1, 1, -1])
+    local, through = path_clocks(u, branch, np.array([1.0, 1, 1, 2, 2, 2]))
+    np.testing.assert_allclose(local, [0.25, 0.5, 0.75] * 2)
+    np.testing.assert_allclose(through, np.array([0.25, 0.5, 0.75, 1.25, 1.5, 1.75]) / 2)
+
+
+def test_a_reading_next_to_zero_makes_no_direction_of_its_own() -> None:
+    u = np.array([0.5, 1.0, 0.5, -0.0005])
+    clocks = path_clocks(u, np.array([1.0, 1, -1, -1]), np.zeros(4))
+    assert clocks.shape == (1, 4)
+    assert clocks[0, -1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_an_unknown_branch_stops_the_clocks() -> None:
+    assert path_clocks(np.array([0.5, 0.6]), np.array([1.0, 0.0]), np.zeros(2)).shape == (0, 2)
+
+
+@settings(max_examples=20)
+@given(clocks=st.integers(0, 2), seed=st.integers(0, 1000))
+def test_merged_loops_give_the_same_curve(clocks: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u, branch = rng.uniform(-1, 1, 9), rng.choice([-1.0, 1.0], 9)
+    shapes = make_dictionary(50).loop_shapes
+    whole = loop_columns(at_zero_time(u, branch, clocks), shapes)
+    means = rng.normal(size=whole.shape[:2])
+    merged = merge_clocks(means, len(shapes))
+    plain = loop_columns(at_zero_time(u, branch), shapes)
+    np.testing.assert_allclose(
+        np.einsum("jqn,jq->n", plain, merged), np.einsum("jqn,jq->n", whole, means), atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("clocks", [0, 2])
+def test_prior_probabilities_add_up_to_one(clocks: int) -> None:
+    u = np.linspace(-1, 1, 12)
+    points = EffectPoints(u, np.ones(12), np.zeros((clocks, 12)))
+    for effect in make_effects(points, make_dictionary(12)):
+        total = np.exp(effect.log_prior).sum() + np.exp(effect.log_absent)
+        assert total == pytest.approx(1.0), effect.name
+        assert len(effect.log_prior) == len(effect.columns)
+
+
+def test_loops_close_at_full_scale_and_turn_over_with_the_branch() -> None:
+    dictionary = make_dictionary(50)
+    u = np.array([-1.0, -0.4, 0.4, 1.0])
+    up = all_columns(at_zero_time(u, np.ones(4)), dictionary)[0]
+    down = all_columns(at_zero_time(u, -np.ones(4)), dictionary)[0]
+    np.testing.assert_allclose(up[:, :, [0, 3]], 0.0)
+    np.testing.assert_allclose(up, -down)
