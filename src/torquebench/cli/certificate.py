@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -75,6 +76,7 @@ def certificate(
     departs from its profile, the certificate states it or is refused, as the profile says.
     """
     from torquebench.records import Registry
+    from torquebench.reports.certificate import build_record, issue_certificate
 
     if (run is None) == (check is None):
         raise InputError(
@@ -89,11 +91,13 @@ def certificate(
         assert run is not None
         calibration = find_calibration(registry, run)
         issue = _issue(registry, language, authorised_by, laboratory, tolerance, number)
-        if checked_by:
+        record = build_record(registry, calibration, issue)
+        if checked_by:  # entered only where nothing refuses the certificate
             registry.review(
                 "calibrations", calibration.calibration_id, checked_by=checked_by, accepted=True
             )
-        _issued(_write(registry, calibration, issue, out))
+            record = build_record(registry, calibration, issue)
+        _issued(issue_certificate(registry, record, out))
 
 
 def find_calibration(registry: Registry, name: str) -> CalibrationEntry:
@@ -150,17 +154,7 @@ def _issue(
     if laboratory is None and not kept.is_file():
         return issue
     issuer, customer = read_letterhead(laboratory or kept).parties
-    from dataclasses import replace
-
     return replace(issue, laboratory=issuer, customer=customer)
-
-
-def _write(
-    registry: Registry, calibration: CalibrationEntry, issue: Issue, out: Path | None
-) -> IssuedCertificate:
-    from torquebench.reports.certificate import build_record, issue_certificate
-
-    return issue_certificate(registry, build_record(registry, calibration, issue), out)
 
 
 def _issued(issued: IssuedCertificate) -> None:

@@ -5,6 +5,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from torquebench import __version__
 from torquebench.calibration import (
     RAW,
@@ -147,18 +150,11 @@ def build_record(
     InputError
         Where nobody authorises, a real laboratory has no name, or the calibration has no run.
     """
-    names = tuple(name.strip() for name in issue.authorised_by if name.strip())
-    if not (names or issue.draft):
-        raise InputError("a certificate that nobody authorises", "a name", "give --authorised-by")
+    names = _authorising(issue)
     source = _Source.of(registry, calibration)
-    data, profile = source.data, source.profile
-    if not (source.run.simulated or issue.laboratory.name or issue.draft):
-        raise InputError(
-            "a certificate of a real calibration without a laboratory",
-            "name, city and country of the laboratory",
-            "write them into laboratory.toml in the data directory, or give --laboratory FILE",
-        )
-    deviations = find_deviations(source.calibration_record(), profile)
+    data = source.data
+    _require_laboratory(source, issue)
+    deviations = find_deviations(source.calibration_record(), source.profile)
     refuse_deviations(deviations)
     results = evaluate_results(
         data,
@@ -167,8 +163,6 @@ def build_record(
         tolerance_percent_fs=issue.tolerance_percent_fs,
     )
     earlier = registry.certificates(calibration.calibration_id)
-    temperature = data.temperature_c
-    settings = source.model.get_params(deep=False)
     return CertificateRecord(
         number=issue.number or _number(calibration, len(earlier)),
         languages=tuple(dict.fromkeys(issue.languages)),
@@ -177,26 +171,15 @@ def build_record(
         laboratory=issue.laboratory,
         customer=issue.customer,
         item=_item(registry, source, calibration),
-        method=Method(
-            name=profile.name,
-            title=profile.title,
-            source=profile.source,
-            sha256=calibration.profile_sha256 or profile.sha256,
-            verified=profile.verified,
-            series=len(set(data.series.tolist())),
-            points=len(data),
-            unsettled=source.unsettled,
-        ),
+        method=_method(source, calibration),
         reference=source.reference,
         calibrated_from=source.run.started.date(),
         calibrated_to=(source.run.finished or source.run.started).date(),
         issued=issue.issued or datetime.now(UTC).date(),
         run_id=source.run.run_id,
         calibration_id=calibration.calibration_id,
-        temperature_c=None
-        if temperature is None
-        else (float(temperature.min()), float(temperature.max())),
-        compensation=model_title(source.model_entry.kind, settings),
+        temperature_c=_extremes(data.temperature_c),
+        compensation=model_title(source.model_entry.kind, source.model.get_params(deep=False)),
         results=results.rows,
         budget=results.budget,
         budget_step=results.budget_step,
@@ -207,13 +190,7 @@ def build_record(
             DeviationStatement(each.clause, each.found, each.allowed) for each in deviations
         ),
         measured_by=calibration.measured_by or source.run.operator,
-        checked_by=", ".join(
-            dict.fromkeys(
-                review.checked_by
-                for review in registry.reviews("calibrations", calibration.calibration_id)
-                if review.accepted
-            )
-        ),
+        checked_by=_checked_by(registry, calibration),
         authorised_by=names,
         software_version=__version__,
         files=source.files(calibration),
@@ -304,6 +281,45 @@ class _Source:
             self.model_entry.file.name: self.model_entry.file_sha256,
             "calibration points": calibration.data_sha256,
         }
+
+
+def _authorising(issue: Issue) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in issue.authorised_by if name.strip())
+    if not (names or issue.draft):
+        raise InputError("a certificate that nobody authorises", "a name", "give --authorised-by")
+    return names
+
+
+def _require_laboratory(source: _Source, issue: Issue) -> None:
+    if not (source.run.simulated or issue.laboratory.name or issue.draft):
+        raise InputError(
+            "a certificate of a real calibration without a laboratory",
+            "name, city and country of the laboratory",
+            "write them into laboratory.toml in the data directory, or give --laboratory FILE",
+        )
+
+
+def _method(source: _Source, calibration: CalibrationEntry) -> Method:
+    profile = source.profile
+    return Method(
+        name=profile.name,
+        title=profile.title,
+        source=profile.source,
+        sha256=calibration.profile_sha256 or profile.sha256,
+        verified=profile.verified,
+        series=len(set(source.data.series.tolist())),
+        points=len(source.data),
+        unsettled=source.unsettled,
+    )
+
+
+def _checked_by(registry: Registry, calibration: CalibrationEntry) -> str:
+    reviews = registry.reviews("calibrations", calibration.calibration_id)
+    return ", ".join(dict.fromkeys(each.checked_by for each in reviews if each.accepted))
+
+
+def _extremes(values: NDArray[np.float64] | None) -> tuple[float, float] | None:
+    return None if values is None else (float(values.min()), float(values.max()))
 
 
 def _changed_points(data: CalibrationData, calibration: CalibrationEntry) -> tuple[str, ...]:

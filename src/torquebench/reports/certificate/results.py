@@ -100,21 +100,7 @@ def evaluate_results(
             full_scale=data.range_nm,
             degrees_of_freedom=compensated.degrees_of_freedom,
         )
-        rows.append(
-            ResultRow(
-                torque_nm=float(steps.torque_nm[place]),
-                branch=int(steps.branch[place]),
-                standard_nm=float(steps.mean(data.standard_nm)[place]),
-                readings=int(steps.count[place]),
-                error_before_nm=raw.value,
-                expanded_before_nm=raw.expanded_uncertainty(),
-                factor_before=raw.coverage_factor(),
-                error_after_nm=compensated.value,
-                expanded_after_nm=compensated.expanded_uncertainty(),
-                factor_after=compensated.coverage_factor(),
-                verdict=decision.verdict,
-            )
-        )
+        rows.append(steps.row(place, data, raw, compensated, decision))
         decisions.append(decision)
         budgets.append(compensated)
     largest = int(np.argmax([budget.expanded_uncertainty() for budget in budgets]))
@@ -153,6 +139,23 @@ class _Steps:
 
     def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.bincount(self.label, weights=values) / self.count
+
+    def row(
+        self, place: int, data: CalibrationData, raw: Budget, compensated: Budget, judged: Decision
+    ) -> ResultRow:
+        return ResultRow(
+            torque_nm=float(self.torque_nm[place]),
+            branch=int(self.branch[place]),
+            standard_nm=float(self.mean(data.standard_nm)[place]),
+            readings=int(self.count[place]),
+            error_before_nm=raw.value,
+            expanded_before_nm=raw.expanded_uncertainty(),
+            factor_before=raw.coverage_factor(),
+            error_after_nm=compensated.value,
+            expanded_after_nm=compensated.expanded_uncertainty(),
+            factor_after=compensated.coverage_factor(),
+            verdict=judged.verdict,
+        )
 
 
 class _Side:
