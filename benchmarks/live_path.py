@@ -178,6 +178,8 @@ def main() -> int:
         strict=True,
     ):
         print(f"{title:36}" + "".join(f"{value:9.3f}" for value in np.percentile(row, PERCENTILES)))
+    late = int(np.sum(latencies[1] > LIMIT_MS))
+    print(f"{late} of {latencies.shape[1]} blocks above {LIMIT_MS:g} ms")
     median = float(np.median(latencies[1]))
     met = median <= LIMIT_MS
     print(f"median {median:.3f} ms (aim ≤ {LIMIT_MS:g} ms) {'met' if met else 'MISSED'}")
