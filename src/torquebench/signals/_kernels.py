@@ -113,6 +113,7 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
             numerator[k] = 0
             code = 1 if n == 0 else 2
         else:
+            # Here and not in a function of its own: handing over the array would count references.
             if n >= LANES and low > 0:
                 slope, shortest, longest = slope_and_intervals_in_lanes(ticks, low, high)
             else:
