@@ -37,12 +37,13 @@ _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
 _SIDELESS = 5e-4
+_SAME_LEVEL = 0.003
 _SCALES = {
     "loop": (1e-4, 4e-4, 3e-3),
     "step": (1.5e-4, 6e-4, 4e-3),
     "ripple": (1.5e-4,),
-    "bump": (1e-4, 4e-4),
-    "offset": (3e-4,),
+    "bump": (1e-4, 4e-4, 3e-3),
+    "offset": (3e-4, 3e-3),
 }
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
 _LOOP_DIFFERENCE = 0.2  # how much loops of both directions differ
@@ -108,13 +109,29 @@ class Effect:
         return Candidates(columns, self.scales, self.log_prior, self.log_absent, self.copies)
 
 
-def make_dictionary(points: int) -> Dictionary:
-    """Choose candidate shapes that so many calibration points can tell apart.
+def count_levels(u: FloatArray) -> int:
+    """Return how many different torques were measured in the direction that has more of them.
+
+    Examples
+    --------
+    >>> count_levels(np.array([0.5, 1.0, 0.501, -0.2, -0.4, -0.6]))
+    3
+    """
+    sides = (np.sort(u[u > 0]), np.sort(-u[u < 0]))
+    steps = [int(np.count_nonzero(np.diff(side) > _SAME_LEVEL)) for side in sides]
+    return max(step + min(side.size, 1) for step, side in zip(steps, sides, strict=True))
+
+
+def make_dictionary(levels: int) -> Dictionary:
+    """Choose candidate shapes that a calibration at so many torques can tell apart.
+
+    Ripple is looked for up to one and a half times the highest frequency that evenly spaced
+    torques resolve: beyond it, at twice that frequency, it would vanish at all of them.
 
     Parameters
     ----------
-    points : int
-        Number of calibration points.
+    levels : int
+        Number of torques per direction.
 
     Returns
     -------
@@ -122,14 +139,16 @@ def make_dictionary(points: int) -> Dictionary:
 
     Examples
     --------
-    >>> make_dictionary(50).bump_widths.min()
+    >>> make_dictionary(13).bump_widths.min()
     np.float64(0.04)
+    >>> make_dictionary(13).frequencies.max() < 13
+    np.True_
     """
-    narrowest = float(np.clip(2.0 / points, 0.02, 0.06))
+    narrowest = float(np.clip(0.52 / max(levels, 1), 0.02, 0.06))
     count = round(np.log(_WIDEST_BUMP / narrowest) / np.log(1.75)) + 1
     widths = np.geomspace(narrowest, _WIDEST_BUMP, count)
     centres = [np.arange(-1.0, 1.0 + 1e-9, 0.8 * width) for width in widths]
-    highest = float(np.clip(points / 4.0, 6.0, 25.0))
+    highest = float(np.clip(0.75 * levels, 3.0, 25.0))
     return Dictionary(
         _STEP_WIDTHS,
         _LOOP_SHAPES,

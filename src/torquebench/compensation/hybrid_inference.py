@@ -20,7 +20,6 @@ tried where the residuals look like it, and taken where its evidence is higher.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 from math import lgamma
 
 import numpy as np
@@ -35,6 +34,7 @@ from torquebench.compensation.hybrid_effects import (
     EffectPoints,
     all_columns,
     at_zero_time,
+    count_levels,
     make_dictionary,
     make_effects,
 )
@@ -55,6 +55,7 @@ _SMOOTH_LENGTH = 0.4
 _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
 _AMPLITUDES = (3e-5, 1.5e-4, 7e-4)
+_LARGEST_AMPLITUDE = 4e-2
 _USUAL_NOISE = 2e-4
 _LEAST_NOISE = 1e-6
 _NEGLIGIBLE_SHARE = 2e-3
@@ -177,7 +178,7 @@ class Problem:
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
         self.prior_scale = prior_scale
-        self.dictionary: Dictionary = make_dictionary(target.size)
+        self.dictionary: Dictionary = make_dictionary(count_levels(points.u))
         self.kinds: list[Effect] = make_effects(points, self.dictionary, prior_scale)
         self.main = prior_scale * main_columns(points.u)
         self._main_gram = self.main @ self.main.T
@@ -255,11 +256,21 @@ def explore(problem: Problem, start_noise: float) -> list[Member]:
         best = _with_tails(problem, best)
     freedom = max(problem.target.size - best.effective, 4.0)
     step = 1.5 / np.sqrt(2 * freedom)
-    settings = [
-        Setting(best.setting.noise * float(np.exp(k * step)), amplitude)
-        for k, amplitude in product((-1, 0, 1), _AMPLITUDES)
-    ]
-    return [problem.solve(setting, best.weights) for setting in settings]
+    noises = [best.setting.noise * float(np.exp(k * step)) for k in (-1, 0, 1)]
+
+    def row(amplitude: float) -> list[Member]:
+        return [problem.solve(Setting(noise, amplitude), best.weights) for noise in noises]
+
+    members = [member for amplitude in _AMPLITUDES for member in row(amplitude)]
+    largest = _AMPLITUDES[-1]
+    while _best(members).setting.amplitude == largest < _LARGEST_AMPLITUDE:
+        largest *= 4.0
+        members += row(largest)
+    return members
+
+
+def _best(members: list[Member]) -> Member:
+    return max(members, key=lambda member: member.log_evidence)
 
 
 def _expected_squares(member: Member) -> FloatArray:

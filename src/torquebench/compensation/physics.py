@@ -43,7 +43,10 @@ PRIOR_SCALES = np.array([1.5e-4, 3e-2, 3e-2, 3e-2, 3e-2, 5e-4, 3e-4, 3e-4])
 Generic orders of size, not those of any chain: a zero within some 0.03 % FS, gain and curvature
 of per cents (so free), a reversal step and a loop of some hundredths of a per cent."""
 
-_STEP_WIDTHS = np.array([0.003, 0.008, 0.016, 0.03])
+_STEP_WIDTHS = np.tile([0.003, 0.008, 0.016, 0.03], 2)
+_LOOP_FACTORS = np.repeat([1.0, 10.0], 4)
+"""Every width of the step, with usual and with wide priors of step and hysteresis."""
+_REVERSING = slice(5, 8)
 _HYSTERESIS = slice(6, 8)
 _DRIFT_SCALE = 1.4e-4
 
@@ -129,12 +132,14 @@ class PhysicsModel(CompensationModel):
 
     Attributes
     ----------
-    coefficients_ : float64 array of shape (widths, 8)
-        Posterior means, as fractions of full scale, for each step width.
-    covariances_ : float64 array of shape (widths, 8, 8)
+    step_widths_ : float64 array of shape (k,)
+        Step widths that are averaged over, each with usual and with wide priors of step and loop.
+    coefficients_ : float64 array of shape (k, 8)
+        Posterior means, as fractions of full scale, for each of them.
+    covariances_ : float64 array of shape (k, 8, 8)
         Posterior covariances.
-    evidence_ : float64 array of shape (widths,)
-        Weight of each step width.
+    evidence_ : float64 array of shape (k,)
+        Their weights.
     misfit_ : Misfit
         What the form can't follow, in fractions of full scale; part of the uncertainty.
 
@@ -150,6 +155,7 @@ class PhysicsModel(CompensationModel):
     maximum_points: ClassVar[int | None] = 600
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
+    step_widths_: FloatArray
     coefficients_: FloatArray
     covariances_: FloatArray
     evidence_: FloatArray
@@ -182,9 +188,10 @@ class PhysicsModel(CompensationModel):
         target = (y - X[:, 0]) / self.full_scale_nm_
         drift = -path_clocks(points.u, points.branch, feature_column(X, "series")).T
         fits = [
-            _fit_linear(np.hstack([physics_basis(points, w), drift]), target, weights)
-            for w in _STEP_WIDTHS
+            _fit_linear(np.hstack([physics_basis(points, width), drift]), target, weights, factor)
+            for width, factor in zip(_STEP_WIDTHS, _LOOP_FACTORS, strict=True)
         ]
+        self.step_widths_ = _STEP_WIDTHS.copy()
         log_evidence = np.array([fit.log_evidence for fit in fits])
         share = np.exp(log_evidence - log_evidence.max())
         self.evidence_ = share / share.sum()
@@ -200,7 +207,7 @@ class PhysicsModel(CompensationModel):
     def _mean(self, points: ChainPoints) -> FloatArray:
         values = [
             physics_basis(points, width) @ coefficients
-            for width, coefficients in zip(_STEP_WIDTHS, self.coefficients_, strict=True)
+            for width, coefficients in zip(self.step_widths_, self.coefficients_, strict=True)
         ]
         return np.asarray(self.evidence_ @ values)
 
@@ -209,7 +216,7 @@ class PhysicsModel(CompensationModel):
         known = np.where(points.branch == 0.0, 1.0, 0.0)
         mean, second = np.zeros(X.shape[0]), np.zeros(X.shape[0])
         for share, width, coefficients, covariance in zip(
-            self.evidence_, _STEP_WIDTHS, self.coefficients_, self.covariances_, strict=True
+            self.evidence_, self.step_widths_, self.coefficients_, self.covariances_, strict=True
         ):
             basis = physics_basis(points, width)
             value = basis @ coefficients
@@ -236,7 +243,9 @@ class _LinearFit:
     log_evidence: float
 
 
-def _fit_linear(basis: FloatArray, target: FloatArray, weights: FloatArray) -> _LinearFit:
+def _fit_linear(
+    basis: FloatArray, target: FloatArray, weights: FloatArray, loop_factor: float
+) -> _LinearFit:
     """Bayesian linear regression with known priors and noise by MacKay's fixed point."""
     root = np.sqrt(weights)
     scaled, y = basis * root[:, None], target * root
@@ -245,6 +254,7 @@ def _fit_linear(basis: FloatArray, target: FloatArray, weights: FloatArray) -> _
     noise2 = float(np.mean((y - scaled @ start) ** 2)) + floor**2
     # Data that no chain would give (another unit, a swapped column) get priors of their own size.
     scales = np.append(PRIOR_SCALES, np.full(basis.shape[1] - PRIOR_SCALES.size, _DRIFT_SCALE))
+    scales[_REVERSING] *= loop_factor
     scales = scales * max(1.0, np.sqrt(noise2) / 1e-3, float(np.max(np.abs(target))) / 3e-2)
     gram, moment, power = scaled.T @ scaled, scaled.T @ y, float(y @ y)
     residual, effective = noise2 * y.size, 0.0
