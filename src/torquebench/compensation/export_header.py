@@ -12,7 +12,7 @@ from torquebench.compensation.table import CompensationTable
 
 __all__ = ["export_header", "header_text"]
 
-_PER_LINE = 6
+_PER_LINE = 4
 
 
 def export_header(path: Path, table: CompensationTable, provenance: Provenance) -> Path:
@@ -71,7 +71,7 @@ def _function(curve: PiecewisePolynomial, prefix: str, what: str) -> str:
     order = curve.degree + 1
     branches = 3 if curve.branch_aware else 1
     rows = curve.coefficients if curve.branch_aware else curve.coefficients[1:2]
-    numbers = [_single(value) for value in rows.ravel().tolist()]
+    numbers = [repr(value) for value in rows.ravel().tolist()]
     lines = [
         "    " + ", ".join(numbers[start : start + _PER_LINE])
         for start in range(0, len(numbers), _PER_LINE)
@@ -86,7 +86,7 @@ def _function(curve: PiecewisePolynomial, prefix: str, what: str) -> str:
     count = curve.intervals
     table = ",\n".join(lines)
     return f"""/* Coefficients [branch][interval][power] of the place in an interval, -0.5 to 0.5 */
-static const float {name}_coefficients[{branches * count * order}] = {{
+static const double {name}_coefficients[{branches * count * order}] = {{
 {table}
 }};
 
@@ -96,7 +96,7 @@ static inline int {name}(double reading_nm, int branch, double *{what}_nm)
     const int outside = !(reading_nm >= low && reading_nm <= high);
     double clamped = reading_nm > low ? reading_nm : low;
     double central, location, place;
-    const float *c;
+    const double *c;
     int interval;{unused}
     if (clamped > high) {{
         clamped = high;
@@ -112,9 +112,3 @@ static inline int {name}(double reading_nm, int branch, double *{what}_nm)
     *{what}_nm = {total};
     return outside;
 }}"""
-
-
-def _single(value: float) -> str:
-    """Write a single-precision number in full, as a C literal."""
-    text = f"{value:.9g}"
-    return f"{text}f" if any(mark in text for mark in ".e") else f"{text}.0f"

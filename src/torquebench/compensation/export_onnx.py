@@ -146,7 +146,7 @@ class _Graph:
         row = self.apply("Add", [number, offset], named("row"))
         value = ""
         for power in range(curve.degree, -1, -1):
-            column = curve.coefficients[:, :, power].astype(np.float64).ravel()
+            column = curve.coefficients[:, :, power].ravel()
             store = self.constant(named(f"c{power}"), column)
             taken = self.apply("Gather", [store, row], named(f"taken_{power}"), axis=0)
             if not value:

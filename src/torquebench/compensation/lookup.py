@@ -3,9 +3,9 @@
 Eight readings go through one block of vector instructions: clamp, locate the interval, fetch its
 coefficients, evaluate. Numba's own loops stay scalar here, because its vectoriser can't rule out
 that the output array overlaps the table, and are about 1.6 times slower; so the block is written
-with LLVM's generic vector operations, which exist on every processor. The coefficients are single
-precision, two to a 64-bit word, which halves the fetches and keeps the table in the first-level
-cache; arithmetic is double precision throughout.
+with LLVM's generic vector operations, which exist on every processor. Two coefficients share a
+64-bit word (`pack_words`), which halves the fetches and keeps the table in the first-level cache;
+arithmetic is double precision throughout.
 """
 
 import itertools
@@ -22,7 +22,7 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
 
-__all__ = ["Grid", "evaluate"]
+__all__ = ["Grid", "evaluate", "pack_words", "unpack_words"]
 
 Grid = tuple[float, float, float, float, float, float, float]
 """Numbers that `evaluate` locates an interval with."""
@@ -74,23 +74,27 @@ class _Emitter:
 
     def fetch(self, words: Any, position: Any) -> Any:
         """Fetch one 64-bit word a lane; scalar loads beat gather instructions."""
+        builder = self.builder
+        # two positions leave the vector registers at a time
+        pairs = builder.bitcast(
+            builder.trunc(position, _LANES32), ir.VectorType(_WORD, _LANES // 2)
+        )
         result = ir.Constant(_WORDS, ir.Undefined)
         for lane in range(_LANES):
-            number = ir.Constant(_LANE, lane)
-            index = self.builder.extract_element(position, number)
-            word = self.builder.load(self.builder.gep(words, [index], inbounds=True))
-            result = self.builder.insert_element(result, word, number)
+            pair = builder.extract_element(pairs, ir.Constant(_LANE, lane // 2))
+            if lane % 2:
+                index = builder.lshr(pair, ir.Constant(_WORD, 32))
+            else:
+                index = builder.and_(pair, ir.Constant(_WORD, 0xFFFFFFFF))
+            word = builder.load(builder.gep(words, [index], inbounds=True))
+            result = builder.insert_element(result, word, ir.Constant(_LANE, lane))
         return result
 
     def unpack(self, words: Any) -> tuple[Any, Any]:
-        """Split each word into its two single-precision numbers, low half first."""
+        """Take each word apart as `unpack_words` does."""
         builder = self.builder
-        high = builder.lshr(words, ir.Constant(_WORDS, [32] * _LANES))
-        first, second = (
-            builder.fpext(builder.bitcast(builder.trunc(half, _LANES32), _FLOATS), _DOUBLES)
-            for half in (words, high)
-        )
-        return first, second
+        low = builder.bitcast(builder.trunc(words, _LANES32), _FLOATS)
+        return builder.fpext(low, _DOUBLES), builder.bitcast(words, _DOUBLES)
 
     def count(self, flags: Any) -> Any:
         bits = ir.IntType(_LANES)
@@ -121,9 +125,7 @@ def _block_code(words_per_interval: int, with_branch: bool) -> Callable[..., Any
         bias = ir.Constant(_DOUBLES, [_WHOLE_NUMBER_IN_LOW_BITS] * _LANES)
         shifted = builder.fadd(location, bias)
         fraction = builder.fsub(location, builder.fsub(shifted, bias))
-        position = builder.and_(
-            builder.bitcast(shifted, _WORDS), ir.Constant(_WORDS, [0xFFFFFFFF] * _LANES)
-        )
+        position = builder.bitcast(shifted, _WORDS)
         if words_per_interval == 2:
             position = builder.shl(position, ir.Constant(_WORDS, [1] * _LANES))
         if with_branch:
@@ -208,11 +210,56 @@ def _cubic_branch(reading, branch, out, table, stride, grid):  # type: ignore[no
     return outside
 
 
+def pack_words(coefficients: NDArray[np.float64]) -> NDArray[np.uint64]:
+    """Pack coefficients two to a word.
+
+    The first of a pair becomes a single-precision number in the word's low half. The word as a
+    whole, read as a double, is the second: the low half is far below what matters of it.
+
+    Parameters
+    ----------
+    coefficients : float64 array of shape (..., 2 k)
+
+    Returns
+    -------
+    words : uint64 array of shape (..., k)
+
+    Examples
+    --------
+    >>> unpack_words(pack_words(np.array([0.5, 0.1]))).round(6).tolist()
+    [0.5, 0.1]
+    """
+    first = np.ascontiguousarray(coefficients[..., 0::2], dtype=np.float32)
+    second = np.ascontiguousarray(coefficients[..., 1::2], dtype=np.float64)
+    low = first.view(np.uint32).astype(np.uint64)
+    bits = second.view(np.uint64)
+    sign, size = bits & np.uint64(1 << 63), bits & np.uint64((1 << 63) - 1)
+    # the size whose low half is `low` and that is nearest; next to nothing becomes that
+    nearest = (np.maximum(size, low) - low + np.uint64(1 << 31)) >> np.uint64(32)
+    return np.asarray(sign | (nearest << np.uint64(32)) | low)
+
+
+def unpack_words(words: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """Return the coefficients that words hold, exactly as `evaluate` uses them.
+
+    Parameters
+    ----------
+    words : uint64 array of shape (..., k)
+
+    Returns
+    -------
+    coefficients : float64 array of shape (..., 2 k)
+    """
+    low = (words & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
+    pairs = np.stack([low.astype(np.float64), words.view(np.float64)], axis=-1)
+    return pairs.reshape(*words.shape[:-1], 2 * words.shape[-1])
+
+
 def evaluate(
     reading: NDArray[np.float64],
     branch: NDArray[np.int8] | None,
     out: NDArray[np.float64],
-    coefficients: NDArray[np.float32],
+    words: NDArray[np.uint64],
     grid: Grid,
     workers: int | None = None,
 ) -> int:
@@ -231,8 +278,8 @@ def evaluate(
         -1, 0 or +1; None takes 0 for all.
     out : float64 array of shape (n,), C-contiguous
         Filled with the results; may be `reading` itself.
-    coefficients : float32 array of shape (3, intervals, 2 or 4), C-contiguous
-        c₀, c₁ (, c₂, c₃) for the branches -1, 0 and +1.
+    words : uint64 array of shape (3, intervals, 1 or 2), C-contiguous
+        c₀, c₁ (, c₂, c₃) for the branches -1, 0 and +1, packed by `pack_words`.
     grid : tuple of 7 floats
         scale in 1/(N·m), zero, extra in 1/(N·m), near in N·m, lower and upper limit of the reading
         in N·m, gain.
@@ -246,30 +293,29 @@ def evaluate(
 
     Examples
     --------
-    >>> table = np.zeros((3, 4, 2), dtype=np.float32)
+    >>> table = np.zeros((3, 4, 2))
     >>> table[1, :, 0] = [1.0, 2.0, 3.0, 4.0]
     >>> out = np.empty(3)
     >>> grid = (1.0, 1.0, 0.0, 0.0, -1.0, 2.0, 1.0)
-    >>> evaluate(np.array([-1.0, 0.6, 9.0]), None, out, table, grid)
+    >>> evaluate(np.array([-1.0, 0.6, 9.0]), None, out, pack_words(table), grid)
     1
     >>> out.tolist()
     [0.0, 3.6, 13.0]
     """
-    intervals, order = coefficients.shape[1:]
-    words = coefficients.reshape(-1).view(np.uint64)
-    stride = intervals * (order // 2)
+    linear, stride = words.shape[2] == 1, words.shape[1] * words.shape[2]
+    table = words.reshape(-1)
     if branch is None:
-        words, branch = words[stride : 2 * stride], np.empty(0, dtype=np.int8)
-        kernel = _linear if order == 2 else _cubic
+        table, branch = table[stride : 2 * stride], np.empty(0, dtype=np.int8)
+        kernel = _linear if linear else _cubic
     else:
-        kernel = _linear_branch if order == 2 else _cubic_branch
+        kernel = _linear_branch if linear else _cubic_branch
     whole = reading.size - reading.size % _LANES
     if workers is None:
         workers = (cpu_count() or 1) if reading.size >= _THREAD_MINIMUM else 1
 
     def run(part: slice) -> int:
         signs = branch if branch.size == 0 else branch[part]
-        return int(kernel(reading[part], signs, out[part], words, stride, grid))
+        return int(kernel(reading[part], signs, out[part], table, stride, grid))
 
     if workers > 1:
         edges = [whole // _LANES * k // workers * _LANES for k in range(workers + 1)]
@@ -279,7 +325,7 @@ def evaluate(
     else:
         outside = run(slice(0, whole))
     if whole < reading.size:
-        outside += _tail(kernel, reading[whole:], branch[whole:], out[whole:], words, stride, grid)
+        outside += _tail(kernel, reading[whole:], branch[whole:], out[whole:], table, stride, grid)
     return outside
 
 
@@ -288,7 +334,7 @@ def _tail(
     reading: NDArray[np.float64],
     branch: NDArray[np.int8],
     out: NDArray[np.float64],
-    words: NDArray[np.uint64],
+    table: NDArray[np.uint64],
     stride: int,
     grid: Grid,
 ) -> int:
@@ -297,6 +343,6 @@ def _tail(
     padded[: reading.size] = reading
     signs = np.zeros(_LANES if branch.size else 0, dtype=np.int8)
     signs[: branch.size] = branch
-    outside = int(kernel(padded, signs, padded, words, stride, grid))
+    outside = int(kernel(padded, signs, padded, table, stride, grid))
     out[:] = padded[: reading.size]
     return outside

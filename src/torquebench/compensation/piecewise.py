@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.lookup import Grid, evaluate
+from torquebench.compensation.lookup import Grid, evaluate, pack_words, unpack_words
 from torquebench.errors import InputError
 
 __all__ = ["BRANCHES", "Curve", "PiecewisePolynomial", "approximate"]
@@ -47,8 +47,8 @@ class PiecewisePolynomial:
 
     Attributes
     ----------
-    coefficients : float32 array of shape (3, intervals, degree + 1)
-        For the branches -1, 0, +1; powers of the distance from an interval's middle in intervals.
+    words : uint64 array of shape (3, intervals, (degree + 1) / 2)
+        `coefficients` as `lookup.evaluate` takes them.
     scale : float
         Intervals per N·m.
     zero : float
@@ -68,7 +68,7 @@ class PiecewisePolynomial:
         Whether the three branches differ.
     """
 
-    coefficients: NDArray[np.float32]
+    words: NDArray[np.uint64]
     scale: float
     zero: float
     extra: float
@@ -82,12 +82,20 @@ class PiecewisePolynomial:
     @property
     def degree(self) -> int:
         """1 (linear) or 3 (cubic)."""
-        return int(self.coefficients.shape[2]) - 1
+        return 2 * int(self.words.shape[2]) - 1
 
     @property
     def intervals(self) -> int:
         """Number of intervals of a branch."""
-        return int(self.coefficients.shape[1])
+        return int(self.words.shape[1])
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """For the branches -1, 0, +1: powers of the place in an interval, -0.5 to 0.5.
+
+        Shape (3, intervals, degree + 1).
+        """
+        return unpack_words(self.words)
 
     @property
     def grid(self) -> Grid:
@@ -103,7 +111,7 @@ class PiecewisePolynomial:
     ) -> int:
         """Fill `out` and return the number of readings outside the limits, see `lookup`."""
         signs = branch if self.branch_aware else None
-        return evaluate(reading, signs, out, self.coefficients, self.grid, workers)
+        return evaluate(reading, signs, out, self.words, self.grid, workers)
 
     def nodes(self) -> FloatArray:
         """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""
@@ -251,13 +259,13 @@ class _Builder:
         edges_nm = width * (central / fineness + (edges - central))
         pieces = _Pieces(edges_nm, self.low, self.high, degree)
         is_near = np.abs(edges[:-1] + 0.5) < near_intervals * fineness
-        single = np.zeros((3, count, degree + 1), dtype=np.float32)
+        words = np.zeros((3, count, (degree + 1) // 2), dtype=np.uint64)
         worst = {True: -1.0, False: -1.0}
         at, worst_branch = 0.0, 0
         for branch in self.branches:
             value = self._difference(pieces.points, pieces.sides, branch)
-            single[branch + 1] = pieces.fit(value)
-            bound, place = pieces.bound(single[branch + 1], value)
+            words[branch + 1] = pack_words(pieces.fit(value))
+            bound, place = pieces.bound(unpack_words(words[branch + 1]), value)
             for part in (True, False):
                 here = np.where(is_near == part, bound, -1.0)
                 index = int(np.argmax(here))
@@ -265,9 +273,9 @@ class _Builder:
                     at, worst_branch = float(place[index]), branch
                 worst[part] = max(worst[part], float(here[index]))
         if len(self.branches) == 1:
-            single[:] = single[1]
+            words[:] = words[1]
         piecewise = PiecewisePolynomial(
-            coefficients=single,
+            words=words,
             scale=1.0 / width,
             zero=below - 0.5,
             extra=extra,
@@ -318,12 +326,10 @@ class _Pieces:
         powers = self.places[:, nodes, None] ** np.arange(self.degree + 1)
         return np.asarray(np.linalg.solve(powers, value[:, nodes, None])[:, :, 0])
 
-    def bound(
-        self, single: NDArray[np.float32], value: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def bound(self, coefficients: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Bound of each interval's deviation, and where it is largest."""
         result = np.zeros_like(self.places)
-        for column in single.astype(np.float64).T[::-1]:
+        for column in coefficients.T[::-1]:
             result = result * self.places + column[:, None]
         deviation = result - value
         # between two points a parabola rises by an eighth of its second difference

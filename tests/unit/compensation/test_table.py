@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torquebench.compensation import MODELS, features, make_model
-from torquebench.compensation.lookup import evaluate
+from torquebench.compensation.lookup import evaluate, pack_words, unpack_words
 from torquebench.compensation.piecewise import approximate
 from torquebench.compensation.table import CompensationTable, compile_table
 from torquebench.errors import InputError
@@ -68,7 +68,7 @@ def _reference(reading, branch, coefficients, grid):
     location = scale * clamped + extra * np.clip(clamped, -near, near) + zero
     number = np.rint(location).astype(int)
     place = location - number
-    rows = coefficients[branch.astype(int) + 1, number].astype(np.float64)
+    rows = coefficients[branch.astype(int) + 1, number]
     result = np.zeros_like(reading)
     for column in rows.T[::-1]:
         result = result * place + column
@@ -85,18 +85,24 @@ def _reference(reading, branch, coefficients, grid):
 )
 def test_kernel_agrees_with_numpy(size, order, with_branch, gain, workers, seed):
     generator = np.random.default_rng(seed)
-    coefficients = generator.standard_normal((3, 48, order)).astype(np.float32)
+    words = pack_words(generator.standard_normal((3, 48, order)))
     # from -16 to 16: 1 wide, between -8 and 8 only a half
     grid = (1.0, 23.5, 1.0, 8.0, -15.0, 15.0, gain)
     reading = generator.uniform(-17.0, 17.0, size)
     branch = generator.integers(-1, 2, size).astype(np.int8)
     out = np.empty(size)
-    outside = evaluate(reading, branch if with_branch else None, out, coefficients, grid, workers)
+    outside = evaluate(reading, branch if with_branch else None, out, words, grid, workers)
     assert outside == np.count_nonzero(np.abs(reading) > 15.0)
     used = branch if with_branch else np.zeros(size, dtype=np.int8)
     np.testing.assert_allclose(
-        out, _reference(reading, used, coefficients, grid), rtol=1e-12, atol=1e-10
+        out, _reference(reading, used, unpack_words(words), grid), rtol=1e-12, atol=1e-10
     )
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=2))
+def test_packing_keeps_six_digits(pair):
+    packed = pack_words(np.array(pair))
+    np.testing.assert_allclose(unpack_words(packed), pair, rtol=1e-6, atol=1e-30)
 
 
 def test_threads_give_the_same_bits(fitted):
