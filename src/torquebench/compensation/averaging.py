@@ -33,8 +33,9 @@ class Candidates:
     ----------
     columns : float64 array of shape (J, q, n)
         The q columns of each of J candidates at the n points.
-    scales : float64 array of shape (S,)
-        Candidate prior standard deviations of the coefficients, equally probable.
+    scales : float64 array of shape (S,) or (S, q)
+        Candidate prior standard deviations of the coefficients, equally probable; one for all
+        columns or one for each.
     log_prior : float64 array of shape (J,)
         Log prior probability of each candidate; they and the absence add up to one.
     log_absent : float
@@ -176,12 +177,14 @@ def average_effects(
 def _prepare(kind: Candidates) -> _Prepared:
     columns = kind.columns
     gram: FloatArray = columns @ columns.transpose(0, 2, 1)
-    identity = np.eye(columns.shape[1])
-    precision = gram[None] + identity / (kind.scales**2)[:, None, None, None]
+    width = columns.shape[1]
+    scales = np.broadcast_to(kind.scales.reshape(len(kind.scales), -1), (len(kind.scales), width))
+    prior_precision = np.eye(width) / (scales**2)[:, None, :]
+    precision = gram[None] + prior_precision[:, None]
     covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
     half_log_determinant = 0.5 * np.asarray(np.linalg.slogdet(precision)[1], dtype=np.float64)
-    half_log_determinant += columns.shape[1] * np.log(kind.scales)[:, None]
-    constant = np.asarray(kind.log_prior - np.log(kind.scales.size) - half_log_determinant)
+    half_log_determinant += np.sum(np.log(scales), axis=1)[:, None]
+    constant = np.asarray(kind.log_prior - np.log(len(scales)) - half_log_determinant)
     trace: FloatArray = np.einsum("jpq,sjqp->sj", gram, covariance)
     return _Prepared(kind, gram, covariance, constant, trace)
 

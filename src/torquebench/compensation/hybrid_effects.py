@@ -36,6 +36,7 @@ _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
+_DRIFT_SCALE = 2.5e-4
 _SIDELESS = 5e-4
 _SAME_LEVEL = 0.003
 _SCALES = {
@@ -264,6 +265,9 @@ def make_effects(
     """
     loop, step, ripple, bump, offset = all_columns(points, dictionary)
     scales = {name: prior_scale * np.array(pair) for name, pair in _SCALES.items()}
+    # However large the loop, the zero's drift is of its own, small size.
+    drift = np.full(scales["loop"].size, prior_scale * _DRIFT_SCALE)
+    loop_scales = np.column_stack([scales["loop"], scales["loop"], drift])
     clocks, loops = len(points.elapsed), len(dictionary.loop_shapes)
     # none, odd loop, even loop, odd loop with drift, drift alone
     share = np.array([0.20, 0.30, 0.10, 0.24, 0.16] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
@@ -271,7 +275,7 @@ def make_effects(
     loop_prior = np.repeat(share[1:] / np.maximum(counts, 1), counts)
     ripple_prior = 1.0 / dictionary.frequencies
     return [
-        Effect("loop", loop, scales["loop"], np.log(loop_prior), np.log(share[0])),
+        Effect("loop", loop, loop_scales, np.log(loop_prior), np.log(share[0])),
         Effect("step", step, scales["step"], *_prior(np.ones(len(step)), 0.2)),
         Effect("ripple", ripple, scales["ripple"], *_prior(ripple_prior, 0.4)),
         Effect("bump", bump, scales["bump"], *_prior(dictionary.bump_widths, 0.4), copies=3),
