@@ -3,6 +3,7 @@
 import itertools
 import logging
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +17,12 @@ os.environ["MPLBACKEND"] = "Agg"
 import pytest
 from hypothesis import HealthCheck, settings
 from tests import postgresql_server
+
+# A shell that starts the tests in the background has Ctrl-C ignored, and every process that a test
+# starts would inherit that; the handler takes it back.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 _CI = bool(os.environ.get("CI"))
 _REPOSITORY = Path(__file__).resolve().parents[1]
