@@ -119,7 +119,8 @@ def test_threads_give_the_same_bits(fitted):
 @given(st.floats(-2040.0, 2040.0), st.sampled_from([-1, 0, 1]))
 def test_single_reading_equals_the_array(fitted_table, reading, branch):
     array = fitted_table.torque([reading], [branch])[0]
-    assert fitted_table.at(reading, branch) == pytest.approx(array, abs=1e-9)
+    # at an edge, rounding decides which of two polynomials that meet there is taken
+    assert fitted_table.at(reading, branch) == pytest.approx(array, abs=1e-9 * _RANGE)
 
 
 @pytest.fixture(scope="module", params=["physics", "published-network"])
