@@ -24,6 +24,7 @@ from torquebench.compensation.checks import (
     reduce_points,
 )
 from torquebench.compensation.columns import FEATURES, FloatArray, feature_column, features
+from torquebench.compensation.misfit import Misfit, estimate_misfit
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 
@@ -58,6 +59,7 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
+_MISFIT_POINTS = 120  # enough to tell neighbours' common residual from noise, in milliseconds
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
 
 
@@ -103,10 +105,14 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     degrees_of_freedom_ : float
         Those of `noise_nm_`: points (after averaging in bins) minus effective parameters.
 
+    misfit_ : Misfit
+        What the model's form can't follow, as fractions of full scale; with `counts_misfit`.
+
     Notes
     -----
     ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve: parameters
-    and interpolation, with the noise estimated from the data. The scatter of the single reading
+    and interpolation, with the noise estimated from the data, and the misfit that neighbouring
+    residuals show. The scatter of the single reading
     that is compensated isn't in it; its estimate is `noise_nm_`, and `single_reading_std` adds
     both.
     """
@@ -124,6 +130,11 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
     """Columns that the model looks at; others are ignored."""
 
+    counts_misfit: ClassVar[bool] = True
+    """Whether what the model's form can't follow is added to its uncertainty here (`misfit`); a
+    model that follows any form, and knows how well, counts it itself."""
+
+    misfit_: Misfit
     wild_points_: list[WildPoint]
     full_scale_nm_: float
     reading_low_nm_: float
@@ -200,7 +211,22 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 "check units and columns, or take a simpler model",
             ) from problem
         self.degrees_of_freedom_ = max(points.y.size - self.effective_parameters_, 1.0)
+        if self.counts_misfit:
+            self.misfit_ = self._misfit(points, weights)
         return self
+
+    def _misfit(self, points: CalibrationPoints, weights: FloatArray) -> Misfit:
+        """Estimate what the form can't follow, from the residuals of some hundred points."""
+        some = np.linspace(0, points.y.size - 1, min(points.y.size, _MISFIT_POINTS)).astype(np.intp)
+        with single_blas_thread():
+            torque, _ = self._predict(points.X[some], return_std=False)
+            return estimate_misfit(
+                points.reading[some] / self.full_scale_nm_,
+                feature_column(points.X[some], "branch"),
+                (points.y[some] - torque) / self.full_scale_nm_,
+                weights[some],
+                self.effective_parameters_ * some.size / points.y.size,
+            )
 
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> FloatArray: ...
@@ -242,6 +268,9 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 torque[rows], of_rows = self._predict(X_checked[rows], return_std)
                 if of_rows is not None:
                     std[rows] = of_rows
+        if return_std and self.counts_misfit:
+            misfit2 = self.misfit_.variance(X_checked[:, 0] / self.full_scale_nm_)
+            std = np.hypot(std, self.full_scale_nm_ * np.sqrt(misfit2))
         return (torque, std) if return_std else torque
 
     def additional_torque(self, X: ArrayLike) -> FloatArray:

@@ -127,6 +127,7 @@ class GaussianProcessModel(CompensationModel):
     complexity: ClassVar[int] = 45
     maximum_points: ClassVar[int | None] = 600
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
+    counts_misfit: ClassVar[bool] = False
 
     thetas_: FloatArray
     shares_: FloatArray

@@ -86,6 +86,7 @@ class HybridModel(CompensationModel):
     complexity: ClassVar[int] = 40
     maximum_points: ClassVar[int | None] = 400
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
+    counts_misfit: ClassVar[bool] = False
 
     dictionary_: Dictionary
     main_: FloatArray

@@ -33,7 +33,6 @@ from torquebench.compensation.base import (
     register,
 )
 from torquebench.compensation.hybrid_effects import path_clocks
-from torquebench.compensation.misfit import Misfit, estimate_misfit
 
 __all__ = ["PRIOR_SCALES", "ChainPoints", "PhysicsModel", "chain_points", "physics_basis"]
 
@@ -140,8 +139,6 @@ class PhysicsModel(CompensationModel):
         Posterior covariances.
     evidence_ : float64 array of shape (k,)
         Their weights.
-    misfit_ : Misfit
-        What the form can't follow, in fractions of full scale; part of the uncertainty.
 
     Examples
     --------
@@ -159,7 +156,6 @@ class PhysicsModel(CompensationModel):
     coefficients_: FloatArray
     covariances_: FloatArray
     evidence_: FloatArray
-    misfit_: Misfit
 
     def __init__(
         self,
@@ -199,17 +195,6 @@ class PhysicsModel(CompensationModel):
         self.covariances_ = np.array([fit.covariance for fit in fits])
         self.noise_nm_ = self.full_scale_nm_ * float(self.evidence_ @ [fit.noise for fit in fits])
         self.effective_parameters_ = float(self.evidence_ @ [fit.effective for fit in fits])
-        residual = target - self._mean(points)
-        self.misfit_ = estimate_misfit(
-            points.u, points.branch, residual, weights, self.effective_parameters_
-        )
-
-    def _mean(self, points: ChainPoints) -> FloatArray:
-        values = [
-            physics_basis(points, width) @ coefficients
-            for width, coefficients in zip(self.step_widths_, self.coefficients_, strict=True)
-        ]
-        return np.asarray(self.evidence_ @ values)
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         points = chain_points(X, self.full_scale_nm_)
@@ -229,9 +214,7 @@ class PhysicsModel(CompensationModel):
         torque = X[:, 0] + self.full_scale_nm_ * mean
         if not return_std:
             return torque, None
-        return torque, self.full_scale_nm_ * np.sqrt(
-            np.maximum(second - mean**2, 0.0) + self.misfit_.variance(points.u)
-        )
+        return torque, self.full_scale_nm_ * np.sqrt(np.maximum(second - mean**2, 0.0))
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def test_the_bound_of_two_effects_stays_below_the_exact_evidence(seed: int) -> N
     exact = float(logsumexp(logs))
     posterior = average_effects(target, kinds, sweeps=200, tolerance=1e-10)
     assert posterior.log_evidence <= exact + 1e-9
-    assert posterior.log_evidence >= exact - 3.0
+    assert posterior.log_evidence >= exact - 8.0
 
 
 def test_two_clear_effects_of_one_kind_are_both_found() -> None:

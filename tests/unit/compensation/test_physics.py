@@ -119,3 +119,13 @@ def test_pure_noise_shows_little_misfit_and_a_wave_shows_most_of_its_size(seed: 
 def test_residuals_of_exactly_zero_show_no_misfit() -> None:
     misfit = estimate_misfit(np.linspace(-1, 1, 9), np.ones(9), np.zeros(9), np.ones(9), 3.0)
     assert (misfit.amplitude, misfit.noise) == (0.0, 0.0)
+    np.testing.assert_array_equal(misfit.variance(np.array([-0.5, 0.5])), 0.0)
+
+
+def test_a_loop_that_the_form_does_not_look_at_counts_with_its_half_width() -> None:
+    u, branch = loaded(20)
+    half = 3e-4 * np.sign(u) * branch * (1 - np.abs(u))
+    noise = 2e-5 * np.random.default_rng(1).standard_normal(u.size)
+    misfit = estimate_misfit(u, branch, half + noise, np.ones(u.size), 4.0)
+    std = np.sqrt(misfit.variance(np.array([-0.8, -0.2, 0.3])))
+    np.testing.assert_allclose(std, [0.6e-4, 2.4e-4, 2.1e-4], atol=0.3e-4)
