@@ -23,7 +23,13 @@ from torquebench.compensation.checks import (
     point_weights,
     reduce_points,
 )
-from torquebench.compensation.columns import FEATURES, FloatArray, feature_column, features
+from torquebench.compensation.columns import (
+    FEATURES,
+    FloatArray,
+    explain_rejection,
+    feature_column,
+    features,
+)
 from torquebench.compensation.misfit import Misfit, estimate_misfit
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
@@ -395,14 +401,14 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=1
             )
         except ValueError as problem:
-            raise _explained(problem, X, y) from problem
+            raise explain_rejection(problem, X, y) from problem
         return X_checked, np.asarray(y_checked, dtype=np.float64)
 
     def _validated_rows(self, X: ArrayLike) -> FloatArray:
         try:
             return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
         except ValueError as problem:
-            raise _explained(problem, X) from problem
+            raise explain_rejection(problem, X) from problem
 
     def _set_range(self, reading: FloatArray) -> None:
         largest = float(np.max(np.abs(reading)))
@@ -498,23 +504,3 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
                 f"parameter {parameter!r} of model {name!r}", ", ".join(known), "name one of these"
             )
     return MODELS[kind](**parameters)
-
-
-def _explained(problem: ValueError, X: ArrayLike, y: ArrayLike | None = None) -> InputError:
-    """Say where NaN or infinity stands, or else what scikit-learn found."""
-    names = [*FEATURES, "standard"]
-    if any(word in str(problem) for word in ("NaN", "infinity")):
-        columns = list(np.asarray(X, dtype=np.float64).T[: len(FEATURES)])
-        given = dict(zip(names, columns, strict=False))
-        if y is not None:
-            given["standard"] = np.asarray(y, dtype=np.float64)
-        for name, column in given.items():
-            bad = np.flatnonzero(~np.isfinite(column))
-            if bad.size:
-                what = "NaN" if np.isnan(column[bad[0]]) else "infinity"
-                return InputError(
-                    f"{what} in column {name}, row {bad[0]} ({bad.size} in all)",
-                    "a number in every row",
-                    "leave such rows out or measure them again",
-                )
-    return InputError(" ".join(str(problem).split()), remedy="correct the table")

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["FEATURES", "FloatArray", "feature_column", "features"]
+__all__ = ["FEATURES", "FloatArray", "explain_rejection", "feature_column", "features"]
 
 FloatArray = NDArray[np.float64]
 
@@ -99,3 +99,23 @@ def feature_column(X: FloatArray, name: str) -> FloatArray:
         return np.zeros(X.shape[0])
     column = np.ascontiguousarray(X[:, index], dtype=np.float64)
     return np.sign(column) if name == "branch" else column
+
+
+def explain_rejection(problem: ValueError, X: ArrayLike, y: ArrayLike | None = None) -> InputError:
+    """Say where NaN or infinity stands, or else what scikit-learn found."""
+    names = [*FEATURES, "standard"]
+    if any(word in str(problem) for word in ("NaN", "infinity")):
+        columns = list(np.asarray(X, dtype=np.float64).T[: len(FEATURES)])
+        given = dict(zip(names, columns, strict=False))
+        if y is not None:
+            given["standard"] = np.asarray(y, dtype=np.float64)
+        for name, column in given.items():
+            bad = np.flatnonzero(~np.isfinite(column))
+            if bad.size:
+                what = "NaN" if np.isnan(column[bad[0]]) else "infinity"
+                return InputError(
+                    f"{what} in column {name}, row {bad[0]} ({bad.size} in all)",
+                    "a number in every row",
+                    "leave such rows out or measure them again",
+                )
+    return InputError(" ".join(str(problem).split()), remedy="correct the table")
