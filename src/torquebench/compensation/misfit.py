@@ -8,7 +8,9 @@ discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001) 425-46
 uncertainty only: the simple model's values stay its own.
 
 A loop that residuals of both branches show, because the form doesn't look at the branch, is fitted
-by the four shapes of a loop that closes at full scale, and counts with its half-width.
+by the four shapes of a loop that closes at full scale, and counts with its half-width. One of them,
+open at zero with the same sign in both directions, is what a drift of the zero leaves; half of that
+drift went into the curve, and counts everywhere.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ class Misfit:
     def variance(self, u: FloatArray) -> FloatArray:
         """Return the misfit's variance at readings u (fractions of full scale)."""
         half_loop = _loop_columns(u, np.ones_like(u)) @ self.loop
-        return np.asarray(self.amplitude**2 * _diagonal(u) + half_loop**2)
+        return np.asarray(self.amplitude**2 * _diagonal(u) + half_loop**2 + self.loop[1] ** 2)
 
 
 def estimate_misfit(
