@@ -125,7 +125,7 @@ def _fit_loop(
 
 def _loop_columns(u: FloatArray, branch: FloatArray) -> FloatArray:
     """Return loops that are closed or open at zero, with and without the torque's sign."""
-    x, side = np.abs(u), np.sign(u)
+    x, side = np.abs(u), np.where(u < 0.0, -1.0, 1.0)  # at zero the limit from above
     rest = branch * np.clip(1.0 - x, 0.0, None)
     return np.column_stack([rest * x, rest, side * rest * x, side * rest])
 
