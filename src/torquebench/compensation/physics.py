@@ -199,6 +199,8 @@ class PhysicsModel(CompensationModel):
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         points = chain_points(X, self.full_scale_nm_)
         known = np.where(points.branch == 0.0, 1.0, 0.0)
+        # At zero the loop's limit from above, as tables give it.
+        beside = np.where(points.u == 0.0, np.finfo(np.float64).tiny, points.u)
         mean, second = np.zeros(X.shape[0]), np.zeros(X.shape[0])
         for share, width, coefficients, covariance in zip(
             self.evidence_, self.step_widths_, self.coefficients_, self.covariances_, strict=True
@@ -208,7 +210,7 @@ class PhysicsModel(CompensationModel):
             mean += share * value
             if return_std:
                 variance = np.einsum("ij,jk,ik->i", basis, covariance, basis)
-                up = physics_basis(ChainPoints(points.u, known), width)[:, _HYSTERESIS]
+                up = physics_basis(ChainPoints(beside, known), width)[:, _HYSTERESIS]
                 half = up @ coefficients[_HYSTERESIS]
                 second += share * (variance + value**2 + half**2)
         torque = X[:, 0] + self.full_scale_nm_ * mean
