@@ -1,0 +1,188 @@
+"""What a reducer test finds out: values only, for tables, figures, reports and the panel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Literal
+
+from torquebench.station import RunRecord
+
+__all__ = [
+    "ReducerTestRecord",
+    "TestName",
+    "TestOutcome",
+    "TestQuantity",
+    "TestRehearsal",
+    "TestVerdict",
+]
+
+TestName = Literal[
+    "no-load", "starting", "back-driving", "hysteresis", "transmission-error", "efficiency", "full"
+]
+TestVerdict = Literal["pass", "conditionalPass", "conditionalFail", "fail", ""]
+
+
+@dataclass(frozen=True)
+class TestQuantity:
+    """One result of a reducer test with what is known about it.
+
+    Attributes
+    ----------
+    key : str
+        Name for programs, unique within its test, such as ``"backlash"``.
+    title : str
+        Name for people.
+    value, expanded_uncertainty : float
+        Estimate and its expanded uncertainty (k = 2), in `unit`.
+    unit : str
+        Of both, and of the limit and the truth.
+    limit : str
+        What the data sheet demands, in words with its unit; empty where it demands nothing.
+    verdict : str
+        Guard-banded verdict against that limit; empty without one.
+    rule : str
+        Which definition was used, where makers differ.
+    truth : float or None
+        What the simulated reducer really has; None on a real bench or where it isn't known.
+    """
+
+    __test__ = False  # not a test of pytest's
+
+    key: str
+    title: str
+    value: float
+    expanded_uncertainty: float
+    unit: str
+    limit: str = ""
+    verdict: TestVerdict = ""
+    rule: str = ""
+    truth: float | None = None
+
+
+@dataclass(frozen=True)
+class TestOutcome:
+    """One test of one specimen.
+
+    Attributes
+    ----------
+    name : str
+        Which test, one of ``TESTS`` but not ``"full"``.
+    title : str
+        The same in words.
+    quantities : tuple of TestQuantity
+        What it found.
+    verdict : str
+        The worst verdict of its quantities; empty where nothing was judged.
+    remarks : tuple of str
+        What a reader has to know: nominal uncertainties, points that didn't settle.
+    recording : object
+        What the plan recorded (a frozen dataclass of arrays).
+    result : object
+        What the pure evaluation made of it (a frozen dataclass of `torquebench.reducers`).
+    run : RunRecord
+        The run and its folder; its ``results.json`` holds the quantities.
+    """
+
+    __test__ = False
+
+    name: TestName
+    title: str
+    quantities: tuple[TestQuantity, ...]
+    verdict: TestVerdict
+    remarks: tuple[str, ...]
+    recording: Any
+    result: Any
+    run: RunRecord
+
+
+@dataclass(frozen=True)
+class ReducerTestRecord:
+    """Everything that one call of `run_reducer_test` found out about a specimen.
+
+    Attributes
+    ----------
+    name : str
+        What was asked for; ``"full"`` has several outcomes.
+    reducer_name, serial : str
+        Type and specimen.
+    reducer : mapping
+        The description of the type as JSON.
+    outcomes : tuple of TestOutcome
+        In the order in which they ran.
+    simulated : bool
+        Whether every figure has to say "simulated".
+    started : datetime
+        In UTC.
+    bench_name, operator, software_version : str
+    bench_seconds : float
+        Bench time that it took, s.
+    """
+
+    name: TestName
+    reducer_name: str
+    serial: str
+    reducer: Mapping[str, Any]
+    outcomes: tuple[TestOutcome, ...]
+    simulated: bool
+    started: datetime
+    bench_name: str
+    operator: str
+    software_version: str
+    bench_seconds: float
+
+    @property
+    def verdict(self) -> TestVerdict:
+        """The worst verdict of all outcomes; empty where nothing was judged."""
+        return worst_verdict(outcome.verdict for outcome in self.outcomes)
+
+    @property
+    def failed(self) -> bool:
+        """Whether a limit of the data sheet isn't kept (fail or conditional fail)."""
+        return self.verdict in ("fail", "conditionalFail")
+
+
+@dataclass(frozen=True)
+class TestRehearsal:
+    """What a reducer test would do, checked against all limits, before anything moves.
+
+    Attributes
+    ----------
+    name, title : str
+    duration_s : float
+        Bench time without waiting for steady temperature or settling, s.
+    longest_warm_up_s : float
+        How much longer the warm-up may take, s.
+    points : int
+        Points that would be recorded.
+    largest_torque_nm, largest_speed_rpm : mapping of side to float
+        What each side is asked for at most.
+    modes : mapping of side to tuple of str
+        Modes that each side is in, in order.
+    """
+
+    __test__ = False
+
+    name: TestName
+    title: str
+    duration_s: float
+    longest_warm_up_s: float
+    points: int
+    largest_torque_nm: Mapping[str, float] = field(default_factory=dict)
+    largest_speed_rpm: Mapping[str, float] = field(default_factory=dict)
+    modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+_SEVERITY: tuple[TestVerdict, ...] = ("", "pass", "conditionalPass", "conditionalFail", "fail")
+
+
+def worst_verdict(verdicts: Any) -> TestVerdict:
+    """Return the worst of some verdicts; empty where there is none.
+
+    Examples
+    --------
+    >>> worst_verdict(["pass", "", "conditionalPass"])
+    'conditionalPass'
+    """
+    return max(verdicts, key=_SEVERITY.index, default="")
