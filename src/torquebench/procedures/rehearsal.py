@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 from bluesky.utils import Msg
 
-from torquebench.bench.devices import BenchDevices, Point, SteadySettings
+from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Mode, Seating, Side
 from torquebench.errors import InterlockError, LimitError
 from torquebench.procedures.setup import Plan, ProcedureGate, ProcedureKind
@@ -162,6 +162,7 @@ class _Stage:
         bind(drive.power, "power", self._switch)
         bind(drive.torque, "torque", self._torque)
         bind(drive.speed, "speed", self._speed)
+        bind(drive.ramp, "ramp", self._ramp)
         self._readings[id(module.mode.mode)] = lambda: state.mode
         self._readings[id(drive.power.enabled)] = lambda: state.enabled
         self._readings[id(drive.torque.setpoint)] = lambda: state.torque_nm
@@ -178,8 +179,9 @@ class _Stage:
         elif message.command == "prepare":
             self._side_of(message.obj).settings = message.args[0]
         elif message.command == "trigger":
-            settings = self._side_of(message.obj).settings
-            self.now_s += settings.settle_s + settings.window_s
+            if message.obj is not self.devices.recorder:
+                settings = self._side_of(message.obj).settings
+                self.now_s += settings.settle_s + settings.window_s
         elif message.command in ("read", "locate"):
             return self._read(message)
         elif message.command == "create":
@@ -219,6 +221,11 @@ class _Stage:
                     steady.key(name): {"value": value, "timestamp": self.now_s}
                     for name, value in fields.items()
                 }
+        if device is self.devices.temperatures:
+            return {
+                f"{device.name}-{probe}": {"value": 23.0, "timestamp": self.now_s}
+                for probe in self.description.temperatures
+            }
         return {}
 
     def _steady(self, side: Side) -> dict[str, Any]:
@@ -287,6 +294,13 @@ class _Stage:
             )
         self.now_s += abs(value - state.torque_nm) / module.drive.torque_rate_nm_per_s
         state.torque_nm = value
+
+    def _ramp(self, side: Side, value: RampTo) -> None:
+        state, fastest = self.sides[side], self.description.module(side).drive.torque_rate_nm_per_s
+        before, began_s = state.torque_nm, self.now_s
+        self._torque(side, value.torque_nm)
+        rate = min(value.rate_nm_per_s, fastest)
+        self.now_s = began_s + abs(value.torque_nm - before) / rate
 
     def _speed(self, side: Side, value: float) -> None:
         state, module = self.sides[side], self.description.module(side)

@@ -8,6 +8,8 @@ from torquebench.bench.devices.assembly import BenchDevices, Module
 from torquebench.bench.devices.drive import DriveAxis, DriveDevice, DriveSwitch
 from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice
 from torquebench.bench.devices.labels import Point, PointLabel
+from torquebench.bench.devices.ramp import RampTo, TorqueRamp
+from torquebench.bench.devices.recorder import Recorder, SynchronousRecording
 from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
 from torquebench.bench.devices.steady import SteadySettings, SteadyTorque
 
@@ -23,9 +25,13 @@ __all__ = [
     "MountingDevice",
     "Point",
     "PointLabel",
+    "RampTo",
+    "Recorder",
     "Reference",
     "SteadySettings",
     "SteadyTorque",
+    "SynchronousRecording",
     "TemperatureProbes",
+    "TorqueRamp",
     "Transducer",
 ]

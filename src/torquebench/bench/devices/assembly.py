@@ -8,6 +8,7 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.drive import DriveDevice
 from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice, SeatDevice
 from torquebench.bench.devices.labels import PointLabel
+from torquebench.bench.devices.recorder import Recorder
 from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
 from torquebench.bench.devices.steady import SteadyTorque
 from torquebench.bench.roles import Side
@@ -47,6 +48,8 @@ class BenchDevices(Device):
     temperatures : TemperatureProbes
     point : PointLabel
         Stamp for the events of a procedure.
+    recorder : Recorder
+        Angles and torques of both sides at the same times.
     interruptions : int
         How often a run was paused, which takes the load off: a plan that sees it grow has to
         approach its point again.
@@ -77,6 +80,7 @@ class BenchDevices(Device):
         self.seat = SeatDevice(context)
         self.temperatures = TemperatureProbes(context)
         self.point = PointLabel()
+        self.recorder = Recorder(context)
         self.interruptions = 0
         super().__init__()
         for attribute, child in self.children():

@@ -15,6 +15,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.devices.ramp import TorqueRamp
 from torquebench.bench.roles import Side
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
@@ -121,10 +122,11 @@ class DriveSwitch(StandardReadable):
 
 
 class DriveDevice(Device):
-    """The drive of one module: `torque` and `speed` axes and the `power` switch."""
+    """The drive of one module: `torque` and `speed` axes, torque `ramp` and `power` switch."""
 
     def __init__(self, context: BenchContext, side: Side) -> None:
         self.torque = DriveAxis(context, side, "torque")
         self.speed = DriveAxis(context, side, "speed")
+        self.ramp = TorqueRamp(context, side)
         self.power = DriveSwitch(context, side)
         super().__init__()

@@ -1,0 +1,236 @@
+"""Angles and torques of both sides at the same times, over a stretch of bench time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from bluesky.protocols import Reading, Triggerable
+from event_model import DataKey
+from numpy.typing import NDArray
+from ophyd_async.core import AsyncReadable, AsyncStatus, Device
+
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.drivers.base import AngleSamples
+from torquebench.bench.roles import SIDES, Side, torque_channel
+from torquebench.compensation import features
+from torquebench.errors import SignalFault
+
+__all__ = ["Recorder", "SynchronousRecording", "group_delay_s"]
+
+FloatArray = NDArray[np.float64]
+RPM = 60.0 / (2.0 * np.pi)
+
+_GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
+_LARGEST_JUMP_RAD: dict[Side, float] = {"input": 5e-3, "output": 5e-4}
+"""Angle that a side can't gain within one sample beyond its present speed, rad."""
+
+
+def group_delay_s(option_khz: int) -> float:
+    """Return the group delay of a transducer by its option (data sheet), s.
+
+    Examples
+    --------
+    >>> group_delay_s(60)
+    0.00022
+    """
+    return _GROUP_DELAY_S[option_khz]
+
+
+@dataclass(frozen=True, eq=False)
+class SynchronousRecording:
+    """Torques and angles of both sides in the counter's windows.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Bench time at which the torques acted (the transducers' group delay is taken out), s.
+    input_torque_nm, output_torque_nm : float64[n]
+        Compensated where the side has an active model, else the reading, N·m.
+    input_uncertainty_nm, output_uncertainty_nm : float64[n]
+        The active model's standard uncertainty, N·m; NaN without a model.
+    input_angle_rad, output_angle_rad : float64[n]
+        Mean angles of the same windows, unwrapped, rad.
+    """
+
+    time_s: FloatArray
+    input_torque_nm: FloatArray
+    output_torque_nm: FloatArray
+    input_uncertainty_nm: FloatArray
+    output_uncertainty_nm: FloatArray
+    input_angle_rad: FloatArray
+    output_angle_rad: FloatArray
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Put recordings one behind the other; no part gives empty columns."""
+        names = [field.name for field in fields(cls)]
+        return cls(
+            *(np.concatenate([getattr(part, name) for part in parts] or [[]]) for name in names)
+        )
+
+    def torque_nm(self, side: Side) -> FloatArray:
+        """Torque of a side, N·m."""
+        return self.input_torque_nm if side == "input" else self.output_torque_nm
+
+    def angle_rad(self, side: Side) -> FloatArray:
+        """Angle of a side, rad."""
+        return self.input_angle_rad if side == "input" else self.output_angle_rad
+
+
+class Recorder(Device, AsyncReadable, Triggerable):
+    """Takes what the bench has recorded since a mark.
+
+    `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its
+    samples, and the next stretch begins. The event keeps only from when to when it was: every
+    sample is in the run's raw stream.
+    """
+
+    def __init__(self, context: BenchContext, name: str = "recorder") -> None:
+        self._context = context
+        self._start_s = self._stop_s = 0.0
+        self._stamp_s = time.time()
+        self.taken: SynchronousRecording | None = None
+        self.angles: dict[Side, AngleSamples] = {}
+        super().__init__(name=name)
+
+    @AsyncStatus.wrap
+    async def set(self, _value: str) -> None:
+        """Begin a stretch now."""
+        self._start_s = self._context.clock.now()
+        self.taken, self.angles = None, {}
+
+    @AsyncStatus.wrap
+    async def trigger(self) -> None:
+        """End the stretch now and take its samples.
+
+        Raises
+        ------
+        SignalFault
+            A torque has a fault, an encoder jumped, or the stretch is older than what is kept.
+        """
+        self._context.supervisor.raise_if_latched()
+        start_s, self._stop_s = self._start_s, self._context.clock.now()
+        self.angles = {
+            side: self._context.acquisition.angles(side, start_s, self._stop_s) for side in SIDES
+        }
+        for side, samples in self.angles.items():
+            _check_jumps(side, samples)
+        self.taken = self._recording(start_s, self._stop_s)
+        self._stamp_s = time.time()
+
+    def _recording(self, start_s: float, stop_s: float) -> SynchronousRecording:
+        columns = {side: self._torque(side, start_s, stop_s) for side in SIDES}
+        length = min(column[0].size for column in columns.values())
+        window_s = self._context.description.counter.window_s
+        time_s = columns["input"][0][:length]
+        angle = {
+            side: _window_angle(self.angles[side], columns[side][0][:length], window_s)
+            for side in SIDES
+        }
+        return SynchronousRecording(
+            time_s,
+            columns["input"][1][:length],
+            columns["output"][1][:length],
+            columns["input"][2][:length],
+            columns["output"][2][:length],
+            angle["input"],
+            angle["output"],
+        )
+
+    def _torque(self, side: Side, start_s: float, stop_s: float) -> tuple[FloatArray, ...]:
+        """Time, torque and model uncertainty of a side; the branch is known, as it is recorded."""
+        context = self._context
+        module = context.description.module(side)
+        samples = context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
+        samples.raise_on_fault()
+        expected = int((stop_s - start_s) / context.description.counter.window_s) - 2
+        if samples.time_s.size < max(expected, 1):
+            raise SignalFault(
+                f"{samples.channel}: {samples.time_s.size} windows from {start_s:.2f} to "
+                f"{stop_s:.2f} s",
+                f"at least {max(expected, 1)}",
+                "record shorter stretches: acquisition keeps the last two minutes",
+            )
+        time_s = samples.time_s - group_delay_s(module.transducer.option_khz)
+        active = context.acquisition.compensation(side)
+        if active is None:
+            return time_s, samples.torque_nm, np.full(time_s.size, np.nan)
+        speed = context.acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM
+        temperature = context.acquisition.temperature_c(module.temperature_probe)
+        table = features(samples.torque_nm, 0, 0, speed, temperature)
+        columns = int(active.model.n_features_in_)
+        torque, uncertainty = active.model.predict(table[:, :columns], return_std=True)
+        return time_s, np.asarray(torque), np.asarray(uncertainty)
+
+    async def read(self) -> dict[str, Reading]:
+        """Return from when to when the last stretch was."""
+        values = {
+            "start_s": self._start_s,
+            "stop_s": self._stop_s,
+            "samples": 0 if self.taken is None else self.taken.time_s.size,
+        }
+        self._start_s = self._stop_s
+        return {
+            f"{self.name}-{field}": Reading(value=value, timestamp=self._stamp_s)
+            for field, value in values.items()
+        }
+
+    async def describe(self) -> dict[str, DataKey]:
+        """Describe the fields."""
+        units = {"start_s": "s", "stop_s": "s"}
+        keys = {
+            f"{self.name}-{field}": DataKey(
+                source=f"bench://recorder/{field}", dtype="number", shape=[], units=unit
+            )
+            for field, unit in units.items()
+        }
+        count = DataKey(source="bench://recorder/samples", dtype="integer", shape=[])
+        return {**keys, f"{self.name}-samples": count}
+
+
+def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) -> FloatArray:
+    """Mean angle over windows around some times: a moving mean, read between its samples."""
+    angle, at = samples.angle_rad, samples.time_s
+    if at.size < 2:
+        raise SignalFault("no angle over the stretch", "samples in every window")
+    step = (at[-1] - at[0]) / (at.size - 1)
+    width = int(np.clip(round(window_s / step), 1, at.size))
+    total = np.concatenate(([0.0], np.cumsum(angle - angle[0])))
+    mean = (total[width:] - total[:-width]) / width + angle[0]
+    centre = at[: mean.size] + 0.5 * (width - 1) * step
+    return _interpolated(time_s, centre, mean)
+
+
+def _interpolated(time_s: FloatArray, at: FloatArray, values: FloatArray) -> FloatArray:
+    """Linear interpolation that goes on straight beyond both ends (half a window at most)."""
+    inside = np.interp(time_s, at, values)
+    if at.size < 2:
+        return inside
+    early, late = time_s < at[0], time_s > at[-1]
+    first = (values[1] - values[0]) / (at[1] - at[0])
+    last = (values[-1] - values[-2]) / (at[-1] - at[-2])
+    inside[early] = values[0] + first * (time_s[early] - at[0])
+    inside[late] = values[-1] + last * (time_s[late] - at[-1])
+    return inside
+
+
+def _check_jumps(side: Side, samples: AngleSamples) -> None:
+    """Refuse an angle that jumps: no shaft gains so much within one sample."""
+    if samples.counts.size < 3:
+        return
+    change = np.diff(samples.angle_rad)
+    jump = np.abs(np.diff(change))
+    worst = int(np.argmax(jump))
+    limit = _LARGEST_JUMP_RAD[side]
+    if jump[worst] > limit:
+        degrees = np.degrees(jump[worst])
+        raise SignalFault(
+            f"the {side} encoder slips: {degrees:.4g}° within one sample at "
+            f"{samples.time_s[worst + 1]:.3f} s",
+            f"at most {np.degrees(limit):.3g}° beyond the present speed",
+            "check the encoder's coupling, its cable and the counts per revolution",
+        )
