@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
@@ -21,19 +20,19 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.safety_alarms import (
+    Alarm,
+    AlarmBook,
+    AlarmKind,
+    AlarmLevel,
+    StandingAlarm,
+)
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
-from torquebench.errors import (
-    BenchError,
-    InterlockError,
-    LimitError,
-    RecordError,
-    SignalFault,
-    TorquebenchError,
-)
+from torquebench.errors import InterlockError
 from torquebench.signals import SignalFaultKind
 
-__all__ = ["Alarm", "AlarmKind", "SafetySupervisor"]
+__all__ = ["Alarm", "AlarmKind", "AlarmLevel", "SafetySupervisor", "StandingAlarm"]
 
 WATCH_PERIOD_S = 0.05
 UNLOAD_SETTLING_S = 0.2
@@ -43,58 +42,6 @@ FAST_PATIENCE = 15.0
 
 ROUNDING_S = 1e-6
 RPM = 60.0 / (2.0 * np.pi)
-
-
-class AlarmKind(Enum):
-    """What made the supervisor act."""
-
-    TORQUE_LIMIT = "torque limit"
-    SPEED_LIMIT = "speed limit"
-    TEMPERATURE_LIMIT = "temperature limit"
-    SIGNAL_LOST = "signal lost"
-    DRIVE_FAULT = "drive fault"
-    JOURNAL = "journal failed"
-    HEARTBEAT = "heartbeat missing"
-    STALL = "acquisition stalled"
-    DRIVER = "instrument failed"
-    STOP = "stop requested"
-
-
-_ERRORS: dict[AlarmKind, type[TorquebenchError]] = {
-    AlarmKind.TORQUE_LIMIT: LimitError,
-    AlarmKind.SPEED_LIMIT: LimitError,
-    AlarmKind.TEMPERATURE_LIMIT: LimitError,
-    AlarmKind.SIGNAL_LOST: SignalFault,
-    AlarmKind.JOURNAL: RecordError,
-}
-
-
-@dataclass(frozen=True)
-class Alarm:
-    """Why the bench was brought to its safe state.
-
-    Parameters
-    ----------
-    kind : AlarmKind
-    source : str
-        Channel, side, probe, heartbeat or instrument.
-    found, allowed, remedy : str
-        With value, limit and unit, as in every error of this project.
-    time_s : float
-        Bench time.
-    """
-
-    kind: AlarmKind
-    source: str
-    found: str
-    allowed: str
-    remedy: str
-    time_s: float
-
-    def error(self) -> TorquebenchError:
-        """Error to raise in whatever was going on."""
-        found = f"{self.kind.value}: {self.found} at {self.time_s:.3f} s of bench time"
-        return _ERRORS.get(self.kind, BenchError)(found, self.allowed, self.remedy)
 
 
 @dataclass
@@ -128,9 +75,7 @@ class SafetySupervisor:
         self._clock = clock
         self._commands = commands
         self._lock = threading.RLock()
-        self._alarm: Alarm | None = None
-        self._history: list[Alarm] = []
-        self._listeners: list[Callable[[Alarm], None]] = []
+        self._book = AlarmBook()
         self._heartbeats: dict[str, _Heartbeat] = {}
         self._faulty_s: dict[str, float] = {}
         self._unloaded_s = 0.0
@@ -147,16 +92,27 @@ class SafetySupervisor:
     @property
     def alarm(self) -> Alarm | None:
         """The latched alarm, None when there is none."""
-        return self._alarm
+        return self._book.latched
+
+    @property
+    def alarms(self) -> tuple[StandingAlarm, ...]:
+        """Alarms that stand, the worst first: what is latched, its later causes, warnings."""
+        return self._book.standing
 
     @property
     def history(self) -> tuple[Alarm, ...]:
-        """Every alarm since the bench was opened, the later causes of a latched one included."""
-        return tuple(self._history)
+        """Every critical alarm since the bench was opened, later causes of a latched one too."""
+        critical = AlarmLevel.CRITICAL
+        return tuple(each.alarm for each in self._book.entries if each.alarm.level is critical)
+
+    @property
+    def entries(self) -> tuple[StandingAlarm, ...]:
+        """Every alarm and warning since the bench was opened, and what has become of it."""
+        return self._book.entries
 
     def raise_if_latched(self) -> None:
         """Raise the latched alarm's error."""
-        alarm = self._alarm
+        alarm = self._book.latched
         if alarm is not None:
             raise alarm.error()
 
@@ -180,7 +136,7 @@ class SafetySupervisor:
             Nobody is named.
         """
         with self._lock:
-            alarm = self._alarm
+            alarm = self._book.latched
             if alarm is None:
                 return None
             if not self._safe.is_set():
@@ -191,13 +147,15 @@ class SafetySupervisor:
                 )
             if not who.strip():
                 raise InterlockError("acknowledgement by nobody", "a person's name")
-            self._alarm = None
             self._faulty_s.clear()
-            return alarm
+            return self._book.acknowledge(who.strip())
 
-    def subscribe(self, listener: Callable[[Alarm], None]) -> None:
-        """Call this with every alarm that is latched, in the thread that found it."""
-        self._listeners.append(listener)
+    def subscribe(self, listener: Callable[[StandingAlarm], None]) -> None:
+        """Call this when an alarm or a warning comes, is cleared or is acknowledged.
+
+        In the thread that notes it, which is the supervisor's or acquisition's: be quick.
+        """
+        self._book.subscribe(listener)
 
     # -- heartbeats -------------------------------------------------------------------------
 
@@ -233,13 +191,13 @@ class SafetySupervisor:
 
     def check(self, block: AcquiredBlock) -> None:
         """Judge a block; act on what is wrong, go on with an action that has begun."""
-        if self._alarm is None:
+        if self._book.latched is None:
             violation = self._violation(block)
             if violation is not None:
                 self.trip(*violation)
         if not self._safe.is_set() and block.stop_s > self._disable_at_s - ROUNDING_S:
             self.disable()
-        if self._alarm is None or not self._safe.is_set():
+        if self._book.latched is None or not self._safe.is_set():
             for drive in self._drivers.drives.values():
                 drive.feed_watchdog()
 
@@ -368,13 +326,14 @@ class SafetySupervisor:
 
         While one alarm is latched a further one is only added to the history.
         """
-        alarm = Alarm(kind, source, found, allowed, remedy, self._clock.now())
         with self._lock:
-            self._history.append(alarm)
-            if self._alarm is not None:
+            latched = self._book.latched
+            if latched is None:
+                self._safe.clear()
+            alarm = self._book.add(Alarm(kind, source, found, allowed, remedy, self._clock.now()))
+            if latched is not None:
+                self._book.announce(alarm.number)
                 return alarm
-            self._safe.clear()
-            self._alarm = alarm
             ramp_s = self._description.safety.ramp_to_zero_s
             for side in SIDES:
                 self._ramp_to_zero(side, ramp_s)
@@ -383,8 +342,7 @@ class SafetySupervisor:
             self._disable_at_wall = time.monotonic() + ramp_s + self._description.safety.stall_s
         self._clock.interrupt(alarm.error())
         self._clock.require(settled_s)
-        for listener in self._listeners:
-            listener(alarm)
+        self._book.announce(alarm.number)
         return alarm
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
@@ -445,7 +403,7 @@ class SafetySupervisor:
         while not self._closing.wait(WATCH_PERIOD_S):
             busy_since = self._busy_since
             stalled = busy_since is not None and time.monotonic() - busy_since > stall_s
-            if stalled and self._alarm is None and self._commands.any_enabled:
+            if stalled and self._book.latched is None and self._commands.any_enabled:
                 self.trip(
                     AlarmKind.STALL,
                     "acquisition",

@@ -22,7 +22,7 @@ from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
 from torquebench.bench.identification import check_identities
 from torquebench.bench.interlocks import Interlocks
 from torquebench.bench.roles import Side
-from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor
+from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.state import CommandState
 from torquebench.compensation import load_model
 from torquebench.errors import BenchError, ModelMismatchError, RecordError, TorquebenchError
@@ -380,6 +380,11 @@ class Station:
             loop.call_soon_threadsafe(beat)
 
         self.supervisor.expect("run engine", LOOP_TIMEOUT_S, ping)
+
+    @property
+    def alarms(self) -> tuple[StandingAlarm, ...]:
+        """Alarms and warnings that stand, the worst first."""
+        return self.supervisor.alarms
 
     def acknowledge_alarm(self, who: str) -> Alarm | None:
         """Clear the latched alarm once its cause is gone; see `SafetySupervisor.acknowledge`."""

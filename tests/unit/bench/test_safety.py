@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from torquebench.bench.drivers.base import CounterBlock, DriverSet
-from torquebench.bench.safety import Alarm, AlarmKind
+from torquebench.bench.safety import Alarm, AlarmKind, StandingAlarm
 from torquebench.errors import (
     BenchError,
     InterlockError,
@@ -244,7 +244,7 @@ def test_a_missing_probe_is_a_lost_signal(open_bench: OpenBench) -> None:
 
 
 def test_an_alarm_stays_latched_until_a_person_acknowledges_it(bench: LowBench) -> None:
-    heard: list[Alarm] = []
+    heard: list[StandingAlarm] = []
     bench.supervisor.subscribe(heard.append)
     assert bench.supervisor.acknowledge("A. Tester") is None
     bench.load_output(300.0)
@@ -256,7 +256,8 @@ def test_an_alarm_stays_latched_until_a_person_acknowledges_it(bench: LowBench) 
     assert bench.supervisor.wait_safe(10.0)
     assert bench.supervisor.alarm is first
     assert bench.supervisor.history == (first, second)
-    assert heard == [first]
+    assert [each.alarm for each in heard] == [first, second]
+    assert [each.alarm for each in bench.supervisor.alarms] == [first, second]
     bench.clock.wait(5.0)
     assert bench.supervisor.alarm is first
     with pytest.raises(TorquebenchError, match="stop requested"):
@@ -264,6 +265,8 @@ def test_an_alarm_stays_latched_until_a_person_acknowledges_it(bench: LowBench) 
     with pytest.raises(InterlockError, match="person's name"):
         bench.supervisor.acknowledge("  ")
     assert bench.supervisor.acknowledge("A. Tester") is first
+    assert bench.supervisor.alarms == ()
+    assert {each.acknowledged_by for each in bench.supervisor.entries} == {"A. Tester"}
     bench.supervisor.raise_if_latched()
 
 
