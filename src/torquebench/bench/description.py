@@ -256,7 +256,7 @@ class BenchDescription(_Section):
     @property
     def simulated(self) -> bool:
         """Whether the figures from this bench have to say "simulated"."""
-        return self.bench.driver == "simulated"
+        return self.bench.driver == "simulated" or "simulation" in self.driver
 
     def module(self, side: Side) -> ModuleDescription:
         """Return the description of a side's module."""

@@ -1,5 +1,7 @@
 """Instruments behind narrow roles: `base` says what a role is, one file a wire protocol.
 
+`instruments` puts a bench together from its sections, `plugins` finds the protocols.
+
 `simulated` is the only file of the bench that knows the twin.
 """
 
@@ -20,7 +22,16 @@ def _simulated(description: BenchDescription) -> DriverSet:
     return open_simulated(description)
 
 
-DRIVERS: dict[str, Callable[[BenchDescription], DriverSet]] = {"simulated": _simulated}
+def _instruments(description: BenchDescription) -> DriverSet:
+    from torquebench.bench.drivers.instruments import open_instruments
+
+    return open_instruments(description)
+
+
+DRIVERS: dict[str, Callable[[BenchDescription], DriverSet]] = {
+    "simulated": _simulated,
+    "instruments": _instruments,
+}
 """How to open the instruments of a bench, by the name that `bench.driver` gives."""
 
 
@@ -34,11 +45,19 @@ def open_drivers(description: BenchDescription) -> DriverSet:
     BenchError
         An instrument doesn't answer.
     """
-    opener = DRIVERS.get(description.bench.driver)
+    name = description.bench.driver
+    opener = DRIVERS.get(name) or _whole_bench(name)
     if opener is None:
         raise InputError(
-            f"bench.driver = {description.bench.driver!r}",
+            f"bench.driver = {name!r}",
             "one of " + ", ".join(DRIVERS),
             "correct the bench description or install the driver",
         )
     return opener(description)
+
+
+def _whole_bench(name: str) -> Callable[[BenchDescription], DriverSet] | None:
+    """Return how a plug-in opens a bench of its own kind, if there is one of this name."""
+    from torquebench.bench.drivers.plugins import find_plugin, protocols
+
+    return find_plugin(name, "bench.driver").bench if name in protocols() else None

@@ -8,7 +8,8 @@ asked raises `torquebench.errors.BenchError` with the instrument, its answer and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -28,7 +29,7 @@ from torquebench.bench.roles import (
     reference_channel,
     torque_channel,
 )
-from torquebench.signals import EdgeBlock
+from torquebench.signals import EdgeBlock, FrequencySamples
 
 __all__ = [
     "CHANNELS",
@@ -42,6 +43,7 @@ __all__ = [
     "Drive",
     "DriveState",
     "DriverSet",
+    "Identified",
     "Identity",
     "Mode",
     "ModeConverter",
@@ -68,6 +70,14 @@ class Identity:
     serial: str
     firmware: str = ""
     details: Mapping[str, str] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Identified(Protocol):
+    """An instrument that says who it is; counters, drives and read-outs always do."""
+
+    def identity(self) -> Identity:
+        """Ask the instrument who it is."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +108,30 @@ class CounterBlock:
     """Everything that one clock timed over one block of bench time.
 
     A channel that is selected but silent is present with no edges: silence is a fault that the
-    signal path names, never a missing key.
+    signal path names, never a missing key. An instrument that counts by itself delivers
+    `frequencies` instead of `edges`, one sample a window and without gaps.
     """
 
     start_s: float
     stop_s: float
     edges: Mapping[str, EdgeBlock]
     angles: Mapping[Side, AngleSamples]
+    frequencies: Mapping[str, FrequencySamples] = field(default_factory=dict)
+
+    @classmethod
+    def joined(cls, parts: Sequence[CounterBlock]) -> CounterBlock:
+        """Join consecutive blocks of frequencies into one; edges and angles are left out."""
+        names = parts[0].frequencies
+        return cls(
+            parts[0].start_s,
+            parts[-1].stop_s,
+            {},
+            {},
+            {
+                name: FrequencySamples.concatenate([part.frequencies[name] for part in parts])
+                for name in names
+            },
+        )
 
 
 @runtime_checkable
@@ -302,19 +329,26 @@ class DriverSet:
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True
     """Whether commands may block for longer than an event loop should."""
+    resources: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
+    """What else is to be closed with the instruments."""
 
     def identities(self) -> list[Identity]:
         """Ask every instrument who it is."""
-        asked: list[Identity] = [self.counter.identity()]
-        asked += [drive.identity() for drive in self.drives.values()]
-        if self.reference is not None:
-            asked.append(self.reference.identity())
+        drives = self.drives.values()
+        parts: list[object] = [self.counter, *drives, self.reference]
+        parts += [self.modes, self.clamp, self.temperature]
+        asked: list[Identity] = []
+        for place, part in enumerate(parts):
+            if isinstance(part, Identified) and not any(part is each for each in parts[:place]):
+                asked.append(part.identity())
         return asked
 
     def close(self) -> None:
         """Release every instrument, also when one of them fails to."""
-        for drive in self.drives.values():
-            drive.close()
-        if self.reference is not None:
-            self.reference.close()
-        self.counter.close()
+        with contextlib.ExitStack() as closing:
+            closing.push(self.resources.pop_all())
+            closing.callback(self.counter.close)
+            if self.reference is not None:
+                closing.callback(self.reference.close)
+            for drive in self.drives.values():
+                closing.callback(drive.close)

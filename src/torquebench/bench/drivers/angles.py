@@ -1,0 +1,90 @@
+"""Encoders that the counter doesn't time: positions that are polled between its blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from torquebench.bench.drivers.base import AngleSamples, CounterBlock, CounterCard, Identity
+from torquebench.bench.roles import SIDES, Side
+
+__all__ = ["AngleSource", "CounterWithAngles", "with_angles"]
+
+POLLS = 2
+"""Positions a block: the least that a speed can be told from."""
+
+
+class AngleSource(Protocol):
+    """States the angles of both sides when asked."""
+
+    def counts(self) -> Mapping[Side, int]:
+        """Ask for the encoder counts of each side now, unwrapped, clockwise positive."""
+
+    def counts_per_revolution(self, side: Side) -> int:
+        """Tell the counts of one revolution."""
+
+    def close(self) -> None:
+        """Release it. A second call does nothing."""
+
+
+@dataclass
+class CounterWithAngles:
+    """A counter without encoder inputs, and where the angles come from instead.
+
+    A block is read in `POLLS` parts and the position polled at the end of each: its time is known
+    as well as the poll is quick, some milliseconds. That is enough for standstill, speed limits
+    and friction, not for transmission error.
+    """
+
+    counter: CounterCard
+    source: AngleSource
+    _channels: frozenset[str] = field(default_factory=frozenset)
+
+    @property
+    def timebase_hz(self) -> float:
+        """Nominal frequency of the counter's clock, Hz."""
+        return self.counter.timebase_hz
+
+    @property
+    def clock_identity(self) -> str:
+        """Which clock counts."""
+        return self.counter.clock_identity
+
+    def identity(self) -> Identity:
+        """Ask the counter who it is."""
+        return self.counter.identity()
+
+    def select(self, channels: frozenset[str]) -> None:
+        """Time only these channels."""
+        self.counter.select(channels)
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        """Return the next block with the positions polled meanwhile."""
+        parts: list[CounterBlock] = []
+        polled: list[tuple[float, Mapping[Side, int]]] = []
+        for _ in range(POLLS):
+            part = self.counter.read_block(duration_s / POLLS)
+            parts.append(part)
+            polled.append((part.stop_s, self.source.counts()))
+        angles = {
+            side: AngleSamples(
+                np.array([time_s for time_s, _ in polled]),
+                np.array([counts[side] for _, counts in polled], dtype=np.int64),
+                self.source.counts_per_revolution(side),
+            )
+            for side in SIDES
+        }
+        return replace(CounterBlock.joined(parts), angles=angles)
+
+    def close(self) -> None:
+        """Release both."""
+        self.source.close()
+        self.counter.close()
+
+
+def with_angles(counter: CounterCard, source: AngleSource) -> CounterWithAngles:
+    """Return a counter card that takes its angles from elsewhere."""
+    return CounterWithAngles(counter, source)

@@ -1,0 +1,145 @@
+"""A bench of separate instruments: every section of `[driver]` is one, by role and protocol.
+
+```toml
+[bench]
+driver = "instruments"
+
+[driver.counter]
+protocol = "nidaqmx"
+...
+[driver.input_drive]
+protocol = "modbus"
+...
+```
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.description_errors import validated
+from torquebench.bench.drivers.angles import with_angles
+from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
+from torquebench.bench.drivers.links import Address
+from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
+from torquebench.bench.drivers.simulation_control import SimulatedOperator, SimulationControl
+from torquebench.bench.prompts import DeskOperator, PromptDesk
+from torquebench.bench.roles import Side
+from torquebench.errors import BenchError, InputError
+
+__all__ = ["InstrumentsOptions", "SimulationOptions", "open_instruments"]
+
+
+class SimulationOptions(BaseModel):
+    """Section `[driver.simulation]`: the instruments are simulators, and what they simulate.
+
+    `time` is "on-demand" where bench time goes on as the counter is read, as fast as everything
+    computes, or "real" where it follows the wall.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    control: Address
+    time: Literal["on-demand", "real"] = "on-demand"
+    preset: Literal["nominal", "worn"] = "nominal"
+    seed: int = Field(default=1, ge=0, le=2**32 - 1, description="(any seed)")
+    ambient_c: float | None = Field(default=None, ge=-10, le=50, description="°C")
+
+
+class InstrumentsOptions(BaseModel):
+    """Section `[driver]` of a bench of separate instruments, one section an instrument."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    counter: Mapping[str, Any]
+    input_drive: Mapping[str, Any]
+    output_drive: Mapping[str, Any]
+    modes: Mapping[str, Any]
+    clamp: Mapping[str, Any]
+    temperature: Mapping[str, Any]
+    reference: Mapping[str, Any] | None = None
+    angles: Mapping[str, Any] | None = None
+    simulation: SimulationOptions | None = None
+
+
+def open_instruments(description: BenchDescription) -> DriverSet:
+    """Open every instrument that a description names.
+
+    Raises
+    ------
+    InputError
+        A section is missing or wrong, a protocol unknown or its library not installed.
+    BenchError
+        An instrument doesn't answer; those opened before are closed again.
+    """
+    source = f"{description.name}: driver"
+    options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
+    with contextlib.ExitStack() as opened:
+
+        def open_one(role: Role, key: str, side: Side | None = None) -> Any:
+            instrument = _open(description, role, key, getattr(options, key), side)
+            if hasattr(instrument, "close"):
+                opened.callback(instrument.close)
+            return instrument
+
+        operator: OperatorPrompts = DeskOperator(PromptDesk())
+        if options.simulation is not None:
+            control = SimulationControl(options.simulation.control)
+            opened.callback(control.close)
+            operator = SimulatedOperator(control)
+        drives = {
+            "input": open_one("drive", "input_drive", "input"),
+            "output": open_one("drive", "output_drive", "output"),
+        }
+        counter = open_one("counter", "counter")
+        if options.angles is not None:
+            counter = with_angles(counter, open_one("angles", "angles"))
+        return DriverSet(
+            name="instruments",
+            counter=counter,
+            drives=drives,  # type: ignore[arg-type]
+            modes=open_one("modes", "modes"),
+            clamp=open_one("clamp", "clamp"),
+            temperature=open_one("temperature", "temperature"),
+            operator=operator,
+            reference=None if options.reference is None else open_one("reference", "reference"),
+            simulated_time=_on_demand(options),
+            resources=opened.pop_all(),
+        )
+
+
+def _on_demand(options: InstrumentsOptions) -> bool:
+    return options.simulation is not None and options.simulation.time == "on-demand"
+
+
+def _open(
+    description: BenchDescription,
+    role: Role,
+    key: str,
+    section: Mapping[str, Any],
+    side: Side | None,
+) -> Any:
+    values = dict(section)
+    name = values.pop("protocol", None)
+    if not isinstance(name, str):
+        raise InputError(
+            f"{description.name}: driver.{key}.protocol is missing", "a protocol", "add the key"
+        )
+    plugin = find_plugin(name, f"driver.{key}.protocol")
+    opener = plugin.openers.get(role)
+    if opener is None:
+        raise InputError(
+            f"driver.{key}.protocol = {name!r}",
+            f"a protocol that serves as {role}; {name} serves as " + ", ".join(plugin.openers),
+            "choose another protocol for this role",
+        )
+    request = InstrumentRequest(role, f"driver.{key}", values, description, side)
+    try:
+        return opener(request)
+    except BenchError as error:
+        raise BenchError(f"driver.{key}: {error.found}", error.allowed, error.remedy) from error

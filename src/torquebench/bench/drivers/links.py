@@ -1,0 +1,118 @@
+"""A connection to an instrument: opened when needed, one caller at a time, renewed on errors."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import Field, StringConstraints
+
+from torquebench.errors import BenchError, InputError
+
+__all__ = ["Address", "Link", "TimeOut", "WireError", "split_address"]
+
+Connection = TypeVar("Connection")
+Result = TypeVar("Result")
+
+Address = Annotated[
+    str, StringConstraints(pattern=r"^[^\s:]+:\d{1,5}$"), Field(description="host:port")
+]
+TimeOut = Annotated[float, Field(ge=0.02, le=30.0, description="s")]
+
+
+class WireError(Exception):
+    """The wire failed or brought nonsense: the same question may be asked once more."""
+
+
+def split_address(address: str) -> tuple[str, int]:
+    """Split `host:port`.
+
+    Examples
+    --------
+    >>> split_address("127.0.0.1:502")
+    ('127.0.0.1', 502)
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise InputError(f"address {address!r}", "host:port", "such as 192.168.0.10:502")
+    return host, int(port)
+
+
+class Link(ABC, Generic[Connection]):
+    """A connection shared by every caller of one instrument.
+
+    After an error of the wire the connection is closed and opened anew, since what still comes
+    over the old one may answer an older question; then the question is asked once more. Every
+    question of this project's drivers may be asked twice: commands state absolute values.
+
+    Parameters
+    ----------
+    name : str
+        Role and instrument, for messages.
+    address : str
+        Where it is, for messages.
+    timeout_s : float
+        How long one answer may take, s.
+    attempts : int
+        How often a question is asked before it counts as unanswered.
+    """
+
+    def __init__(self, name: str, address: str, timeout_s: float, attempts: int = 2) -> None:
+        self.name = name
+        self.address = address
+        self.timeout_s = timeout_s
+        self._attempts = attempts
+        self._lock = threading.RLock()
+        self._connection: Connection | None = None
+        self._closed = False
+        self.reconnects = 0
+
+    @abstractmethod
+    def _open(self) -> Connection:
+        """Connect; raise `OSError` or `WireError` where that fails."""
+
+    @abstractmethod
+    def _close(self, connection: Connection) -> None:
+        """Disconnect."""
+
+    def call(self, question: Callable[[Connection], Result]) -> Result:
+        """Ask something of the connection, alone; see the class for errors of the wire.
+
+        Raises
+        ------
+        BenchError
+            The instrument didn't answer, answered nonsense twice, or the link is closed.
+        """
+        with self._lock:
+            if self._closed:
+                raise BenchError(f"{self.name} is closed", "an open instrument", "open it again")
+            failure: Exception = WireError("never asked")
+            for _ in range(self._attempts):
+                try:
+                    if self._connection is None:
+                        self._connection = self._open()
+                        self.reconnects += 1
+                    return question(self._connection)
+                except (OSError, WireError) as error:
+                    failure = error
+                    self._drop()
+            raise BenchError(
+                f"{self.name} at {self.address}: {str(failure) or type(failure).__name__}",
+                f"a valid answer within {self.timeout_s:g} s",
+                "check power, cable and address of the instrument",
+            ) from failure
+
+    def _drop(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with contextlib.suppress(Exception):  # it is gone in any case
+                self._close(connection)
+
+    def close(self) -> None:
+        """Disconnect for good. A second call does nothing."""
+        with self._lock:
+            self._closed = True
+            self._drop()

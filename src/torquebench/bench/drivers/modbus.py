@@ -1,0 +1,199 @@
+"""Drives, probes, read-outs, mode conversion and clamp over Modbus TCP (pymodbus).
+
+The register map is in `modbus_map` and in docs/reference/modbus-registers.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from torquebench.bench.drivers import modbus_map as registers
+from torquebench.bench.drivers.base import DriveState, Identity, Side
+from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions
+from torquebench.bench.drivers.modbus_map import (
+    DriveCommand,
+    DriveControl,
+    DriveMode,
+    DriveReport,
+    DriveStatus,
+)
+from torquebench.bench.drivers.modbus_modules import (
+    AnglesOptions,
+    DigitalOptions,
+    ModbusAngles,
+    ModbusClamp,
+    ModbusModes,
+    ModbusReadout,
+    ModbusTemperature,
+    TemperatureOptions,
+)
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
+from torquebench.bench.roles import SIDES
+from torquebench.errors import BenchError, InputError, LimitError
+
+__all__ = ["PLUGIN", "ModbusDrive"]
+
+REPORT_LENGTH = 14
+
+
+class ModbusDrive:
+    """A servo drive on Modbus TCP with torque and speed control, own ramps and own watchdog.
+
+    Parameters
+    ----------
+    link : ModbusLink
+    side : {"input", "output"}
+    watchdog_s : float
+        Unfed for so long the drive ramps to zero and disables by itself, s.
+    """
+
+    def __init__(self, link: ModbusLink, side: Side, watchdog_s: float) -> None:
+        self._link = link
+        self._side = side
+        self._watchdog_ms = round(watchdog_s * 1e3)
+        self._fed = 0
+        words = link.input_registers(DriveReport.MAXIMUM_TORQUE, 4)
+        self._maximum = registers.float_of(words[:2]), registers.float_of(words[2:])
+
+    def identity(self) -> Identity:
+        """Ask the drive who it is."""
+        return self._link.identity(f"{self._side}.drive")
+
+    def enable(self) -> None:
+        """Reset a fault, arm the watchdog, power the motor at zero torque and speed."""
+        self._link.write(DriveCommand.WATCHDOG, [self._next_feed(), self._watchdog_ms])
+        self._link.write(DriveCommand.CONTROL, [DriveControl.RESET, DriveMode.NONE])
+        self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, DriveMode.NONE])
+        state = self.state()
+        if not state.enabled:
+            raise BenchError(
+                f"{self._link.name} stays off: {state.fault or 'no reason given'}",
+                "an enabled drive",
+                "read the drive's fault code and the safety circuit",
+            )
+
+    def disable(self) -> None:
+        """Take the power off the motor."""
+        self._link.write(DriveCommand.CONTROL, [0, DriveMode.NONE])
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        """Go to a torque at a limited rate and keep it."""
+        self._command(DriveMode.TORQUE, torque_nm, ramp_nm_per_s, self._maximum[0], "N·m")
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        """Go to a speed at a limited rate and keep it."""
+        self._command(DriveMode.SPEED, speed_rad_s, ramp_rad_per_s2, self._maximum[1], "rad/s")
+
+    def _command(
+        self, mode: DriveMode, value: float, rate: float, maximum: float, unit: str
+    ) -> None:
+        if not abs(value) <= maximum * (1.0 + 1e-6):
+            raise LimitError(
+                f"{value:g} {unit} asked of {self._link.name}",
+                f"±{maximum:g} {unit}, the drive's own limit",
+                "stay within what the drive can do",
+            )
+        if not (rate > 0.0 and math.isfinite(rate)):
+            raise InputError(f"rate {rate:g} {unit}/s", "a rate above 0")
+        place = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
+        numbers = [*registers.from_float(value), *registers.from_float(rate)]
+        self._link.write(place, numbers)
+        self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, mode])
+        if not self.state().enabled:
+            raise BenchError(
+                f"{self._link.name} is off", "commands to an enabled drive", "enable it first"
+            )
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Have the drive bring torque and speed to zero by itself."""
+        self._link.write(DriveCommand.ZERO_RAMP, registers.from_float(duration_s))
+        self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE | DriveControl.ZERO])
+
+    def feed_watchdog(self) -> None:
+        """Tell the drive that the supervisor lives."""
+        self._link.write(DriveCommand.WATCHDOG, [self._next_feed()])
+
+    def _next_feed(self) -> int:
+        self._fed = (self._fed + 1) % 65536
+        return self._fed
+
+    def state(self) -> DriveState:
+        """Ask for the active set points and the fault state."""
+        words = self._link.input_registers(0, REPORT_LENGTH)
+        status = words[DriveReport.STATUS]
+        fault = ""
+        if status & DriveStatus.WATCHDOG:
+            fault = f"watchdog not fed for {self._watchdog_ms / 1e3:g} s"
+        elif status & DriveStatus.FAULT:
+            fault = f"fault code {words[DriveReport.FAULT]}"
+        torque = registers.float_of(words[DriveReport.TORQUE : DriveReport.TORQUE + 2])
+        speed = registers.float_of(words[DriveReport.SPEED : DriveReport.SPEED + 2])
+        if not (math.isfinite(torque) and math.isfinite(speed)):
+            raise BenchError(
+                f"{self._link.name} reports {torque:g} N·m and {speed:g} rad/s",
+                "finite set points",
+                "check the drive and its register map",
+            )
+        return DriveState(bool(status & DriveStatus.ENABLED), torque, speed, fault)
+
+    def close(self) -> None:
+        """Release the drive. A second call does nothing."""
+        self._link.close()
+
+
+def _link(request: InstrumentRequest, options: ModbusOptions) -> ModbusLink:
+    return ModbusLink(request.section.removeprefix("driver.").replace("_", " "), options)
+
+
+def _drive(request: InstrumentRequest) -> ModbusDrive:
+    assert request.side is not None
+    link = _link(request, request.read(ModbusOptions))
+    watchdog_s = request.description.module(request.side).drive.watchdog_s
+    return ModbusDrive(link, request.side, watchdog_s)
+
+
+def _temperature(request: InstrumentRequest) -> ModbusTemperature:
+    options: TemperatureOptions = request.read(TemperatureOptions)
+    missing = set(request.description.temperatures) - set(options.probes)
+    if missing:
+        raise InputError(
+            f"{request.section}.probes without {sorted(missing)[0]}",
+            "every probe of the list `temperatures`",
+            "add its register",
+        )
+    return ModbusTemperature(_link(request, options), options)
+
+
+def _readout(request: InstrumentRequest) -> ModbusReadout:
+    return ModbusReadout(_link(request, request.read(ModbusOptions)))
+
+
+def _modes(request: InstrumentRequest) -> ModbusModes:
+    options: DigitalOptions = request.read(DigitalOptions)
+    return ModbusModes(_link(request, options), options.travel_s)
+
+
+def _clamp(request: InstrumentRequest) -> ModbusClamp:
+    options: DigitalOptions = request.read(DigitalOptions)
+    return ModbusClamp(_link(request, options), options.travel_s)
+
+
+def _angles(request: InstrumentRequest) -> ModbusAngles:
+    options: AnglesOptions = request.read(AnglesOptions)
+    described = request.description
+    per_revolution = {side: described.module(side).encoder.counts_per_revolution for side in SIDES}
+    return ModbusAngles(_link(request, options), options, per_revolution)
+
+
+PLUGIN = DriverPlugin(
+    "modbus",
+    {
+        "drive": _drive,
+        "temperature": _temperature,
+        "reference": _readout,
+        "modes": _modes,
+        "clamp": _clamp,
+        "angles": _angles,
+    },
+)
+"""What `protocol = "modbus"` opens."""

@@ -1,0 +1,122 @@
+"""A Modbus TCP connection to one unit (pymodbus), and the keys that say where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from torquebench.bench.drivers import modbus_map as registers
+from torquebench.bench.drivers.base import Identity
+from torquebench.bench.drivers.links import Address, Link, TimeOut, WireError, split_address
+from torquebench.bench.drivers.plugins import Options, require_library
+from torquebench.errors import BenchError
+
+__all__ = ["ModbusLink", "ModbusOptions"]
+
+Unit = Annotated[int, Field(ge=0, le=255)]
+Base = Annotated[int, Field(ge=0, le=60000)]
+
+
+class ModbusOptions(Options):
+    """Where an instrument is: address, unit behind it, first register."""
+
+    address: Address
+    unit: Unit = 1
+    base: Base = 0
+    timeout_s: TimeOut = 0.5
+
+
+class ModbusLink(Link[Any]):
+    """One Modbus TCP connection to one unit.
+
+    Parameters
+    ----------
+    name : str
+    options : ModbusOptions
+    """
+
+    def __init__(self, name: str, options: ModbusOptions) -> None:
+        super().__init__(name, options.address, options.timeout_s)
+        self._unit = options.unit
+        self._base = options.base
+        self._library = require_library("pymodbus.client", "modbus")
+        self._failures = require_library("pymodbus.exceptions", "modbus").ModbusException
+
+    def _open(self) -> Any:
+        host, port = split_address(self.address)
+        client = self._library.ModbusTcpClient(
+            host, port=port, timeout=self.timeout_s, retries=0, name=self.name
+        )
+        if not client.connect():
+            raise WireError("no connection")
+        return client
+
+    def _close(self, connection: Any) -> None:
+        connection.close()
+
+    def _exchange(self, ask: Callable[[Any], Any]) -> Any:
+        def question(client: Any) -> Any:
+            try:
+                answer = ask(client)
+            except self._failures as error:
+                raise WireError(_short(error)) from error
+            except (IndexError, ValueError, AttributeError, TypeError) as error:
+                raise WireError(f"garbled answer ({error})") from error
+            if answer.isError():
+                raise BenchError(
+                    f"{self.name} at {self.address} refuses: exception {answer.exception_code}",
+                    "a register and a value that the instrument knows",
+                    "compare its register map with docs/reference/modbus-registers.md",
+                )
+            return answer
+
+        return self.call(question)
+
+    def input_registers(self, first: int, count: int) -> list[int]:
+        """Read input registers (function 4)."""
+        place, unit = self._base + first, self._unit
+        found = self._exchange(
+            lambda client: client.read_input_registers(place, count=count, device_id=unit)
+        ).registers
+        return self._complete(found, count)
+
+    def write(self, first: int, values: list[int]) -> None:
+        """Write holding registers (function 16), all at once."""
+        place, unit = self._base + first, self._unit
+        self._exchange(lambda client: client.write_registers(place, values, device_id=unit))
+
+    def contacts(self, first: int, count: int) -> list[bool]:
+        """Read discrete inputs (function 2)."""
+        place, unit = self._base + first, self._unit
+        found = self._exchange(
+            lambda client: client.read_discrete_inputs(place, count=count, device_id=unit)
+        ).bits
+        return [bool(bit) for bit in self._complete(found, count)]
+
+    def switch(self, first: int, values: list[bool]) -> None:
+        """Write coils (function 15), all at once."""
+        place, unit = self._base + first, self._unit
+        self._exchange(lambda client: client.write_coils(place, values, device_id=unit))
+
+    def _complete(self, found: list[int], count: int) -> list[int]:
+        if len(found) < count:
+            raise BenchError(
+                f"{self.name} at {self.address} sends {len(found)} values",
+                f"the {count} that were asked for",
+                "check the instrument's register map",
+            )
+        return found[:count]
+
+    def identity(self, role: str) -> Identity:
+        """Read the name plate."""
+        words = self.input_registers(registers.IDENTITY - self._base, registers.IDENTITY_LENGTH)
+        texts = [registers.text_of(words[k : k + 8]) for k in range(0, len(words), 8)]
+        manufacturer, model, serial, firmware = texts
+        return Identity(role, manufacturer, model, serial, firmware, {"address": self.address})
+
+
+def _short(error: Exception) -> str:
+    text = str(error).partition("] ")[2] or str(error)
+    return text if len(text) < 120 else text[:117] + "…"

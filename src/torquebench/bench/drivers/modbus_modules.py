@@ -1,0 +1,284 @@
+"""What stands around the drives on Modbus TCP: probes, read-out, mode conversion, clamp, angles."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from torquebench.bench.drivers import modbus_map as registers
+from torquebench.bench.drivers.base import Identity, Mode, ReferenceSamples, Side
+from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions
+from torquebench.bench.drivers.modbus_map import Coil, Contact
+from torquebench.bench.roles import SIDES
+from torquebench.errors import BenchError, InputError
+
+__all__ = [
+    "AnglesOptions",
+    "DigitalOptions",
+    "ModbusAngles",
+    "ModbusClamp",
+    "ModbusModes",
+    "ModbusReadout",
+    "ModbusTemperature",
+    "TemperatureOptions",
+]
+
+POLL_S = 0.05
+
+
+class TemperatureOptions(ModbusOptions):
+    """Probes by name: the input register of each, signed, hundredths of a degree."""
+
+    probes: Mapping[str, Annotated[int, Field(ge=0, le=125)]] = Field(min_length=1)
+    interval_s: Annotated[float, Field(ge=0.0, le=60.0, description="s")] = 1.0
+
+
+class ModbusTemperature:
+    """Temperature probes behind a Modbus module, asked every `interval_s`.
+
+    A probe that is broken or doesn't answer is missing from the answer, which the supervisor
+    judges: it is never an old value.
+    """
+
+    def __init__(self, link: ModbusLink, options: TemperatureOptions) -> None:
+        self._link = link
+        self._probes = dict(options.probes)
+        self._interval_s = options.interval_s
+        self._asked = -math.inf
+        self._answer: dict[str, float] = {}
+
+    def identity(self) -> Identity:
+        """Ask the module who it is."""
+        return self._link.identity("temperature")
+
+    def temperatures(self) -> Mapping[str, float]:
+        """Ask for all probes: name to °C."""
+        now = time.monotonic()
+        if now - self._asked < self._interval_s:
+            return self._answer
+        try:
+            words = self._link.input_registers(0, max(self._probes.values()) + 1)
+        except BenchError:
+            self._answer = {}
+            return self._answer
+        self._asked = now
+        hundredths = {name: _signed(words[place]) for name, place in self._probes.items()}
+        self._answer = {
+            name: value / 100.0
+            for name, value in hundredths.items()
+            if value != registers.PROBE_BROKEN
+        }
+        return self._answer
+
+    def close(self) -> None:
+        """Release the module. A second call does nothing."""
+        self._link.close()
+
+
+def _signed(word: int) -> int:
+    return word - 65536 if word >= 32768 else word
+
+
+class ModbusReadout:
+    """A calibrator's amplifier that holds its last samples in registers, one block a side.
+
+    The newest sample is taken to be as old as the answer: a steady value doesn't ask for better.
+    """
+
+    def __init__(self, link: ModbusLink) -> None:
+        self._link = link
+        self._count: dict[Side, int | None] = dict.fromkeys(SIDES)
+
+    def identity(self) -> Identity:
+        """Ask the amplifier who it is."""
+        return self._link.identity("reference")
+
+    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+        """Return the samples since the last call, those that the ring has lost left out."""
+        base = SIDES.index(side) * registers.READOUT_STRIDE
+        length = registers.READOUT_HEADER + 2 * registers.READOUT_SAMPLES
+        words = self._link.input_registers(base, length)
+        count = registers.integer_of(words[0:2])
+        period_s, held = words[2] * 1e-6, words[3]
+        if not (period_s > 0.0 and held <= registers.READOUT_SAMPLES and count >= 0):
+            raise BenchError(
+                f"{self._link.name}: period {words[2]} µs, {held} samples of {count}",
+                f"a period and at most {registers.READOUT_SAMPLES} samples",
+                "check the amplifier's register map",
+            )
+        before, self._count[side] = self._count[side], count
+        new = held if before is None or count < before else min(held, count - before)
+        first = registers.READOUT_HEADER + 2 * (held - new)
+        torque = np.array(
+            [registers.float_of(words[k : k + 2]) for k in range(first, first + 2 * new, 2)],
+            dtype=np.float64,
+        )
+        time_s = until_s - period_s * (np.arange(new, 0, -1, dtype=np.float64) - 0.5)
+        return ReferenceSamples(time_s, torque)
+
+    def close(self) -> None:
+        """Release the amplifier. A second call does nothing."""
+        self._link.close()
+
+
+class DigitalOptions(ModbusOptions):
+    """Mode conversion or clamp: how long its travel may take."""
+
+    travel_s: Annotated[float, Field(gt=0.0, le=120.0, description="s")] = 10.0
+
+
+_MODE_COILS: dict[Mode, list[bool]] = {
+    "free": [False, False],
+    "driven": [True, False],
+    "locked": [False, True],
+}
+_CONTACTS: tuple[Mode, ...] = ("free", "driven", "locked")
+
+
+class ModbusModes:
+    """The test-mode conversion: coils command it, discrete inputs say what it has reached."""
+
+    def __init__(self, link: ModbusLink, travel_s: float) -> None:
+        self._link = link
+        self._travel_s = travel_s
+
+    def identity(self) -> Identity:
+        """Ask the module who it is."""
+        return self._link.identity("modes")
+
+    def set_mode(self, side: Side, mode: Mode) -> None:
+        """Change the mode of one side and return when it is reached.
+
+        Raises
+        ------
+        BenchError
+            It isn't reached in time.
+        """
+        coil = Coil.INPUT_DRIVEN if side == "input" else Coil.OUTPUT_DRIVEN
+        self._link.switch(coil, _MODE_COILS[mode])
+        _await(
+            lambda: self._reached(side) == [mode],
+            self._travel_s,
+            f"{self._link.name}: {side} side hasn't reached mode {mode!r}",
+        )
+
+    def mode(self, side: Side) -> Mode:
+        """Ask for the present mode of one side.
+
+        Raises
+        ------
+        BenchError
+            Its contacts say none or several.
+        """
+        reached = self._reached(side)
+        if len(reached) != 1:
+            raise BenchError(
+                f"{self._link.name}: {side} side is {' and '.join(reached) or 'in no mode'}",
+                "exactly one of free, driven, locked",
+                "check the conversion's position contacts",
+            )
+        return reached[0]
+
+    def _reached(self, side: Side) -> list[Mode]:
+        first = Contact.INPUT_FREE if side == "input" else Contact.OUTPUT_FREE
+        made = self._link.contacts(first, 3)
+        return [mode for mode, contact in zip(_CONTACTS, made, strict=True) if contact]
+
+    def close(self) -> None:
+        """Release the module. A second call does nothing."""
+        self._link.close()
+
+
+class ModbusClamp:
+    """The hydraulic clamp: one coil, three contacts."""
+
+    def __init__(self, link: ModbusLink, travel_s: float) -> None:
+        self._link = link
+        self._travel_s = travel_s
+
+    def identity(self) -> Identity:
+        """Ask the module who it is."""
+        return self._link.identity("clamp")
+
+    def set_clamped(self, clamped: bool) -> None:
+        """Close or open the clamp and return when it is reached; raises `BenchError` if not."""
+        self._link.switch(Coil.CLAMP, [clamped])
+        word = "closed" if clamped else "open"
+        _await(
+            lambda: self.clamped() == clamped,
+            self._travel_s,
+            f"{self._link.name} isn't {word}",
+        )
+
+    def clamped(self) -> bool:
+        """Ask whether the clamp is closed and under pressure.
+
+        Raises
+        ------
+        BenchError
+            It says that it is open and closed at once.
+        """
+        closed, pressure, opened = self._link.contacts(Contact.CLAMP_CLOSED, 3)
+        if closed and opened:
+            raise BenchError(
+                f"{self._link.name} is open and closed", "one of them", "check its contacts"
+            )
+        return closed and pressure
+
+    def close(self) -> None:
+        """Release the module. A second call does nothing."""
+        self._link.close()
+
+
+def _await(reached: Callable[[], bool], within_s: float, failure: str) -> None:
+    deadline = time.monotonic() + within_s
+    while not reached():
+        if time.monotonic() > deadline:
+            raise BenchError(failure, f"within {within_s:g} s", "check pressure and contacts")
+        time.sleep(POLL_S)
+
+
+class AnglesOptions(ModbusOptions):
+    """Positions of both encoders: the input register of each, signed 32-bit counts."""
+
+    registers: Mapping[Literal["input", "output"], int]
+
+
+class ModbusAngles:
+    """Encoder positions behind a Modbus module or the drives' gateway."""
+
+    def __init__(
+        self, link: ModbusLink, options: AnglesOptions, per_revolution: Mapping[Side, int]
+    ) -> None:
+        self._link = link
+        self._registers = dict(options.registers)
+        self._per_revolution = per_revolution
+        self._position: dict[Side, int] = {}
+        missing = [side for side in SIDES if side not in self._registers]
+        if missing:
+            raise InputError(f"registers without {missing[0]}", "one for input, one for output")
+
+    def counts(self) -> Mapping[Side, int]:
+        """Ask for the counts of both sides; the wrapping of 32 bits is undone."""
+        for side, place in self._registers.items():
+            word = registers.integer_of(self._link.input_registers(place, 2))
+            before = self._position.get(side, word)
+            self._position[side] = before + _signed32(word - before)
+        return dict(self._position)
+
+    def counts_per_revolution(self, side: Side) -> int:
+        """Tell the counts of one revolution, as described."""
+        return self._per_revolution[side]
+
+    def close(self) -> None:
+        """Release the module. A second call does nothing."""
+        self._link.close()
+
+
+def _signed32(difference: int) -> int:
+    return (difference + 2**31) % 2**32 - 2**31

@@ -1,0 +1,168 @@
+"""Which protocols there are, and how a section of `[driver]` becomes an instrument in its role.
+
+A protocol is a `DriverPlugin`: its name and one opener a role. The package's own are loaded when a
+bench names them; any other package adds its own by an entry point in the group
+`torquebench.drivers` that gives a `DriverPlugin`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module, metadata
+from types import ModuleType
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.description_errors import validated
+from torquebench.bench.drivers.base import DriverSet
+from torquebench.bench.roles import Side
+from torquebench.errors import InputError
+
+__all__ = [
+    "ENTRY_POINTS",
+    "DriverPlugin",
+    "InstrumentRequest",
+    "Options",
+    "Role",
+    "find_plugin",
+    "protocols",
+    "require_library",
+]
+
+ENTRY_POINTS = "torquebench.drivers"
+"""Group of the entry points by which other packages add protocols."""
+
+Role = Literal["counter", "angles", "drive", "reference", "temperature", "modes", "clamp"]
+
+_BUILT_IN = {
+    "modbus": "torquebench.bench.drivers.modbus",
+    "scpi": "torquebench.bench.drivers.scpi",
+    "canopen": "torquebench.bench.drivers.cia402",
+    "nidaqmx": "torquebench.bench.drivers.daqmx",
+    "opendaq": "torquebench.bench.drivers.open_daq",
+}
+
+
+class Options(BaseModel):
+    """Keys of one instrument's section: checked, and none that nobody knows."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class InstrumentRequest:
+    """One instrument that a bench description asks for.
+
+    Parameters
+    ----------
+    role : str
+    section : str
+        Where its keys are, such as `driver.input_drive`.
+    options : mapping
+        The keys, `protocol` left out.
+    description : BenchDescription
+    side : {"input", "output"} or None
+        Of a drive.
+    """
+
+    role: Role
+    section: str
+    options: Mapping[str, Any]
+    description: BenchDescription
+    side: Side | None = None
+
+    def read(self, model: type[Any]) -> Any:
+        """Check the section's keys against a model of them; raises `InputError`."""
+        return validated(model, self.options, f"{self.description.name}: {self.section}")
+
+
+Opener = Callable[[InstrumentRequest], Any]
+
+
+@dataclass(frozen=True)
+class DriverPlugin:
+    """A wire protocol: how to open an instrument in each role that it can serve.
+
+    Parameters
+    ----------
+    name : str
+        What `protocol = ` says in a bench description.
+    openers : mapping of role to callable
+        Each takes an `InstrumentRequest` and returns what `bench.drivers.base` asks of the role.
+    bench : callable, optional
+        Opens a whole bench of its own kind, for `bench.driver = name`.
+    """
+
+    name: str
+    openers: Mapping[Role, Opener] = field(default_factory=dict)
+    bench: Callable[[BenchDescription], DriverSet] | None = None
+
+
+def protocols() -> dict[str, Callable[[], DriverPlugin]]:
+    """Name every protocol that is installed, with how to load it.
+
+    Examples
+    --------
+    >>> sorted(protocols())[:3]
+    ['canopen', 'modbus', 'nidaqmx']
+    """
+    found: dict[str, Callable[[], DriverPlugin]] = {}
+    for point in metadata.entry_points(group=ENTRY_POINTS):
+        found[point.name] = point.load
+    for name, module in _BUILT_IN.items():
+        found[name] = lambda module=module: import_module(module).PLUGIN  # type: ignore[misc]
+    return found
+
+
+def find_plugin(name: str, key: str) -> DriverPlugin:
+    """Load a protocol.
+
+    Parameters
+    ----------
+    name : str
+    key : str
+        The key of the bench description that names it, for the message.
+
+    Raises
+    ------
+    InputError
+        There is none of this name, or what the entry point gives is no `DriverPlugin`.
+    """
+    known = protocols()
+    if name not in known:
+        raise InputError(
+            f"{key} = {name!r}",
+            "one of " + ", ".join(sorted(known)),
+            "correct the bench description or install the package that brings the protocol",
+        )
+    plugin = known[name]()
+    if callable(plugin) and not isinstance(plugin, DriverPlugin):  # a factory
+        plugin = plugin()
+    if not isinstance(plugin, DriverPlugin):
+        raise InputError(
+            f"entry point {name!r} gives {type(plugin).__name__}",
+            "a torquebench.bench.drivers.plugins.DriverPlugin",
+            "correct the package that brings it",
+        )
+    return plugin
+
+
+def require_library(module: str, extra: str) -> ModuleType:
+    """Import the library of a protocol.
+
+    Raises
+    ------
+    InputError
+        It isn't installed: names the extra to install.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError(
+            f"the library {module.partition('.')[0]} isn't installed",
+            f"it comes with the extra {extra!r}",
+            f"pip install torquebench[{extra}]",
+        ) from error

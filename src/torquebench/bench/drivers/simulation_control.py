@@ -1,0 +1,101 @@
+"""The control channel of simulators: lines of JSON over TCP, one answer a request.
+
+It does what no instrument can: it puts things between the flanges, breaks wires and heals them.
+A bench of real instruments never opens it.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from typing import Any
+
+from torquebench.bench.drivers.base import Mounting, Seating
+from torquebench.bench.drivers.links import Link, WireError, split_address
+from torquebench.errors import BenchError, InterlockError
+
+__all__ = ["SimulatedOperator", "SimulationControl"]
+
+LONGEST_LINE = 1_000_000
+
+
+class SimulationControl(Link[socket.socket]):
+    """A client of the simulators' control channel.
+
+    Parameters
+    ----------
+    address : str
+        `host:port`.
+    timeout_s : float
+    """
+
+    def __init__(self, address: str, timeout_s: float = 10.0) -> None:
+        super().__init__("simulation control", address, timeout_s, attempts=1)
+
+    def _open(self) -> socket.socket:
+        connection = socket.create_connection(split_address(self.address), self.timeout_s)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return connection
+
+    def _close(self, connection: socket.socket) -> None:
+        connection.close()
+
+    def ask(self, request: str, **arguments: Any) -> dict[str, Any]:
+        """Send a request and return its answer.
+
+        Raises
+        ------
+        BenchError
+            Nobody answers, or the simulators refuse.
+        """
+        line = json.dumps({"do": request, **arguments}).encode() + b"\n"
+
+        def exchange(connection: socket.socket) -> bytes:
+            connection.sendall(line)
+            answer = b""
+            while not answer.endswith(b"\n"):
+                part = connection.recv(65536)
+                if not part or len(answer) > LONGEST_LINE:
+                    raise WireError("the connection was closed")
+                answer += part
+            return answer
+
+        answer: dict[str, Any] = json.loads(self.call(exchange))
+        if "error" in answer:
+            raise BenchError(f"the simulators refuse {request!r}: {answer['error']}")
+        return answer
+
+
+class SimulatedOperator:
+    """The person at a bench of simulators: does at once what is asked.
+
+    Parameters
+    ----------
+    control : SimulationControl
+    """
+
+    def __init__(self, control: SimulationControl) -> None:
+        self._control = control
+        self._mounted: Mounting | None = None
+
+    def mount(self, mounting: Mounting) -> None:
+        """Have this put between the flanges of the simulated bench."""
+        try:
+            self._control.ask("mount", mounting=mounting)
+        except BenchError as error:
+            raise InterlockError(error.found, error.allowed, error.remedy) from error
+        self._mounted = mounting
+
+    def mounted(self) -> Mounting:
+        """Tell what is between the flanges."""
+        if self._mounted is None:
+            self._mounted = self._control.ask("status")["mounted"]
+        return self._mounted
+
+    def seat(self, seating: Seating) -> None:
+        """Have what is mounted seated again."""
+        del seating
+        self._control.ask("seat")
+
+    def cancel(self) -> None:
+        """Nobody ever waits for it."""
