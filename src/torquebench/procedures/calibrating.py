@@ -12,8 +12,9 @@ import numpy as np
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
-from torquebench.calibration import CalibrationData, Profile, Step, check_limits
+from torquebench.calibration import CalibrationData, Placement, Profile, Step, check_limits
 from torquebench.errors import BenchError
+from torquebench.procedures.adaptive import load_adaptively
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.staircase import Row, load_staircase
 
@@ -32,11 +33,14 @@ class StaircaseResult:
         Points that were taken although their reading still drifted; they are marked in the run.
     standard_serial : str
         Serial number of the standard that was mounted.
+    placement : Placement or None
+        How an adaptive calibration placed its points.
     """
 
     data: CalibrationData
     unsettled: int
     standard_serial: str
+    placement: Placement | None = None
 
 
 @dataclass
@@ -45,19 +49,25 @@ class _Table:
 
     steps: list[Step] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
+    placement: Placement | None = None
 
     def add(self, step: Step, row: Row) -> None:
         self.steps.append(step)
         self.rows.append(row)
 
     def result(self, devices: BenchDevices, side: Side, standard_serial: str) -> StaircaseResult:
+        unsettled = sum(not row["settled"] for row in self.rows)
+        data = self.data(devices, side)
+        return StaircaseResult(data, unsettled, standard_serial, self.placement)
+
+    def data(self, devices: BenchDevices, side: Side) -> CalibrationData:
         transducer = devices.context.description.module(side).transducer
 
         def column(name: str) -> np.ndarray[Any, Any]:
             return np.array([row[name] for row in self.rows], dtype=np.float64)
 
         known = all("true_torque_nm" in row for row in self.rows)
-        data = CalibrationData(
+        return CalibrationData(
             reading_nm=column("reading_nm"),
             standard_nm=column("standard_nm"),
             series=np.array([step.series for step in self.steps]),
@@ -74,8 +84,6 @@ class _Table:
             standard_error_nm=column("reading_standard_error_nm"),
             true_torque_nm=column("true_torque_nm") if known else None,
         )
-        unsettled = sum(not row["settled"] for row in self.rows)
-        return StaircaseResult(data, unsettled, standard_serial)
 
 
 def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> dict[str, Any]:
@@ -103,7 +111,8 @@ def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> d
 def calibrate(devices: BenchDevices, side: Side, profile: Profile) -> Plan[StaircaseResult]:
     """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
 
-    The opposite module is locked. Ends without torque, drives off, however it ends.
+    An adaptive profile goes on from there with the points that it places itself. The opposite
+    module is locked. Ends without torque, drives off, however it ends.
 
     Parameters
     ----------
@@ -164,11 +173,21 @@ def _staircase(
         "plan_name": plan_name,
         "num_points": sum(step.recorded for step in steps),
     }
+    if profile.adaptive is not None:
+        metadata["num_points"] = profile.adaptive.points  # at most
+
+    def load() -> Plan[None]:
+        if profile.adaptive is None:
+            yield from load_staircase(devices, setup, steps, table.add)
+            return
+        table.placement = yield from load_adaptively(
+            devices, setup, profile, steps, table.add, lambda: table.data(devices, setup.side)
+        )
 
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
         metadata["standard_serial"] = devices.context.interlocks.standard_serial()
-        yield from bpp.run_wrapper(load_staircase(devices, setup, steps, table.add), md=metadata)
+        yield from bpp.run_wrapper(load(), md=metadata)
 
     yield from unloaded_after(devices, in_bench)
     if not table.rows:

@@ -66,6 +66,8 @@ class _Loader:
     devices: BenchDevices
     setup: Setup
     steps: Sequence[Step]
+    done: int = 0
+    total: int = 0
     seen: int = 0
     settings: SteadySettings | None = None
 
@@ -73,7 +75,7 @@ class _Loader:
         self.seen = self.devices.interruptions
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
-            yield from progress(number, len(self.steps), describe_step(step))
+            yield from progress(self.done + number, self.total, describe_step(step))
             yield from checkpoint()
             yield from self._return_to_branch(number)
             if step.change != "none":
@@ -87,7 +89,7 @@ class _Loader:
             else:
                 yield from self._load(step)
                 yield from bps.sleep(step.duration_s)
-        yield from progress(len(self.steps), len(self.steps), "done")
+        yield from progress(self.done + len(self.steps), self.total, "done")
 
     def _zero(self, step: Step) -> Plan[None]:
         yield from self._stamp(step)
@@ -153,6 +155,9 @@ def load_staircase(
     setup: Setup,
     steps: Sequence[Step],
     on_row: Callable[[Step, Row], None],
+    *,
+    done: int = 0,
+    total: int | None = None,
 ) -> Plan[None]:
     """Go through the steps of a staircase, every step at a checkpoint of its own.
 
@@ -169,5 +174,7 @@ def load_staircase(
         From `Profile.staircase`.
     on_row : callable
         Called with every recorded step and its steady value by field.
+    done, total : int
+        For progress, where these steps are a part of a run: steps before them, and in all.
     """
-    yield from _Loader(devices, setup, steps).run(on_row)
+    yield from _Loader(devices, setup, steps, done, total or done + len(steps)).run(on_row)

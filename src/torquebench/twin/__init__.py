@@ -25,12 +25,15 @@ from torquebench.twin.blocks import (
 )
 from torquebench.twin.parameters import TwinParameters
 from torquebench.twin.presets import Preset
+from torquebench.twin.reducer import ReducerConstants
+from torquebench.twin.reducers import REDUCERS, ReducerName, draw_reducer
 
 __all__ = [
     "CHANNELS",
     "FAULT_KINDS",
     "MODES",
     "MOUNTINGS",
+    "REDUCERS",
     "SIDES",
     "AngleSamples",
     "BenchTwin",
@@ -41,9 +44,12 @@ __all__ = [
     "Mounting",
     "Nameplate",
     "Preset",
+    "ReducerConstants",
+    "ReducerName",
     "Side",
     "StaticSweep",
     "Truth",
     "TwinBlock",
     "TwinParameters",
+    "draw_reducer",
 ]

@@ -35,7 +35,14 @@ from torquebench.bench.drivers.simulated_readout import SimulatedReadout
 from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
 from torquebench.signals import EdgeBlock
-from torquebench.twin import CHANNELS, BenchTwin, TwinBlock, TwinParameters
+from torquebench.twin import (
+    CHANNELS,
+    BenchTwin,
+    ReducerName,
+    TwinBlock,
+    TwinParameters,
+    draw_reducer,
+)
 
 __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
 
@@ -53,6 +60,18 @@ class SimulatedOptions(BaseModel):
     seed: Annotated[int, Field(ge=0, le=2**32 - 1, description="(any seed)")] = 1
     reference: Literal["edges", "readout"] = "edges"
     ambient_c: Annotated[float, Field(ge=-10, le=50, description="°C")] | None = None
+    reducer: ReducerName = "standard"
+    reducer_seed: Annotated[int, Field(ge=0, le=2**32 - 1, description="(any seed)")] | None = None
+    reducer_wear: Annotated[float, Field(ge=0.5, le=5.0, description="(1: as new)")] = 1.0
+
+    def parameters(self) -> TwinParameters:
+        """Draw the twin's constants; another seed of the reducer is another specimen of it."""
+        drawn = TwinParameters.draw(self.preset, self.seed, reducer=self.reducer)
+        if self.reducer_seed is None and self.reducer_wear == 1.0:
+            return drawn
+        specimen = self.seed if self.reducer_seed is None else self.reducer_seed
+        generator = np.random.default_rng([specimen, 1])
+        return drawn.with_reducer(draw_reducer(generator, self.reducer, self.reducer_wear))
 
 
 @dataclass
@@ -113,7 +132,7 @@ class SimulatedBench:
         self.description = description
         self.options = options
         self._twin = BenchTwin(
-            TwinParameters.draw(options.preset, options.seed),
+            options.parameters(),
             seed=options.seed,
             timebase_hz=description.counter.timebase_hz,
         )

@@ -1,0 +1,108 @@
+"""A calibration that places its points itself: a coarse series, a fit, the next points, and on."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from bluesky.utils import Msg
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.calibration import (
+    AdaptiveRound,
+    CalibrationData,
+    Placement,
+    Profile,
+    Step,
+    even_points,
+    extension_steps,
+    place_points,
+)
+from torquebench.procedures.messages import progress
+from torquebench.procedures.setup import Plan, Setup
+from torquebench.procedures.staircase import Row, load_staircase
+
+__all__ = ["load_adaptively", "meanwhile"]
+
+Result = TypeVar("Result")
+
+
+def meanwhile(work: Callable[[], Result]) -> Plan[Result | None]:
+    """Compute something on another thread while the run engine goes on answering.
+
+    Simulated bench time stands meanwhile. In a rehearsal nothing is computed and the result is
+    None.
+    """
+
+    async def on_thread() -> Result:
+        return await asyncio.to_thread(work)
+
+    tasks = yield Msg("wait_for", None, [on_thread])
+    if tasks is None:
+        return None
+    result: Result = tasks[0].result()
+    return result
+
+
+def load_adaptively(
+    devices: BenchDevices,
+    setup: Setup,
+    profile: Profile,
+    steps: Sequence[Step],
+    on_row: Callable[[Step, Row], None],
+    data: Callable[[], CalibrationData],
+) -> Plan[Placement | None]:
+    """Load a coarse series, then points where they lower the model's uncertainty most.
+
+    All in one run: the zero of the coarse series holds for all points. The bench is unloaded
+    while the next points are computed. A rehearsal takes evenly spread points in place of those
+    that nobody knows yet, up to the whole budget.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    setup : Setup
+    profile : Profile
+        With a table ``[adaptive]``.
+    steps : sequence of Step
+        The coarse series.
+    on_row : callable
+        Called with every recorded step and its steady value by field.
+    data : callable
+        Returns all points so far.
+
+    Returns
+    -------
+    Placement or None
+        How many points, and why; None in a rehearsal.
+    """
+    settings = profile.adaptive
+    assert settings is not None
+    range_nm = float(devices.context.description.module(setup.side).range_nm)
+    measured = sum(step.recorded for step in steps)
+    rounds = -(-(settings.points - measured) // settings.points_at_a_time)
+    # Each round goes through two turns in each direction beside its points.
+    total = len(steps) + settings.points - measured + rounds * 2 * len(profile.signs)
+    template = next(step for step in reversed(steps) if step.recorded)
+    decisions: list[AdaptiveRound] = []
+    more, done = list(steps), 0
+    while True:
+        yield from load_staircase(devices, setup, more, on_row, done=done, total=total)
+        done += len(more)
+        yield from progress(done, total, f"{measured} points: placing the next ones")
+        proposed = yield from meanwhile(lambda: place_points(data(), settings))
+        count = min(settings.points_at_a_time, settings.points - measured)
+        if proposed is not None:
+            count = int(proposed.target_nm.size)
+            decisions.append(proposed.round(measured))
+        if count < 1:
+            return Placement.of(decisions, settings) if decisions else None
+        places = (
+            even_points(range_nm, count, profile.signs)
+            if proposed is None
+            else (proposed.target_nm, proposed.branch)
+        )
+        template = template.model_copy(update={"series": more[-1].series})
+        more = extension_steps(places, template, profile.signs, range_nm)
+        measured += count

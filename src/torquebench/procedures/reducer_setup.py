@@ -1,0 +1,359 @@
+"""What every reducer test shares: limits, turning with a check of the ratio, steady temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import numpy as np
+from bluesky.utils import Msg
+from numpy.typing import NDArray
+
+from torquebench import __version__
+from torquebench.bench.devices import BenchDevices, Point
+from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.errors import BenchError, InputError, LimitError, SignalFault
+from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.setup import REST_S, Plan, power_on
+
+__all__ = [
+    "RAD_S_PER_RPM",
+    "ReducerLimits",
+    "WarmUp",
+    "check_followed",
+    "run_metadata",
+    "temperature_c",
+    "turn_output",
+    "warm_up",
+]
+
+RAD_S_PER_RPM = 2.0 * np.pi / 60.0
+REDUCER_PROBE = "reducer"
+SPEED_TOLERANCE = 0.02
+"""Share of the speed by which a drive may miss it before it counts as saturated."""
+RATIO_TOLERANCE = 0.01
+RATIO_TOLERANCE_RAD = np.radians(0.25)
+
+
+@dataclass(frozen=True)
+class ReducerLimits:
+    """What a plan has to know of the reducer: its ratio and what its data sheet allows.
+
+    Parameters
+    ----------
+    ratio : float
+        Input turns for one output turn, above 0.
+    rated_torque_nm : float
+        T_N at the output, N·m.
+    largest_torque_nm : float
+        What the output may be loaded with at most (acceleration torque), N·m.
+    largest_input_rpm : float
+        Largest input speed, 1/min.
+
+    Raises
+    ------
+    InputError
+        A number that isn't above 0, or a rated torque above the largest.
+    """
+
+    ratio: float
+    rated_torque_nm: float
+    largest_torque_nm: float
+    largest_input_rpm: float
+
+    def __post_init__(self) -> None:
+        numbers = (self.ratio, self.rated_torque_nm, self.largest_torque_nm, self.largest_input_rpm)
+        if not all(np.isfinite(number) and number > 0.0 for number in numbers):
+            raise InputError(f"limits of the reducer {numbers}", "numbers above 0")
+        if self.rated_torque_nm > self.largest_torque_nm:
+            raise InputError(
+                f"a rated torque of {self.rated_torque_nm:g} N·m",
+                f"at most the acceleration torque, {self.largest_torque_nm:g} N·m",
+                "check the reducer's description",
+            )
+
+    def check_output_torque(self, torque_nm: float) -> None:
+        """Refuse more torque at the output than the data sheet allows.
+
+        Raises
+        ------
+        LimitError
+        """
+        if abs(torque_nm) > self.largest_torque_nm * (1 + 1e-9):
+            raise LimitError(
+                f"{abs(torque_nm):g} N·m at the reducer's output",
+                f"at most {self.largest_torque_nm:g} N·m by its data sheet",
+                "lower the torque of the test",
+            )
+
+    def check_input_speed(self, speed_rpm: float) -> None:
+        """Refuse a higher input speed than the data sheet allows.
+
+        Raises
+        ------
+        LimitError
+        """
+        if abs(speed_rpm) > self.largest_input_rpm * (1 + 1e-9):
+            raise LimitError(
+                f"{abs(speed_rpm):g} rpm at the reducer's input",
+                f"at most {self.largest_input_rpm:g} rpm by its data sheet",
+                "lower the speeds of the test",
+            )
+
+    def check_modules(self, devices: BenchDevices) -> None:
+        """Refuse a rated torque that the output module can't measure.
+
+        Raises
+        ------
+        LimitError
+        """
+        range_nm = devices.context.description.output.range_nm
+        if self.rated_torque_nm > range_nm * (1 + 1e-9):
+            raise LimitError(
+                f"a reducer rated for {self.rated_torque_nm:g} N·m",
+                f"at most the output module's range, {range_nm:g} N·m",
+                "test it at a part of its rated torque, or on a larger bench",
+            )
+
+
+@dataclass(frozen=True)
+class WarmUp:
+    """When a reducer counts as warm: its temperature no longer changes.
+
+    Parameters
+    ----------
+    speed_rpm : float
+        Input speed while warming up, 1/min.
+    rate_k_per_min : float
+        The temperature is steady where it changes by less, K/min.
+    window_s : float
+        Time over which that is looked at, s.
+    interval_s : float
+        Time between two looks, s.
+    longest_s : float
+        After so long without steady temperature the test is refused, s; 0 leaves warming up out.
+    """
+
+    speed_rpm: float = 600.0
+    rate_k_per_min: float = 0.1
+    window_s: float = 120.0
+    interval_s: float = 10.0
+    longest_s: float = 3600.0
+
+    def __post_init__(self) -> None:
+        positive = (self.speed_rpm, self.rate_k_per_min, self.window_s, self.interval_s)
+        if not all(number > 0.0 for number in positive) or self.longest_s < 0.0:
+            raise InputError(
+                f"a warm-up of {self}", "speed, rate, window and interval above 0, no negative time"
+            )
+
+    def steady(self, seen: list[tuple[float, float]]) -> bool:
+        """Tell whether temperatures (time in s, °C) stay within the rate over the last window.
+
+        Examples
+        --------
+        >>> warm = WarmUp(window_s=60.0, interval_s=30.0)
+        >>> warm.steady([(0.0, 20.0), (30.0, 20.04), (60.0, 20.08)])
+        True
+        >>> warm.steady([(0.0, 20.0), (30.0, 20.2), (60.0, 20.4)])
+        False
+        """
+        return abs(self.rate(seen)) <= self.rate_k_per_min
+
+    def rate(self, seen: list[tuple[float, float]]) -> float:
+        """Return the slope over the last window, K/min; infinite before it is full."""
+        if not seen or seen[-1][0] - seen[0][0] < self.window_s - 1e-6:
+            return float("inf")
+        rows = [row for row in seen if row[0] >= seen[-1][0] - self.window_s - 1e-6]
+        time_s, temperature = np.array(rows).T
+        return 60.0 * float(np.polyfit(time_s - time_s[0], temperature, 1)[0])
+
+
+def run_metadata(
+    devices: BenchDevices, plan_name: str, limits: ReducerLimits, points: int, **settings: object
+) -> dict[str, Any]:
+    """Return what the start document of a reducer test says."""
+    context = devices.context
+    return {
+        "plan_name": plan_name,
+        "transducers": {side: context.description.module(side).transducer.serial for side in SIDES},
+        "counter_identity": context.drivers.counter.clock_identity,
+        "ratio": limits.ratio,
+        "rated_torque_nm": limits.rated_torque_nm,
+        "num_points": points,
+        "simulated": context.drivers.truth is not None,
+        "software_version": __version__,
+        **settings,
+    }
+
+
+# -- temperature ----------------------------------------------------------------------------
+
+
+def temperature_c(devices: BenchDevices, probe: str = REDUCER_PROBE) -> Plan[float]:
+    """Read a probe, °C; NaN where the bench has none of this name."""
+    if probe not in devices.context.description.temperatures:
+        return float("nan")
+    reading = yield Msg("read", devices.temperatures)
+    return float(reading[f"{devices.temperatures.name}-{probe}"]["value"])
+
+
+def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> Plan[float]:
+    """Turn the input, output free, until the reducer's temperature is steady; return it in °C.
+
+    Expects the input driven and the output free; leaves the input at standstill, drive on.
+
+    Raises
+    ------
+    BenchError
+        The temperature isn't steady after the longest time, or the bench has no probe for it.
+    """
+    if settings.longest_s == 0.0:
+        return (yield from temperature_c(devices))
+    if REDUCER_PROBE not in devices.context.description.temperatures:
+        raise BenchError(
+            f"no temperature probe {REDUCER_PROBE!r}, so nobody knows whether it is steady",
+            f"a probe named {REDUCER_PROBE!r} in the bench description",
+            "fit one, or test without warming up",
+        )
+    speed_rpm = min(settings.speed_rpm, limits.largest_input_rpm)
+    steps = round(settings.longest_s / settings.interval_s)
+    seen: list[tuple[float, float]] = []
+    began = -1
+    for step in range(steps + 1):
+        yield from checkpoint()
+        if devices.interruptions != began:  # a pause takes the speed away
+            began, seen = devices.interruptions, []
+            yield from power_on(devices, "input")
+            yield from move(devices.input.drive.speed, speed_rpm * RAD_S_PER_RPM)
+        warm = yield from temperature_c(devices)
+        seen.append((step * settings.interval_s, warm))
+        if settings.steady(seen):
+            break
+        if step % 6 == 0:
+            yield from progress(0, 0, f"warming up: {warm:.1f} °C")
+        yield from bps.sleep(settings.interval_s)
+    else:
+        raise BenchError(
+            f"the reducer's temperature ({seen[-1][1]:.2f} °C) still changes by "
+            f"{settings.rate(seen):.3g} K/min after {settings.longest_s / 60:g} min",
+            f"at most {settings.rate_k_per_min:g} K/min",
+            "warm up for longer, at the speed of the test, or let the hall's temperature settle",
+        )
+    yield from move(devices.input.drive.speed, 0.0)
+    yield from bps.sleep(REST_S)
+    return seen[-1][1]
+
+
+# -- motion ---------------------------------------------------------------------------------
+
+
+def angle_rad(devices: BenchDevices, side: Side) -> Plan[float | None]:
+    """Read an encoder, rad; None in a rehearsal."""
+    encoder = devices.module(side).encoder
+    reading = yield Msg("read", encoder)
+    if not reading:
+        return None
+    return float(reading[f"{encoder.name}-angle_rad"]["value"])
+
+
+def turn_output(
+    devices: BenchDevices, limits: ReducerLimits, output_deg: float, *, speed_rpm: float = 300.0
+) -> Plan[None]:
+    """Turn the output by an angle through the reducer, and check that it turns by its ratio.
+
+    Expects the input driven and the output free; leaves the input at standstill, drive on.
+
+    Raises
+    ------
+    BenchError
+        The output doesn't turn as the input does: nothing or something else is mounted, the
+        ratio is wrong, or an encoder slips.
+    """
+    if output_deg == 0.0:
+        return
+    before = yield from _angles(devices)
+    axis = devices.input.drive.speed
+    rate = devices.context.description.input.drive.speed_rate_rad_per_s2
+    path = np.radians(abs(output_deg)) * limits.ratio
+    speed = min(speed_rpm, limits.largest_input_rpm) * RAD_S_PER_RPM
+    speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
+    yield from power_on(devices, "input")
+    yield from move(axis, float(np.copysign(speed, output_deg)))
+    yield from bps.sleep(path / speed - speed / rate)
+    yield from move(axis, 0.0)
+    yield from bps.sleep(REST_S)
+    after = yield from _angles(devices)
+    if before is not None and after is not None:
+        turned = after - before
+        asked = float(np.copysign(path, output_deg))
+        slack = 0.2 + 3.0 * speed * devices.context.description.counter.block_s
+        _check_ratio(limits, float(turned[0]), float(turned[1]), asked, slack)
+
+
+def _angles(devices: BenchDevices) -> Plan[NDArray[np.float64] | None]:
+    """Read both encoders, rad; None in a rehearsal."""
+    first = yield from angle_rad(devices, "input")
+    second = yield from angle_rad(devices, "output")
+    if first is None or second is None:
+        return None
+    return np.array([first, second])
+
+
+def _check_ratio(
+    limits: ReducerLimits, input_rad: float, output_rad: float, asked_rad: float, slack_rad: float
+) -> None:
+    """Compare what both encoders saw of a movement without load; sleeps last whole blocks."""
+    if abs(input_rad - asked_rad) > 0.05 * abs(asked_rad) + slack_rad:
+        raise BenchError(
+            f"the input turned by {np.degrees(input_rad):.1f}° when {np.degrees(asked_rad):.1f}° "
+            "were asked for",
+            "the angle that was asked for within 5 %",
+            "check the input drive for saturation and the input encoder",
+        )
+    expected = input_rad / limits.ratio
+    if abs(output_rad - expected) > RATIO_TOLERANCE * abs(expected) + RATIO_TOLERANCE_RAD:
+        raise BenchError(
+            f"the output turned by {np.degrees(output_rad):.3f}° while the input turned by "
+            f"{np.degrees(input_rad):.1f}°",
+            f"{np.degrees(expected):.3f}° with a ratio of {limits.ratio:g}",
+            "check that this reducer is mounted and clamped, its ratio, and both encoders for slip",
+        )
+
+
+def check_followed(row: Mapping[str, Any], speed_rpm: float, torque_nm: float, side: Side) -> None:
+    """Refuse a point whose drive doesn't reach what it was asked for: it saturates.
+
+    Parameters
+    ----------
+    row : mapping
+        Fields of a steady value.
+    speed_rpm, torque_nm : float
+        What was asked for; 0 isn't checked.
+    side : {"input", "output"}
+
+    Raises
+    ------
+    SignalFault
+    """
+    reached = float(row["speed_rpm"])
+    if speed_rpm != 0.0 and abs(reached - speed_rpm) > SPEED_TOLERANCE * abs(speed_rpm) + 0.1:
+        raise SignalFault(
+            f"the {side} drive saturates: {reached:.5g} rpm instead of {speed_rpm:g} rpm",
+            f"within {100 * SPEED_TOLERANCE:g} % of the speed",
+            "lower the speed or the load, or check the drive",
+        )
+    found = float(row["reading_nm"])
+    if torque_nm != 0.0 and abs(found - torque_nm) > 0.1 * abs(torque_nm):
+        raise SignalFault(
+            f"the {side} drive saturates: {found:.5g} N·m instead of {torque_nm:g} N·m",
+            "within 10 % of the torque",
+            "lower the load, or check the drive",
+        )
+
+
+def stamp(devices: BenchDevices, **fields: Any) -> Plan[None]:
+    """Mark the following events with a point."""
+    yield from move(devices.point, Point(**fields))
