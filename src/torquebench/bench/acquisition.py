@@ -35,6 +35,7 @@ from torquebench.bench.samples import (
     SampleRing,
     Viewer,
 )
+from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, SignalFault
 
@@ -91,6 +92,8 @@ class Acquisition:
         self._supervisor = supervisor
         self._commands = commands
         self._block_s = description.counter.block_s
+        # In fast simulated time nothing happens between blocks that could be reacted to sooner.
+        self._slices = 1 if clock.fast else slices_of(self._block_s, description.safety.look_s)
         self._index = 0
         self._lock = threading.RLock()
         self._channels: dict[str, Channel] = {}
@@ -133,6 +136,11 @@ class Acquisition:
         self._clock.stop(BenchError("the bench is closed", "an open bench", "open it again"))
 
     @property
+    def running(self) -> bool:
+        """Whether the thread lives: samples may come."""
+        return self._thread.is_alive()
+
+    @property
     def blocks(self) -> int:
         """Number of blocks that were acquired."""
         return self._index
@@ -140,7 +148,9 @@ class Acquisition:
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
-                if not self._clock.wait_for_demand(DEMAND_POLL_S) or not self._paced():
+                if not self._clock.wait_for_demand(DEMAND_POLL_S):
+                    continue
+                if not self._paced(1.0 / self._slices):
                     continue
                 with self._supervisor.guarding_block():
                     self._step()
@@ -157,11 +167,17 @@ class Acquisition:
                 BenchError(f"acquisition has ended: {error}", "", "open the bench again")
             )
 
-    def _paced(self) -> bool:
-        """Wait for the wall where simulated time has to follow it; False when ending."""
+    def _paced(self, share: float) -> bool:
+        """Wait for the wall where simulated time has to follow it; False when ending.
+
+        Parameters
+        ----------
+        share : float
+            How much of the block is to be in the past then.
+        """
         if self._clock.fast or not self._drivers.simulated_time:
             return True
-        due = self._wall_start + (self._index + 1) * self._block_s
+        due = self._wall_start + (self._index + share) * self._block_s
         ahead_s = due - time.monotonic()
         if ahead_s > 0.0:
             return not self._stopping.wait(ahead_s)
@@ -170,7 +186,7 @@ class Acquisition:
         return True
 
     def _step(self) -> None:
-        raw = self._drivers.counter.read_block(self._block_s)
+        raw = self._read()
         block = self._evaluate(raw)
         self._index += 1
         self._latest_block = block
@@ -180,6 +196,19 @@ class Acquisition:
             viewer.put(block)
         self._clock.advance_to(raw.stop_s)
 
+    def _read(self) -> CounterBlock:
+        """Return the next block, of which the supervisor has seen every slice."""
+        counter, count = self._drivers.counter, self._slices
+        if count == 1:
+            return counter.read_block(self._block_s)
+        parts = []
+        for number in range(count):
+            if number:  # the first one was waited for already
+                self._paced((number + 1) / count)
+            parts.append(counter.read_block(self._block_s / count))
+            self._supervisor.look(parts[-1], self._channels)
+        return joined(parts)
+
     def _evaluate(self, raw: CounterBlock) -> AcquiredBlock:
         with self._lock:
             channels = list(self._channels.values())
@@ -188,6 +217,8 @@ class Acquisition:
         for channel in channels:
             if channel.standard and readout is not None:
                 samples[channel.name] = channel.take(readout.read(channel.side, raw.stop_s))
+            elif channel.name in raw.frequencies:
+                samples[channel.name] = channel.push_frequency(raw.frequencies[channel.name])
             elif channel.name in raw.edges:  # else selected after this block was timed
                 samples[channel.name] = channel.push(raw.edges[channel.name])
         speeds: dict[Side, float] = {}

@@ -117,11 +117,18 @@ class EncoderDescription(_Section):
 
 
 class LimitsDescription(_Section):
-    """What must never be exceeded on one side; the supervisor acts on it by itself."""
+    """What must never be exceeded on one side; the supervisor acts on it by itself.
+
+    `angle_deg` is how far a side may turn from where it was switched on; rates are how fast
+    torque and speed may change. Those that aren't given aren't watched.
+    """
 
     torque_nm: Torque
     speed_rpm: Speed
     temperature_c: TemperatureC = 60.0
+    angle_deg: Annotated[float, Field(gt=0, le=1e9, description="°")] | None = None
+    torque_rate_nm_per_s: Annotated[float, Field(gt=0, le=1e9, description="N·m/s")] | None = None
+    speed_rate_rpm_per_s: Annotated[float, Field(gt=0, le=1e9, description="rpm/s")] | None = None
 
 
 class ModuleDescription(_Section):
@@ -209,8 +216,20 @@ class StandardDescription(_Section):
 
 
 class SafetyDescription(_Section):
-    """How the supervisor acts."""
+    """How the supervisor watches and acts.
 
+    `look_s` is how often it looks at the signals between two blocks in real time. A warning
+    comes at `warning_percent` of a limit, and a level is left `hysteresis_percent` of the limit
+    below it. With `presence_s` a drive has power only while somebody has confirmed within that
+    time to be at the bench; 0 asks for nobody. `procedure_s` is how long a procedure may send
+    nothing without waiting for the bench or for a person.
+    """
+
+    look_s: Annotated[float, Field(ge=0.002, le=1.0, description="s")] = 0.005
+    warning_percent: Annotated[float, Field(gt=0, le=100.0, description="% of limit")] = 95.0
+    hysteresis_percent: Annotated[float, Field(ge=0, le=50.0, description="% of limit")] = 2.0
+    presence_s: Annotated[float, Field(ge=0.0, le=3600.0, description="s")] = 0.0
+    procedure_s: Annotated[float, Field(ge=1.0, le=3600.0, description="s")] = 60.0
     ramp_to_zero_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.2
     signal_loss_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.03
     stuck_s: Annotated[float, Field(ge=0.05, le=60.0, description="s")] = 0.25

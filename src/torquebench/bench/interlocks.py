@@ -53,7 +53,7 @@ class Interlocks:
 
     def check_torque(self, side: Side, torque_nm: float) -> None:
         """Torque needs a closed clamp, a driven side, an enabled drive, no alarm, no excess."""
-        limit = self._description.module(side).limits.torque_nm
+        limit = self._supervisor.limits_of(side).torque_nm
         if not abs(torque_nm) <= limit:
             raise LimitError(
                 f"{torque_nm:g} N·m asked of the {side} drive",
@@ -69,7 +69,7 @@ class Interlocks:
 
         With anything mounted it needs the clamp too.
         """
-        limit = self._description.module(side).limits.speed_rpm
+        limit = self._supervisor.limits_of(side).speed_rpm
         if not abs(speed_rad_s) * RPM <= limit:
             raise LimitError(
                 f"{speed_rad_s * RPM:g} rpm asked of the {side} drive",
@@ -82,8 +82,14 @@ class Interlocks:
                 self._check_clamped("speed")
 
     def check_enable(self, side: Side) -> None:
-        """Refuse to enable a drive while an alarm is latched or its torque signal is missing."""
+        """Refuse to enable a drive with an alarm latched, nobody there, or no torque signal."""
         self._check_no_alarm(f"enable the {side} drive")
+        if self._supervisor.heartbeats.absent_s() > 0.0:
+            raise InterlockError(
+                f"enabling the {side} drive with nobody at the bench",
+                "somebody who has confirmed to be there",
+                "confirm your presence, then go on",
+            )
         self._acquisition.latest(torque_channel(side))
 
     def _check_may_drive(self, side: Side, what: str) -> None:

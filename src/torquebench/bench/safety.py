@@ -1,7 +1,9 @@
 """The supervisor: watches the bench below every procedure and brings it to a safe state.
 
-It is fed by acquisition in acquisition's thread and has a watchdog thread of its own, so it acts
-when the run engine hangs, when the event loop is blocked and when acquisition itself stalls.
+Acquisition hands it what the counter delivered before anybody else sees it; drives, heartbeats,
+the operator's presence and acquisition itself are watched from a thread of its own. So it acts
+when the run engine hangs, when the event loop is blocked and when acquisition stalls. When the
+whole process is gone, nobody feeds the drives' watchdogs any more, and they act.
 Software on a computer is never the safety function: safe torque off, the emergency stop and the
 hardware watchdog belong to the drive and the safety relay.
 """
@@ -11,14 +13,11 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-
-import numpy as np
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import DriverSet
+from torquebench.bench.drivers.base import CounterBlock, DriverSet
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety_alarms import (
     Alarm,
@@ -27,28 +26,33 @@ from torquebench.bench.safety_alarms import (
     AlarmLevel,
     StandingAlarm,
 )
+from torquebench.bench.safety_drives import DriveHand
+from torquebench.bench.safety_heartbeats import Heartbeats
+from torquebench.bench.safety_limits import LimitBook, SideLimits, StepLimits
+from torquebench.bench.safety_signals import Change, Glance, SignalJudge, Violation
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
-from torquebench.signals import SignalFaultKind
 
-__all__ = ["Alarm", "AlarmKind", "AlarmLevel", "SafetySupervisor", "StandingAlarm"]
+__all__ = [
+    "Alarm",
+    "AlarmKind",
+    "AlarmLevel",
+    "SafetySupervisor",
+    "StandingAlarm",
+    "StepLimits",
+]
 
-WATCH_PERIOD_S = 0.05
+WATCH_PERIOD_S = 0.01
+"""How often the supervisor's thread looks in real time, s of wall time."""
+IDLE_PERIOD_S = 0.05
+"""The same in simulated time, where acquisition does most of it, block by block."""
 UNLOAD_SETTLING_S = 0.2
 """How long shafts and drives swing after an orderly ramp to zero, s of bench time."""
 FAST_PATIENCE = 15.0
 """How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
 
 ROUNDING_S = 1e-6
-RPM = 60.0 / (2.0 * np.pi)
-
-
-@dataclass
-class _Heartbeat:
-    timeout_s: float
-    last_s: float
-    ping: Callable[[], None] | None
 
 
 class SafetySupervisor:
@@ -61,6 +65,13 @@ class SafetySupervisor:
     drivers : DriverSet
     clock : BenchClock
     commands : CommandState
+
+    Attributes
+    ----------
+    limits : LimitBook
+        The limits in force; steps of a procedure tighten them.
+    heartbeats : Heartbeats
+        Who has to show signs of life.
     """
 
     def __init__(
@@ -71,13 +82,20 @@ class SafetySupervisor:
         commands: CommandState,
     ) -> None:
         self._description = description
-        self._drivers = drivers
         self._clock = clock
         self._commands = commands
+        self.limits = LimitBook(description)
+        safety = description.safety
+        self.heartbeats = Heartbeats(clock.now, safety.presence_s)
+        self._signals = SignalJudge(description, self.limits, commands)
+        threaded = drivers.blocking and not clock.fast
+        self._hands = {
+            side: DriveHand(side, drive, threaded=threaded)
+            for side, drive in drivers.drives.items()
+        }
+        self._stall_s = safety.stall_s * (FAST_PATIENCE if clock.fast else 1.0)
         self._lock = threading.RLock()
         self._book = AlarmBook()
-        self._heartbeats: dict[str, _Heartbeat] = {}
-        self._faulty_s: dict[str, float] = {}
         self._unloaded_s = 0.0
         self._disable_at_s = 0.0
         self._disable_at_wall = 0.0
@@ -87,7 +105,7 @@ class SafetySupervisor:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="torquebench-safety", daemon=True)
 
-    # -- state ------------------------------------------------------------------------------
+    # -- alarms -----------------------------------------------------------------------------
 
     @property
     def alarm(self) -> Alarm | None:
@@ -110,6 +128,11 @@ class SafetySupervisor:
         """Every alarm and warning since the bench was opened, and what has become of it."""
         return self._book.entries
 
+    @property
+    def safe(self) -> bool:
+        """Whether no way to the safe state is being gone: the drives are off after an alarm."""
+        return self._safe.is_set()
+
     def raise_if_latched(self) -> None:
         """Raise the latched alarm's error."""
         alarm = self._book.latched
@@ -123,6 +146,9 @@ class SafetySupervisor:
     def acknowledge(self, who: str) -> Alarm | None:
         """Clear the latched alarm, once the safe state is reached; return what was cleared.
 
+        A cause that is still there, such as heat within the hysteresis of its limit, raises its
+        alarm again at once.
+
         Parameters
         ----------
         who : str
@@ -131,9 +157,7 @@ class SafetySupervisor:
         Raises
         ------
         InterlockError
-            The bench isn't in its safe state yet.
-        InputError
-            Nobody is named.
+            The bench isn't in its safe state yet, or nobody is named.
         """
         with self._lock:
             alarm = self._book.latched
@@ -147,7 +171,7 @@ class SafetySupervisor:
                 )
             if not who.strip():
                 raise InterlockError("acknowledgement by nobody", "a person's name")
-            self._faulty_s.clear()
+            self._signals.forget()
             return self._book.acknowledge(who.strip())
 
     def subscribe(self, listener: Callable[[StandingAlarm], None]) -> None:
@@ -157,26 +181,38 @@ class SafetySupervisor:
         """
         self._book.subscribe(listener)
 
-    # -- heartbeats -------------------------------------------------------------------------
+    def warn(self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str) -> Alarm:
+        """Note a warning, which stops nothing and stands until it is acknowledged or cleared."""
+        alarm = self._book.add(
+            Alarm(kind, source, found, allowed, remedy, self._clock.now(), AlarmLevel.WARNING)
+        )
+        self._book.announce(alarm.number)
+        return alarm
+
+    # -- limits of a step, heartbeats, presence ---------------------------------------------
+
+    def limits_of(self, side: Side) -> SideLimits:
+        """Limits in force on a side, as the bench description and the present step have them."""
+        return self.limits.side(side)
 
     def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
         """Require a heartbeat from now on, at the latest every `timeout_s` of bench time.
 
-        `ping` is called with every block and may ask for the beat without waiting for it.
+        `ping` is called with every look and may ask for the beat without waiting for it.
         """
-        with self._lock:
-            self._heartbeats[name] = _Heartbeat(timeout_s, self._clock.now(), ping)
+        self.heartbeats.expect(name, timeout_s, ping)
 
     def beat(self, name: str) -> None:
         """Note that the named part lives."""
-        heartbeat = self._heartbeats.get(name)
-        if heartbeat is not None:
-            heartbeat.last_s = self._clock.now()
+        self.heartbeats.beat(name)
 
     def release(self, name: str) -> None:
         """Require the heartbeat no longer."""
-        with self._lock:
-            self._heartbeats.pop(name, None)
+        self.heartbeats.release(name)
+
+    def confirm_presence(self, who: str) -> None:
+        """Note that somebody is at the bench; counts for `safety.presence_s`."""
+        self.heartbeats.confirm_presence(who)
 
     # -- what acquisition calls -------------------------------------------------------------
 
@@ -189,134 +225,67 @@ class SafetySupervisor:
         finally:
             self._busy_since = None
 
+    def look(self, raw: CounterBlock, channels: Mapping[str, Glance]) -> None:
+        """Judge the bare edges of a few milliseconds, before they become samples."""
+        self._busy_since = time.monotonic()  # a part of a block came: nothing stalls
+        self._act(*self._signals.look(raw, channels))
+
     def check(self, block: AcquiredBlock) -> None:
         """Judge a block; act on what is wrong, go on with an action that has begun."""
-        if self._book.latched is None:
-            violation = self._violation(block)
-            if violation is not None:
-                self.trip(*violation)
+        self._act(*self._signals.judge(block))
+        if self._clock.fast:  # time passes with blocks only, so the rest is looked at with them
+            self._look_around()
         if not self._safe.is_set() and block.stop_s > self._disable_at_s - ROUNDING_S:
             self.disable()
-        if self._book.latched is None or not self._safe.is_set():
-            for drive in self._drivers.drives.values():
-                drive.feed_watchdog()
 
-    def _violation(self, block: AcquiredBlock) -> tuple[AlarmKind, str, str, str, str] | None:
-        for side in SIDES:
-            limits = self._description.module(side).limits
-            speed = abs(block.speed_rad_s.get(side, 0.0)) * RPM  # a silent encoder: see below
-            if not speed <= limits.speed_rpm:
-                return (
-                    AlarmKind.SPEED_LIMIT,
-                    side,
-                    f"{side} speed {speed:.1f} rpm",
-                    f"at most {limits.speed_rpm:g} rpm",
-                    "find out why the drive ran away before going on",
-                )
-            probe = self._description.module(side).temperature_probe
-            temperature = block.temperatures.get(probe)
-            if temperature is not None and not temperature <= limits.temperature_c:
-                return (
-                    AlarmKind.TEMPERATURE_LIMIT,
-                    probe,
-                    f"probe {probe} {temperature:.1f} °C",
-                    f"at most {limits.temperature_c:g} °C",
-                    "let the bench cool down",
-                )
-        return self._torque_violation(block) or (
-            (self._signal_violation(block) or self._drive_violation() or self._heartbeat_missing())
-            if self._commands.any_enabled
-            else None
-        )
+    def _act(self, violation: Violation | None, changes: list[Change]) -> None:
+        if violation is not None and self._book.latched is None:
+            self._trip_for(violation)
+        for change in changes:
+            if change.watch.number:
+                self._book.clear(change.watch.number)
+                change.watch.number = 0
+            found = change.violation
+            if found is not None:
+                change.watch.number = self.warn(
+                    found.kind, found.source, found.found, found.allowed, found.remedy
+                ).number
 
-    def _torque_violation(
-        self, block: AcquiredBlock
-    ) -> tuple[AlarmKind, str, str, str, str] | None:
-        for samples in block.channels.values():
-            limit = self._description.module(samples.side).limits.torque_nm
-            if samples.torque_nm.size == 0:
-                continue
-            highest = float(np.fmax.reduce(np.abs(samples.torque_nm)))  # NaN isn't a maximum
-            if highest > limit:
-                return (
-                    AlarmKind.TORQUE_LIMIT,
-                    samples.channel,
-                    f"{samples.channel} {highest:.1f} N·m",
-                    f"at most {limit:g} N·m",
-                    "find out what overloaded the chain before going on",
-                )
-        return None
+    # -- drives and heartbeats --------------------------------------------------------------
 
-    def _signal_violation(
-        self, block: AcquiredBlock
-    ) -> tuple[AlarmKind, str, str, str, str] | None:
-        for side in SIDES:
-            probe = self._description.module(side).temperature_probe
-            for signal, present in (
-                (f"{side} encoder", side in block.speed_rad_s),
-                (f"probe {probe}", probe in block.temperatures),
-            ):
-                if not present:
-                    return (
-                        AlarmKind.SIGNAL_LOST,
-                        signal,
-                        f"no sample of the {signal}",
-                        "samples in every block",
-                        "check its connection",
-                    )
-        window_s = self._description.counter.window_s
-        for name, samples in block.channels.items():
-            if samples.fault.size == 0:  # nothing at all came: as bad as a fault
-                faulty_s = self._faulty_s.get(name, 0.0) + (block.stop_s - block.start_s)
-                kind = SignalFaultKind.LOST_DATA
-                longest_s = faulty_s
-            else:
-                faulty_s, longest_s = _faulty_time(
-                    samples.fault, self._faulty_s.get(name, 0.0), window_s
-                )
-                kind = SignalFaultKind(int(samples.fault.max()))
-            self._faulty_s[name] = faulty_s
-            if longest_s > self._description.safety.signal_loss_s:
-                return (
-                    AlarmKind.SIGNAL_LOST,
-                    name,
-                    f"{name}: {kind.description} for {longest_s:.3f} s",
-                    f"at most {self._description.safety.signal_loss_s:g} s",
-                    kind.remedy,
-                )
-        return None
+    def _look_around(self) -> None:
+        """Ask the drives, feed their watchdogs, look for signs of life."""
+        latched = self._book.latched is not None
+        feed = not latched or not self._safe.is_set()
+        for hand in self._hands.values():
+            hand.look(feed=feed)
+        if latched or not self._commands.any_enabled:
+            return
+        violation = self._drive_violation() or self.heartbeats.missing()
+        if violation is not None:
+            self._trip_for(violation)
 
-    def _drive_violation(self) -> tuple[AlarmKind, str, str, str, str] | None:
-        for side, drive in self._drivers.drives.items():
+    def _drive_violation(self) -> Violation | None:
+        for side, hand in self._hands.items():
             if not self._commands.side(side).enabled:
                 continue
-            state = drive.state()
-            if state.fault or not state.enabled:
-                return (
+            state, silent_s = hand.state, time.monotonic() - hand.answered
+            watchdog_s = self._description.module(side).drive.watchdog_s
+            if hand.failure or silent_s > max(watchdog_s, WATCH_PERIOD_S):
+                found = hand.failure or f"no answer for {silent_s:.2f} s"
+            elif state is not None and (state.fault or not state.enabled):
+                found = state.fault or "lost its enable"
+            else:
+                continue
+            # It may have been switched off meanwhile: what was told last is what counts.
+            if self._commands.side(side).enabled:
+                return Violation(
                     AlarmKind.DRIVE_FAULT,
                     side,
-                    f"{side} drive: {state.fault or 'lost its enable'}",
+                    f"{side} drive: {found}",
                     "an enabled drive without fault",
                     "read the drive's fault code",
                 )
-        return None
-
-    def _heartbeat_missing(self) -> tuple[AlarmKind, str, str, str, str] | None:
-        now = self._clock.now()
-        with self._lock:
-            heartbeats = list(self._heartbeats.items())
-        for name, heartbeat in heartbeats:
-            silent_s = now - heartbeat.last_s
-            if silent_s > heartbeat.timeout_s:
-                return (
-                    AlarmKind.HEARTBEAT,
-                    name,
-                    f"no heartbeat of the {name} for {silent_s:.1f} s",
-                    f"at most {heartbeat.timeout_s:g} s",
-                    "restart the software that hangs",
-                )
-            if heartbeat.ping is not None:
-                heartbeat.ping()
         return None
 
     # -- acting -----------------------------------------------------------------------------
@@ -345,6 +314,9 @@ class SafetySupervisor:
         self._book.announce(alarm.number)
         return alarm
 
+    def _trip_for(self, found: Violation) -> None:
+        self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
+
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
         """Bring drives to zero torque and speed at their own rates, as no alarm demands haste.
 
@@ -368,59 +340,52 @@ class SafetySupervisor:
 
     def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
         """Tell a drive to go to zero torque and speed, and disable one that can't."""
-        drive = self._drivers.drives[side]
-        try:
-            drive.ramp_to_zero(ramp_s)
-        except Exception:  # whatever is wrong with it, it must not go on
-            with contextlib.suppress(Exception):
-                drive.disable()
+        self._hands[side].ramp_to_zero(ramp_s)
         self._commands.side(side).at_zero(self._clock.now())
 
     def disable(self) -> None:
         """Take the power off both drives; with an alarm latched this ends the way to safety."""
-        for side, drive in self._drivers.drives.items():
-            with contextlib.suppress(Exception):  # the other one must be disabled in any case
-                drive.disable()
-            self._commands.side(side).off(self._clock.now())
-        self._safe.set()
+        waiting = set(self._hands)
 
-    # -- the watchdog thread ----------------------------------------------------------------
+        def done(side: Side) -> None:
+            waiting.discard(side)
+            if not waiting:
+                self._safe.set()
+
+        for side, hand in self._hands.items():
+            self._commands.side(side).off(self._clock.now())  # from now on it may be off
+            hand.disable(lambda side=side: done(side))  # type: ignore[misc]
+
+    # -- the supervisor's own thread --------------------------------------------------------
 
     def start(self) -> None:
-        """Start the watchdog thread."""
+        """Start the supervisor's own thread."""
+        for hand in self._hands.values():
+            hand.start()
         self._thread.start()
 
     def close(self) -> None:
-        """End the watchdog thread. A second call does nothing."""
+        """End the supervisor's thread. A second call does nothing."""
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join()
+        for hand in self._hands.values():
+            hand.close()
 
     def _watch(self) -> None:
-        stall_s = self._description.safety.stall_s
-        if self._clock.fast:  # bench time stands while the machine is busy with something else
-            stall_s *= FAST_PATIENCE
-        while not self._closing.wait(WATCH_PERIOD_S):
+        period_s = IDLE_PERIOD_S if self._clock.fast else WATCH_PERIOD_S
+        while not self._closing.wait(period_s):
             busy_since = self._busy_since
-            stalled = busy_since is not None and time.monotonic() - busy_since > stall_s
+            stalled = busy_since is not None and time.monotonic() - busy_since > self._stall_s
             if stalled and self._book.latched is None and self._commands.any_enabled:
                 self.trip(
                     AlarmKind.STALL,
                     "acquisition",
-                    f"no block of samples for {stall_s:g} s of wall time",
+                    f"no block of samples for {self._stall_s:g} s of wall time",
                     "a block in its own time",
                     "check the counter's connection and the computer's load",
                 )
+            if not self._clock.fast:
+                self._look_around()
             if not self._safe.is_set() and time.monotonic() > self._disable_at_wall:
                 self.disable()
-
-
-def _faulty_time(
-    fault: np.ndarray[tuple[int], np.dtype[np.uint8]], before_s: float, window_s: float
-) -> tuple[float, float]:
-    """Return how long the fault lasts at the end, and how long it lasted at its longest, s."""
-    present_s, longest_s = before_s, 0.0
-    for code in fault.tolist():
-        present_s = present_s + window_s if code else 0.0
-        longest_s = max(longest_s, present_s)
-    return present_s, longest_s

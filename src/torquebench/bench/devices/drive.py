@@ -117,8 +117,12 @@ class DriveSwitch(StandardReadable):
             commands.enabled = True
             return
         await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
-        await context.call(drive.disable)
-        commands.off(context.clock.now())
+        commands.off(context.clock.now())  # before: a drive that goes off by itself is an alarm
+        try:
+            await context.call(drive.disable)
+        except BaseException:
+            commands.enabled = True  # it may have power: the supervisor goes on watching it
+            raise
 
 
 class DriveDevice(Device):

@@ -1,0 +1,124 @@
+"""The supervisor's hands on the drives: they ask, feed and stop, no drive waiting for another.
+
+A drive on a wire may take its time to answer, and one that hangs must not keep the supervisor
+from stopping the other. So every drive that may block gets a thread of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections.abc import Callable
+
+from torquebench.bench.drivers.base import Drive, DriveState
+from torquebench.bench.roles import Side
+
+__all__ = ["DriveHand"]
+
+Order = Callable[[], None]
+ENDING_S = 2.0
+"""How long a hand that is told to end may still be busy with its drive, s."""
+
+
+class DriveHand:
+    """Asks, feeds, ramps and disables one drive.
+
+    Parameters
+    ----------
+    side : {"input", "output"}
+    drive : Drive
+    threaded : bool
+        Do it on a thread of its own, since the drive may block. Otherwise on the caller's.
+
+    Attributes
+    ----------
+    state : DriveState or None
+        As last answered; None before the first answer.
+    answered : float
+        When that was, in `time.monotonic` seconds.
+    failure : str
+        What the drive failed with when it was last asked, empty when it answered.
+    """
+
+    def __init__(self, side: Side, drive: Drive, *, threaded: bool) -> None:
+        self.side = side
+        self.drive = drive
+        self.state: DriveState | None = None
+        self.answered = time.monotonic()
+        self.failure = ""
+        self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
+        self._looking = threading.Event()
+        self._thread: threading.Thread | None = None
+        if threaded:
+            self._thread = threading.Thread(
+                target=self._run, name=f"torquebench-safety-{side}", daemon=True
+            )
+
+    def start(self) -> None:
+        """Start the thread, where there is one."""
+        if self._thread is not None:
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; one that hangs in its drive is left alone."""
+        if self._thread is not None and self._thread.is_alive():
+            self._orders.put(None)
+            self._thread.join(ENDING_S)
+
+    # -- what the supervisor asks for -------------------------------------------------------
+
+    def look(self, *, feed: bool) -> None:
+        """Ask for the state and feed the watchdog; on a thread, once at a time."""
+        if self._thread is None:
+            self._look(feed)
+        elif not self._looking.is_set():
+            self._looking.set()
+            self._orders.put(lambda: self._look(feed))
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Tell the drive to go to zero torque and speed, and disable one that can't."""
+        self._order(lambda: self._ramp(duration_s))
+
+    def disable(self, done: Order) -> None:
+        """Take the power off, then call `done`; a drive that can't be told counts as told."""
+
+        def disable() -> None:
+            with contextlib.suppress(Exception):
+                self.drive.disable()
+            done()
+
+        self._order(disable)
+
+    def _order(self, order: Order) -> None:
+        if self._thread is None or not self._thread.is_alive():
+            order()
+        else:
+            self._orders.put(order)
+
+    # -- on the thread ----------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while (order := self._orders.get()) is not None:
+            order()
+
+    def _ramp(self, duration_s: float) -> None:
+        try:
+            self.drive.ramp_to_zero(duration_s)
+        except Exception:  # whatever is wrong with it, it must not go on
+            with contextlib.suppress(Exception):
+                self.drive.disable()
+
+    def _look(self, feed: bool) -> None:
+        try:
+            if feed:
+                self.drive.feed_watchdog()
+            self.state = self.drive.state()
+        except Exception as error:  # a broken wire is judged like a broken drive
+            self.failure = f"{type(error).__name__}: {error}"
+        else:
+            self.failure = ""
+            self.answered = time.monotonic()
+        finally:
+            self._looking.clear()

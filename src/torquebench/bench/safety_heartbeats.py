@@ -1,0 +1,97 @@
+"""Who has to show signs of life: run engine, procedure, operator."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torquebench.bench.safety_alarms import AlarmKind
+from torquebench.bench.safety_signals import Violation
+
+__all__ = ["Heartbeats"]
+
+OPERATOR = "operator"
+
+
+@dataclass
+class _Heartbeat:
+    timeout_s: float
+    last_s: float
+    ping: Callable[[], None] | None
+
+
+class Heartbeats:
+    """Signs of life, each with its own patience; safe to use from any thread.
+
+    Parameters
+    ----------
+    now : callable
+        Bench time, s.
+    presence_s : float
+        How long a confirmation of the operator's presence counts, s of wall time; 0 where nobody
+        is asked.
+    """
+
+    def __init__(self, now: Callable[[], float], presence_s: float) -> None:
+        self._now = now
+        self._lock = threading.Lock()
+        self._beats: dict[str, _Heartbeat] = {}
+        self._presence_s = presence_s
+        self._present_until = float("-inf")
+        self.present = ""
+
+    def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
+        """Require a heartbeat from now on; `ping` is called at every look and may ask for it."""
+        with self._lock:
+            self._beats[name] = _Heartbeat(timeout_s, self._now(), ping)
+
+    def beat(self, name: str) -> None:
+        """Note that the named part lives."""
+        heartbeat = self._beats.get(name)
+        if heartbeat is not None:
+            heartbeat.last_s = self._now()
+
+    def release(self, name: str) -> None:
+        """Require the heartbeat no longer."""
+        with self._lock:
+            self._beats.pop(name, None)
+
+    def confirm_presence(self, who: str) -> None:
+        """Note that somebody is at the bench."""
+        self.present = who
+        self._present_until = time.monotonic() + self._presence_s
+
+    def absent_s(self) -> float:
+        """How long nobody has confirmed to be there beyond what is allowed, wall s; 0 if fine."""
+        if self._presence_s <= 0.0:
+            return 0.0
+        return max(0.0, time.monotonic() - self._present_until)
+
+    def missing(self) -> Violation | None:
+        """Return what is missing, and ask those for a beat who can be asked."""
+        if self.absent_s() > 0.0:
+            return Violation(
+                AlarmKind.PRESENCE,
+                OPERATOR,
+                f"nobody has confirmed to be at the bench for {self._presence_s:g} s",
+                f"a confirmation every {self._presence_s:g} s while a drive has power",
+                "stay at the bench and confirm, or end the run before leaving",
+            )
+        with self._lock:
+            heartbeats = list(self._beats.items())
+        now = self._now()
+        for name, heartbeat in heartbeats:
+            silent_s = now - heartbeat.last_s
+            if silent_s > heartbeat.timeout_s:
+                return Violation(
+                    AlarmKind.HEARTBEAT,
+                    name,
+                    f"no heartbeat of the {name} for {silent_s:.1f} s",
+                    f"at most {heartbeat.timeout_s:g} s",
+                    "restart the software that hangs",
+                )
+            if heartbeat.ping is not None:
+                heartbeat.ping()
+        return None

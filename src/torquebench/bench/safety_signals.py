@@ -1,0 +1,369 @@
+"""Judges what the counter delivers: torque, speed, angle, temperature, rates and their freshness.
+
+Twice: a quick look at the bare edges of a few milliseconds, in real time, so that the drives hear
+of a violation at once; and every block after the whole signal path, which knows the faults.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from torquebench.bench.description import BenchDescription, TransducerDescription
+from torquebench.bench.drivers.base import AngleSamples, CounterBlock
+from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.safety_alarms import AlarmKind, AlarmLevel
+from torquebench.bench.safety_limits import LimitBook, Watch
+from torquebench.bench.samples import AcquiredBlock
+from torquebench.bench.state import CommandState
+from torquebench.signals import EdgeBlock, SignalFaultKind
+
+__all__ = ["Change", "Glance", "SignalJudge", "Violation"]
+
+RPM = 60.0 / (2.0 * math.pi)
+TEMPERATURE_WARNING_K = 5.0
+TEMPERATURE_HYSTERESIS_K = 1.0
+FEW_EDGES = 8
+"""Fewer edges than these in one look are no frequency."""
+
+
+class Glance(Protocol):
+    """What a quick look needs of a torque channel."""
+
+    name: str
+    side: Side
+    transducer: TransducerDescription
+
+    def torque(self, frequency_hz: float) -> float:
+        """Torque of one frequency by the present zero, N·m."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """What is wrong, in the words of an alarm."""
+
+    kind: AlarmKind
+    source: str
+    found: str
+    allowed: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Change:
+    """A level that was reached, or left again (`violation` is None then)."""
+
+    watch: Watch
+    violation: Violation | None
+
+
+_REMEDIES = {
+    AlarmKind.TORQUE_LIMIT: "find out what overloaded the chain before going on",
+    AlarmKind.SPEED_LIMIT: "find out why the drive ran away before going on",
+    AlarmKind.ANGLE_LIMIT: "look whether clamp, coupling or mode conversion has given way",
+    AlarmKind.RATE_LIMIT: "look whether something broke or came loose before going on",
+    AlarmKind.TEMPERATURE_LIMIT: "let the bench cool down",
+}
+
+
+class SignalJudge:
+    """Holds every signal against the limits in force; called by acquisition's thread only.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    limits : LimitBook
+    commands : CommandState
+    """
+
+    def __init__(
+        self, description: BenchDescription, limits: LimitBook, commands: CommandState
+    ) -> None:
+        self._description = description
+        self._limits = limits
+        self._commands = commands
+        self._warning = description.safety.warning_percent / 100.0
+        self._hysteresis = description.safety.hysteresis_percent / 100.0
+        self._watches: dict[tuple[AlarmKind, str], Watch] = {}
+        self._faulty_s: dict[str, float] = {}
+        self._unread_s: dict[str, float] = {}
+        self._last_torque: dict[tuple[str, bool], tuple[float, float]] = {}
+        self._last_speed: dict[tuple[Side, bool], tuple[float, float]] = {}
+        self._last_angle: dict[Side, tuple[float, float]] = {}
+        self._stood_at: dict[Side, tuple[tuple[int, float], float]] = {}
+        self._warnings: list[Change] = []
+        self._violation: Violation | None = None
+
+    def forget(self) -> None:
+        """Begin afresh after an acknowledgement."""
+        self._faulty_s.clear()
+        self._unread_s.clear()
+        self._stood_at.clear()
+        self._last_torque.clear()
+        self._last_speed.clear()
+
+    def _result(self) -> tuple[Violation | None, list[Change]]:
+        found = self._violation, self._warnings
+        self._violation, self._warnings = None, []
+        return found
+
+    # -- the quick look ---------------------------------------------------------------------
+
+    def look(
+        self, raw: CounterBlock, channels: Mapping[str, Glance]
+    ) -> tuple[Violation | None, list[Change]]:
+        """Judge a few milliseconds of bare edges and encoder counts.
+
+        Returns
+        -------
+        violation : Violation or None
+            The first that must stop the bench.
+        changes : list of Change
+            Warnings that came or went.
+        """
+        for name, edges in raw.edges.items():
+            channel = channels.get(name)
+            if channel is not None:
+                self._glance(channel, edges, raw.stop_s)
+        for side, angles in raw.angles.items():
+            if angles.time_s.size:
+                self._turn(side, angles)
+        return self._result()
+
+    def _glance(self, channel: Glance, edges: EdgeBlock, now_s: float) -> None:
+        ticks, name = edges.ticks, channel.name
+        count = ticks.size
+        zero_hz = channel.transducer.option_khz * 1e3
+        frequency = 0.0
+        if count >= FEW_EDGES:
+            frequency = (count - 1) * edges.timebase_hz / float(ticks[-1] - ticks[0])
+        if not 0.25 * zero_hz <= frequency <= 1.75 * zero_hz:
+            self._last_torque.pop((name, True), None)
+            unread_s = self._unread_s.get(name, 0.0) + edges.duration_s
+            self._unread_s[name] = unread_s
+            if self._commands.any_enabled:
+                allowed_s = self._description.safety.signal_loss_s
+                if unread_s > allowed_s + 1e-9:
+                    kind = (
+                        SignalFaultKind.NO_PULSES
+                        if count < FEW_EDGES
+                        else SignalFaultKind.OUT_OF_MODULATION
+                    )
+                    self._lost(name, kind, unread_s)
+            return
+        self._unread_s[name] = 0.0
+        torque = channel.torque(frequency)
+        self._torque(channel.side, name, abs(torque))
+        before = self._last_torque.get((name, True))
+        self._last_torque[name, True] = (now_s, torque)
+        if before is not None:
+            self._torque_rate(channel.side, name, abs(torque - before[1]) / (now_s - before[0]))
+
+    def _turn(self, side: Side, angles: AngleSamples) -> None:
+        per_turn = angles.counts_per_revolution
+        time_s, turns = float(angles.time_s[-1]), float(angles.counts[-1]) / per_turn
+        before = self._last_angle.get(side)
+        if before is None and angles.time_s.size > 1:
+            before = float(angles.time_s[0]), float(angles.counts[0]) / per_turn
+        self._last_angle[side] = (time_s, turns)
+        if before is not None and time_s > before[0]:
+            speed_rpm = 60.0 * (turns - before[1]) / (time_s - before[0])
+            self._speed(side, speed_rpm, time_s, quick=True)
+        self._angle(side, 360.0 * turns)
+
+    # -- whole blocks -----------------------------------------------------------------------
+
+    def judge(self, block: AcquiredBlock) -> tuple[Violation | None, list[Change]]:
+        """Judge a block after the whole signal path; returns like `look`."""
+        for side in SIDES:
+            speed = block.speed_rad_s.get(side)  # a silent encoder: see below
+            if speed is not None:
+                self._speed(side, speed * RPM, block.stop_s, quick=False)
+            angles = block.angles.get(side)
+            if angles is not None and angles.time_s.size:
+                self._angle(side, 360.0 * float(angles.counts[-1]) / angles.counts_per_revolution)
+            self._temperature(side, block.temperatures)
+        for samples in block.channels.values():
+            if samples.torque_nm.size:
+                highest = float(np.fmax.reduce(np.abs(samples.torque_nm)))  # NaN isn't a maximum
+                self._torque(samples.side, samples.channel, highest)
+                self._rate_of_block(samples.side, samples.channel, block, samples.torque_nm)
+        if self._violation is None and self._commands.any_enabled:
+            self._missing(block)
+            self._faulty(block)
+        return self._result()
+
+    def _temperature(self, side: Side, temperatures: Mapping[str, float]) -> None:
+        probe = self._description.module(side).temperature_probe
+        temperature = temperatures.get(probe)
+        if temperature is None:
+            return
+        limit = self._limits.side(side).temperature_c
+        self._level(
+            AlarmKind.TEMPERATURE_LIMIT,
+            probe,
+            math.inf if math.isnan(temperature) else temperature,
+            limit,
+            "probe {source} {value:.1f} °C",
+            "°C",
+            (limit - TEMPERATURE_WARNING_K, TEMPERATURE_HYSTERESIS_K),
+        )
+
+    def _rate_of_block(
+        self, side: Side, name: str, block: AcquiredBlock, torque_nm: np.ndarray[Any, Any]
+    ) -> None:
+        if math.isinf(self._limits.side(side).torque_rate_nm_per_s):
+            return
+        before = self._last_torque.get((name, False))
+        known = [before[1]] if before is not None else []
+        steps = np.abs(np.diff(np.concatenate((known, torque_nm))))
+        self._last_torque[name, False] = (block.stop_s, float(torque_nm[-1]))
+        if steps.size:
+            highest = float(np.fmax.reduce(steps))
+            self._torque_rate(side, name, highest / self._description.counter.window_s)
+
+    def _missing(self, block: AcquiredBlock) -> None:
+        for side in SIDES:
+            probe = self._description.module(side).temperature_probe
+            for signal, present in (
+                (f"{side} encoder", side in block.speed_rad_s),
+                (f"probe {probe}", probe in block.temperatures),
+            ):
+                if not present:
+                    self._violated(
+                        AlarmKind.SIGNAL_LOST,
+                        signal,
+                        f"no sample of the {signal}",
+                        "samples in every block",
+                        "check its connection",
+                    )
+
+    def _faulty(self, block: AcquiredBlock) -> None:
+        window_s = self._description.counter.window_s
+        for name, samples in block.channels.items():
+            before_s = self._faulty_s.get(name, 0.0)
+            if samples.fault.size == 0:  # nothing at all came: as bad as a fault
+                faulty_s = longest_s = before_s + (block.stop_s - block.start_s)
+                kind = SignalFaultKind.LOST_DATA
+            else:
+                faulty_s, longest_s = _faulty_time(samples.fault, before_s, window_s)
+                kind = SignalFaultKind(int(samples.fault.max()))
+            self._faulty_s[name] = faulty_s
+            if longest_s > self._description.safety.signal_loss_s:
+                self._lost(name, kind, longest_s)
+
+    # -- levels -----------------------------------------------------------------------------
+
+    def _torque(self, side: Side, name: str, torque_nm: float) -> None:
+        limit = self._limits.side(side).torque_nm
+        self._level(
+            AlarmKind.TORQUE_LIMIT, name, torque_nm, limit, "{source} {value:.1f} N·m", "N·m"
+        )
+
+    def _speed(self, side: Side, speed_rpm: float, now_s: float, *, quick: bool) -> None:
+        limits = self._limits.side(side)
+        self._level(
+            AlarmKind.SPEED_LIMIT,
+            side,
+            math.inf if math.isnan(speed_rpm) else abs(speed_rpm),
+            limits.speed_rpm,
+            "{source} speed {value:.1f} rpm",
+            "rpm",
+        )
+        before = self._last_speed.get((side, quick))
+        self._last_speed[side, quick] = (now_s, speed_rpm)
+        if before is not None and self._commands.any_enabled and now_s > before[0]:
+            self._level(
+                AlarmKind.RATE_LIMIT,
+                f"{side} speed",
+                abs(speed_rpm - before[1]) / (now_s - before[0]),
+                limits.speed_rate_rpm_per_s,
+                "{source} changes by {value:.0f} rpm/s",
+                "rpm/s",
+            )
+
+    def _torque_rate(self, side: Side, name: str, rate: float) -> None:
+        if self._commands.any_enabled:
+            self._level(
+                AlarmKind.RATE_LIMIT,
+                name,
+                rate,
+                self._limits.side(side).torque_rate_nm_per_s,
+                "{source} changes by {value:.0f} N·m/s",
+                "N·m/s",
+            )
+
+    def _angle(self, side: Side, angle_deg: float) -> None:
+        limit = self._limits.side(side).angle_deg
+        enabled = self._commands.any_enabled
+        if math.isinf(limit) or not enabled:
+            self._stood_at.pop(side, None)
+            return
+        epoch = (self._limits.angle_changes[side], limit)
+        stood = self._stood_at.get(side)
+        if stood is None or stood[0] != epoch:
+            stood = self._stood_at[side] = (epoch, angle_deg)
+        self._level(
+            AlarmKind.ANGLE_LIMIT,
+            side,
+            abs(angle_deg - stood[1]),
+            limit,
+            "{source} side turned by {value:.2f}°",
+            "°",
+        )
+
+    def _level(
+        self,
+        kind: AlarmKind,
+        source: str,
+        value: float,
+        limit: float,
+        text: str,
+        unit: str,
+        warning: tuple[float, float] | None = None,
+    ) -> None:
+        if limit == math.inf:
+            return
+        watch = self._watches.get((kind, source))
+        if watch is None:
+            watch = self._watches[kind, source] = Watch()
+        level, hysteresis = warning or (self._warning * limit, self._hysteresis * limit)
+        changed = watch.judge(value, limit, level, hysteresis)
+        if watch.level is not AlarmLevel.CRITICAL and not changed:
+            return
+        found = text.format(source=source, value=value)
+        allowed = f"at most {limit:g} {unit}"
+        if watch.level is AlarmLevel.CRITICAL:
+            self._violated(kind, source, found, allowed, _REMEDIES[kind])
+        warns = Violation(kind, source, found, allowed, "it stops the bench at the limit")
+        self._warnings.append(Change(watch, warns if watch.level is AlarmLevel.WARNING else None))
+
+    def _lost(self, name: str, kind: SignalFaultKind, lasted_s: float) -> None:
+        self._violated(
+            AlarmKind.SIGNAL_LOST,
+            name,
+            f"{name}: {kind.description} for {lasted_s:.3f} s",
+            f"at most {self._description.safety.signal_loss_s:g} s",
+            kind.remedy,
+        )
+
+    def _violated(
+        self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str
+    ) -> None:
+        if self._violation is None:
+            self._violation = Violation(kind, source, found, allowed, remedy)
+
+
+def _faulty_time(
+    fault: np.ndarray[tuple[int], np.dtype[np.uint8]], before_s: float, window_s: float
+) -> tuple[float, float]:
+    """Return how long the fault lasts at the end, and how long it lasted at its longest, s."""
+    present_s, longest_s = before_s, 0.0
+    for code in fault.tolist():
+        present_s = present_s + window_s if code else 0.0
+        longest_s = max(longest_s, present_s)
+    return present_s, longest_s

@@ -1,0 +1,71 @@
+"""Pieces of a block: the counter is read in slices so that the supervisor sees them at once."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from torquebench.bench.drivers.base import AngleSamples, CounterBlock
+from torquebench.errors import BenchError
+from torquebench.signals import EdgeBlock
+
+__all__ = ["joined", "slices_of"]
+
+
+def slices_of(block_s: float, look_s: float) -> int:
+    """Return how many looks of about `look_s` make a block, at least 1.
+
+    Examples
+    --------
+    >>> slices_of(0.05, 0.005), slices_of(0.05, 0.02), slices_of(0.05, 1.0)
+    (10, 2, 1)
+    """
+    return max(1, int(block_s / look_s + 1e-9))
+
+
+def joined(parts: Sequence[CounterBlock]) -> CounterBlock:
+    """Put slices that follow each other together to one block.
+
+    Channels that were selected or left meanwhile aren't in it: the next block has them whole.
+
+    Raises
+    ------
+    BenchError
+        A slice doesn't begin where the one before it stops.
+    """
+    first, last = parts[0], parts[-1]
+    if len(parts) == 1:
+        return first
+    whole = set.intersection(*(set(part.edges) for part in parts))
+    edges = {name: _joined_edges(name, parts) for name in first.edges if name in whole}
+    angles = {}
+    for side, angle in first.angles.items():
+        samples = [part.angles[side] for part in parts]
+        angles[side] = AngleSamples(
+            np.concatenate([sample.time_s for sample in samples]),
+            np.concatenate([sample.counts for sample in samples]),
+            angle.counts_per_revolution,
+        )
+    return CounterBlock(first.start_s, last.stop_s, edges, angles)
+
+
+def _joined_edges(name: str, parts: Sequence[CounterBlock]) -> EdgeBlock:
+    blocks = [part.edges[name] for part in parts]
+    for before, after in itertools.pairwise(blocks):
+        if after.start_tick != before.stop_tick:
+            raise BenchError(
+                f"{name}: slices from tick {before.start_tick} to {before.stop_tick} and from "
+                f"{after.start_tick}",
+                "slices without a gap",
+                "check the counter's driver",
+            )
+    falling = [block.falling_ticks for block in blocks if block.falling_ticks is not None]
+    return EdgeBlock(
+        np.concatenate([block.ticks for block in blocks]),
+        blocks[0].start_tick,
+        blocks[-1].stop_tick,
+        blocks[0].timebase_hz,
+        np.concatenate(falling) if len(falling) == len(blocks) else None,
+    )
