@@ -3,6 +3,15 @@
 Arrays in, frozen values out; no device and no file except the packaged profiles.
 """
 
+from torquebench.calibration.adaptive import (
+    Adaptive,
+    AdaptiveRound,
+    Placement,
+    Proposed,
+    even_points,
+    extension_steps,
+    place_points,
+)
 from torquebench.calibration.classes import (
     CLASSES,
     Classification,
@@ -58,6 +67,8 @@ __all__ = [
     "CLASSES",
     "RANGE_MARGIN",
     "RAW",
+    "Adaptive",
+    "AdaptiveRound",
     "CalibrationData",
     "CalibrationRecord",
     "CalibrationResults",
@@ -71,7 +82,9 @@ __all__ = [
     "Interpolation",
     "LoadingSeries",
     "ModelVerification",
+    "Placement",
     "Profile",
+    "Proposed",
     "ReferenceStandard",
     "Repeatability",
     "SideBySide",
@@ -86,6 +99,8 @@ __all__ = [
     "check_limits",
     "classify",
     "evaluate_static",
+    "even_points",
+    "extension_steps",
     "find_deviations",
     "find_trend",
     "individuals_chart",
@@ -93,6 +108,7 @@ __all__ = [
     "limits_of_class",
     "load_profile",
     "loading_series",
+    "place_points",
     "predict_drift",
     "propose_due_date",
     "refuse_deviations",

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from torquebench.calibration.adaptive import Adaptive
+from torquebench.calibration.staircase import Staircase
 from torquebench.calibration.steps import Step
 from torquebench.errors import InputError
 
@@ -30,9 +32,9 @@ _OPTIONS: dict[str, frozenset[str]] = {
     "ladder": frozenset({"rising_only", "repeats", "step_percent", "duration_s"}),
     "cycle": frozenset({"repeats", "step_percent", "duration_s"}),
     "random": frozenset({"groups", "points", "duration_s"}),
+    "adaptive": frozenset({"points", "target_percent", "repeats", "step_percent", "duration_s"}),
 }
-OFF_GRID_SHARE = 0.25
-"""Points off the grid keep at least this share of a step's width from it."""
+_ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
 
 
 class _Settings(BaseModel):
@@ -171,6 +173,28 @@ class Profile(_Settings):
     reference: Reference = Reference()
     deviations: Deviations = Deviations()
     positions: tuple[Position, ...] = Field(min_length=1)
+    adaptive: Adaptive | None = None
+
+    @model_validator(mode="after")
+    def _places_points_on_branches(self) -> Self:
+        if self.adaptive is None:
+            return self
+        if self.loading.pattern != "ladder" or [each.series for each in self.positions] != [
+            ("up-down",)
+        ]:
+            raise ValueError("adaptive needs a ladder and one position with one up-down series")
+        coarse = 2 * len(self.loading.percents()) * len(self.loading.directions)
+        if self.adaptive.points < coarse * self.loading.repeats:
+            raise ValueError(
+                f"adaptive.points is {self.adaptive.points}, "
+                f"the coarse series alone has {coarse * self.loading.repeats}"
+            )
+        return self
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Directions in the order in which they are loaded: +1 clockwise, -1 the other."""
+        return tuple(_SIGNS[direction] for direction in self.loading.directions)
 
     @classmethod
     def from_toml(cls, text: str, origin: str) -> Self:
@@ -198,7 +222,10 @@ class Profile(_Settings):
     @property
     def sha256(self) -> str:
         """SHA-256 of the profile's settings, options included, as 64 hexadecimal digits."""
-        content = json.dumps(self.model_dump(mode="json"), sort_keys=True, ensure_ascii=False)
+        settings = self.model_dump(mode="json")
+        if self.adaptive is None:  # a profile without it has the hash that it always had
+            del settings["adaptive"]
+        content = json.dumps(settings, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(content.encode()).hexdigest()
 
     def with_options(
@@ -210,6 +237,7 @@ class Profile(_Settings):
         duration_s: float | None = None,
         groups: int | None = None,
         points: int | None = None,
+        target_percent: float | None = None,
     ) -> Self:
         """Return the profile with some of its settings changed; None leaves a setting alone.
 
@@ -223,8 +251,12 @@ class Profile(_Settings):
             Width of the steps in % of full scale.
         duration_s : float, optional
             Duration of each step in s.
-        groups, points : int, optional
-            Number of groups and of points in each (random points only).
+        groups : int, optional
+            Number of groups (random points only).
+        points : int, optional
+            Number of points in each group, or the most points of an adaptive profile.
+        target_percent : float, optional
+            Expanded uncertainty of the model that ends an adaptive calibration, % of full scale.
 
         Raises
         ------
@@ -238,9 +270,10 @@ class Profile(_Settings):
             "duration_s": duration_s,
             "groups": groups,
             "points": points,
+            "target_percent": target_percent,
         }
         given = {name: value for name, value in given.items() if value is not None}
-        allowed = _OPTIONS[self.loading.pattern]
+        allowed = _OPTIONS[self.loading.pattern if self.adaptive is None else "adaptive"]
         for name in given:
             if name not in allowed:
                 raise InputError(
@@ -253,7 +286,9 @@ class Profile(_Settings):
                 position["series"] = tuple("up" for _ in position["series"])
         if "step_percent" in given:
             document["loading"]["steps_percent"] = ()
-        document["loading"].update(given)
+        for name, value in given.items():
+            table = "adaptive" if name in _ADAPTIVE_OPTIONS and self.adaptive else "loading"
+            document[table][name] = value
         try:
             return type(self).model_validate(document)
         except ValidationError as error:
@@ -287,137 +322,7 @@ class Profile(_Settings):
                 "a numpy.random.Generator",
                 "hand in numpy.random.default_rng(seed)",
             )
-        return list(_Staircase(self, range_nm, rng).steps())
-
-
-class _Staircase:
-    """Lays out the steps of one profile at one range."""
-
-    def __init__(self, profile: Profile, range_nm: float, rng: np.random.Generator | None) -> None:
-        self.profile = profile
-        self.range_nm = range_nm
-        self.rng = rng
-        self.series = 0
-
-    def steps(self) -> Iterator[Step]:
-        profile = self.profile
-        # A cycle or a group of random points goes through all directions within one series.
-        whole = profile.loading.pattern != "ladder"
-        every = tuple(_SIGNS[direction] for direction in profile.loading.directions)
-        per_direction = [every] if whole else [(sign,) for sign in every]
-        once = profile.zero.when == "once"
-        for number, position in enumerate(profile.positions):
-            change: Change = position.change
-            if once:
-                for step in [*self._preloads(number, position, every), self._zero(position)]:
-                    yield step.model_copy(update={"change": change})
-                    change = "none"
-            for signs in per_direction:
-                laid_out = self._preloads(number, position, signs) if not once else []
-                laid_out += self._all_series(position, signs)
-                for step in laid_out:
-                    yield step.model_copy(update={"change": change})
-                    change = "none"
-
-    def _preloads(self, number: int, position: Position, signs: Sequence[int]) -> list[Step]:
-        preload = self.profile.preload
-        after_change = preload.cycles_after_change
-        cycles = preload.cycles if number == 0 or after_change is None else after_change
-        return [
-            self._step("preload", percent, position, 1 if percent else -1, duration)
-            for _ in range(cycles)
-            for sign in signs
-            for percent, duration in ((100.0 * sign, preload.on_s), (0.0, preload.off_s))
-        ]
-
-    def _all_series(self, position: Position, signs: Sequence[int]) -> list[Step]:
-        loading = self.profile.loading
-        steps: list[Step] = []
-        for shape in position.series * (loading.repeats * (loading.groups or 1)):
-            self.series += 1
-            if self.profile.zero.when == "each-series":
-                steps.append(self._zero(position))
-            steps += self._one_series(shape, position, signs)
-        return steps
-
-    def _one_series(self, shape: Series, position: Position, signs: Sequence[int]) -> list[Step]:
-        steps: list[Step] = []
-        if self.profile.loading.pattern == "random":
-            path = self._random_path(signs)
-        else:
-            path = self._ladder_path(shape, signs)
-        index = 0
-        duration = self.profile.loading.duration_s
-        for kind, percent, branch in path:
-            if kind == "turn":
-                steps.append(self._step("turn", percent, position, branch, 0.0))
-                continue
-            step = self._step("point", percent, position, branch, duration)
-            steps.append(step.model_copy(update={"index": index}))
-            index += 1
-        return steps
-
-    def _ladder_path(
-        self, shape: Series, signs: Sequence[int]
-    ) -> Iterator[tuple[Literal["point", "turn"], float, int]]:
-        rising = self.profile.loading.percents()
-        for sign in signs:
-            for percent in rising:
-                yield "point", sign * percent, 1
-            if shape == "up-down":
-                for percent in rising[-2::-1]:
-                    yield "point", sign * percent, -1
-            if shape == "up-down" or self.profile.loading.zero_return:
-                yield "point", 0.0, -1
-
-    def _random_path(
-        self, signs: Sequence[int]
-    ) -> Iterator[tuple[Literal["point", "turn"], float, int]]:
-        loading = self.profile.loading
-        assert loading.points is not None
-        assert self.rng is not None
-        parts = 2 * len(signs)
-        counts = [(loading.points + parts - 1 - k) // parts for k in range(parts)]
-        for number, sign in enumerate(signs):
-            for percent in self._off_grid(counts[2 * number]):
-                yield "point", sign * percent, 1
-            yield "turn", sign * 100.0, 1
-            for percent in self._off_grid(counts[2 * number + 1])[::-1]:
-                yield "point", sign * percent, -1
-
-    def _off_grid(self, count: int) -> list[float]:
-        """Draw one rising point in each of `count` equal cells, off the grid of the steps."""
-        assert self.rng is not None
-        grid = self.profile.loading.step_percent or 100.0 / count
-        drawn = (np.arange(count) + self.rng.uniform(0.0, 1.0, count)) * (100.0 / count) / grid
-        whole = np.floor(drawn)
-        width = np.minimum(grid, 100.0 - whole * grid)  # the last step may be a narrower one
-        share = np.minimum((drawn - whole) * grid / width, 1.0)
-        fraction = OFF_GRID_SHARE + (1.0 - 2.0 * OFF_GRID_SHARE) * share
-        return [float(percent) for percent in whole * grid + fraction * width]
-
-    def _zero(self, position: Position) -> Step:
-        return self._step("zero", 0.0, position, 0, self.profile.zero.duration_s)
-
-    def _step(
-        self,
-        kind: Literal["zero", "preload", "turn", "point"],
-        percent: float,
-        position: Position,
-        branch: int,
-        duration_s: float,
-    ) -> Step:
-        return Step(
-            kind=kind,
-            series=self.series,
-            index=-1,
-            target_nm=percent * self.range_nm / 100.0,
-            branch=branch,
-            duration_s=duration_s,
-            settle_limit_s=self.profile.loading.settle_limit_s,
-            position_deg=position.position_deg,
-            change="none",
-        )
+        return list(Staircase(self, range_nm, rng).steps())
 
 
 def available_profiles() -> tuple[str, ...]:
@@ -426,7 +331,7 @@ def available_profiles() -> tuple[str, ...]:
     Examples
     --------
     >>> available_profiles()
-    ('check', 'rapid-in-situ', 'reversing', 'staircase', 'verification')
+    ('adaptive', 'check', 'rapid-in-situ', 'reversing', 'staircase', 'verification')
     """
     folder = resources.files(__package__) / "profiles"
     names = (entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))

@@ -94,7 +94,7 @@ def register_calibration(
         measured_by=operator_name(),
         due=propose_due_date(datetime.now(UTC), None, longest_days=profile.valid_days),
         files={MANIFEST: sha256_of_file(measured.record.folder / MANIFEST)},
-        summary={"unsettled points": result.unsettled},
+        summary=_summary(result),
     )
     models = {}
     for item in fitted:
@@ -106,6 +106,14 @@ def register_calibration(
         )
     registry.activate(models[active].model_id, reason="recommended by the calibration")
     return RegisteredCalibration(entry, models)
+
+
+def _summary(result: StaircaseResult) -> dict[str, Any]:
+    """Return what the registry keeps of a calibration beside its points."""
+    summary: dict[str, Any] = {"unsettled points": result.unsettled}
+    if result.placement is not None:
+        summary["placement"] = result.placement.sentence
+    return summary
 
 
 def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:

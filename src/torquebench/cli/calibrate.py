@@ -62,6 +62,17 @@ def calibrate(
     step_percent: Annotated[
         float | None, typer.Option(min=0.1, max=100, help="Width of the steps, % of range.")
     ] = None,
+    points: Annotated[
+        int | None, typer.Option(min=8, help="Most points of an adaptive calibration.")
+    ] = None,
+    target: Annotated[
+        float | None,
+        typer.Option(
+            min=1e-6,
+            max=100,
+            help="An adaptive calibration ends with this largest U (k = 2) of the model, % FS.",
+        ),
+    ] = None,
     model: Annotated[
         str | None, typer.Option(help="Kind of model; without it the recommended one.")
     ] = None,
@@ -84,13 +95,17 @@ def calibrate(
     from torquebench.calibration import load_profile
 
     chosen = load_profile(profile).with_options(
-        rising_only=rising_only or None, repeats=repeats, step_percent=step_percent
+        rising_only=rising_only or None,
+        repeats=repeats,
+        step_percent=step_percent,
+        points=points,
+        target_percent=target,
     )
     if chosen.loading.pattern == "random":
         raise InputError(
             f"profile {chosen.name} for a calibration",
             "a profile of steps",
-            "give rapid-in-situ, staircase, reversing or an own one",
+            "give rapid-in-situ, adaptive, staircase, reversing or an own one",
         )
     description = default_bench() if bench is None else load_bench(bench)
     _check_model(model)
@@ -213,6 +228,7 @@ def _report(outcome: _Outcome) -> None:
     """Print what the calibration found, on its own points: that is no verification."""
     from torquebench.calibration import summarise_errors
     from torquebench.campaign.fitting import feature_columns
+    from torquebench.cli.staircase import placement_table
     from torquebench.cli.tables import error_blocks
 
     result, fitted = outcome.measured.result, outcome.fitted
@@ -230,6 +246,9 @@ def _report(outcome: _Outcome) -> None:
     title = f"{len(data)} points that it was fitted to, against the standard"
     for part in error_blocks([(title, rows)]):
         out().print(part)
+    if result.placement is not None:
+        say(result.placement.sentence)
+        out().print(placement_table(result.placement))
     entry = outcome.registered.models[fitted.name]
     say(f"In use: model-{entry.model_id} of calibration-{entry.calibration_id}.")
     say(f"Run: {outcome.measured.record.run_id}")

@@ -14,10 +14,10 @@ from torquebench.cli.console import narrow_table
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.bench.drivers.base import Side
-    from torquebench.calibration import Profile, Step
+    from torquebench.calibration import Placement, Profile, Step
     from torquebench.procedures import Rehearsal
 
-__all__ = ["staircase_tables"]
+__all__ = ["placement_table", "staircase_tables"]
 
 
 def staircase_tables(
@@ -55,12 +55,40 @@ def staircase_tables(
             table.add_row("", f"{group[0].change} to {group[0].position_deg:g}°", style="yellow")
         table.add_row(*_row(group))
     yield table
+    if profile.adaptive is not None:
+        yield Text(_placing(profile, sum(step.recorded for step in steps)))
     largest = max(abs(step.target_nm) for step in steps)
+    most = "" if profile.adaptive is None else "at most "
     yield Text(
-        f"{rehearsal.points} points in {_minutes(rehearsal.duration_s)} without waiting longer "
-        f"to settle;\nlargest torque {largest:g} N·m, limit {module.limits.torque_nm:g} N·m"
+        f"{most}{rehearsal.points} points in {_minutes(rehearsal.duration_s)} "
+        f"without waiting longer to settle;\n"
+        f"largest torque {largest:g} N·m, limit {module.limits.torque_nm:g} N·m"
     )
     yield Text("")
+
+
+def _placing(profile: Profile, coarse: int) -> str:
+    """Return what follows the coarse series of an adaptive profile, in words."""
+    settings = profile.adaptive
+    assert settings is not None
+    end = f"until {settings.points} points are measured"
+    if settings.target_percent is not None:
+        end = f"until U (k = 2)\nis {settings.target_percent:g} % FS everywhere, or {end}"
+    return (
+        f"after these {coarse}: up to {settings.points_at_a_time} points at a time where the model "
+        f"({settings.model})\nis least certain, up and down in both directions, {end}"
+    )
+
+
+def placement_table(placement: Placement) -> RenderableType:
+    """Return how an adaptive calibration went, one line a decision."""
+    table = narrow_table("U (k = 2) of the model at its largest")
+    for heading in ("points", "U % FS", "placed next", "U predicted % FS"):
+        table.add_column(heading, justify="right")
+    for each in placement.rounds:
+        following = [str(each.proposed), f"{each.predicted_percent:.4f}"] if each.proposed else []
+        table.add_row(str(each.points), f"{each.expanded_percent:.4f}", *following)
+    return table
 
 
 def _setup(rehearsal: Rehearsal[Any]) -> str:

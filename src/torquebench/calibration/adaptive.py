@@ -1,0 +1,287 @@
+"""Calibration points where they are needed most: a coarse series first, then those proposed."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from torquebench.calibration.data import CalibrationData
+from torquebench.calibration.steps import Step
+from torquebench.compensation import FEATURES, make_model, propose_points
+
+__all__ = [
+    "Adaptive",
+    "AdaptiveRound",
+    "Placement",
+    "Proposed",
+    "StopReason",
+    "even_points",
+    "extension_steps",
+    "place_points",
+]
+
+COVERAGE_FACTOR = 2.0
+"""k of the expanded uncertainties that a placement states."""
+
+StopReason = Literal["target", "budget"]
+
+
+class Adaptive(BaseModel):
+    """How points are added to a coarse series.
+
+    After each series a model is fitted to all points so far, and the next points are placed where
+    they lower its worst uncertainty most. Measuring ends with the first round in which the
+    model's largest expanded uncertainty (k = 2) is `target_percent` of full scale or less, or
+    when `points` are measured, those of the coarse series included.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    points: Annotated[int, Field(ge=8, le=2000)]
+    points_at_a_time: Annotated[int, Field(ge=1, le=150)]
+    target_percent: Annotated[float, Field(gt=0, le=100)] | None = None
+    model: str = "hybrid"
+    criterion: Literal["worst", "integrated"] = "worst"
+
+
+@dataclass(frozen=True)
+class AdaptiveRound:
+    """One decision: what the points so far gave, and what was to be measured next.
+
+    Parameters
+    ----------
+    points : int
+        Measured before it.
+    expanded_percent : float
+        Largest expanded uncertainty (k = 2) of the model fitted to them, in % of full scale.
+    proposed : int
+        Points that it placed; 0 for the last one.
+    predicted_percent : float
+        Largest expanded uncertainty that was predicted with them, in % of full scale.
+    """
+
+    points: int
+    expanded_percent: float
+    proposed: int
+    predicted_percent: float
+
+
+@dataclass(frozen=True, eq=False)
+class Proposed:
+    """Points to measure next, in the order in which they are loaded.
+
+    Parameters
+    ----------
+    target_nm : array of float, shape (k,)
+        In N·m; empty where nothing more is to be measured.
+    branch : array of int8, shape (k,)
+        +1 on the way up, -1 on the way down.
+    now_percent : float
+        Largest expanded uncertainty (k = 2) of the model fitted so far, in % of full scale.
+    predicted_percent : float
+        The same as it is predicted with these points.
+    """
+
+    target_nm: NDArray[np.float64]
+    branch: NDArray[np.int8]
+    now_percent: float
+    predicted_percent: float
+
+    def round(self, points: int) -> AdaptiveRound:
+        """Return this decision, taken after so many points, for the record."""
+        count = int(self.target_nm.size)
+        return AdaptiveRound(points, self.now_percent, count, self.predicted_percent)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How many points an adaptive calibration has measured, and why no more.
+
+    Parameters
+    ----------
+    rounds : tuple of AdaptiveRound
+        In order; the first one follows the coarse series.
+    reason : {"target", "budget"}
+        The target uncertainty was reached, or the points were used up.
+    target_percent : float or None
+        Target of the expanded uncertainty (k = 2), in % of full scale.
+    budget : int
+        Most points that were allowed.
+    model : str
+        Kind of model that placed them.
+    """
+
+    rounds: tuple[AdaptiveRound, ...]
+    reason: StopReason
+    target_percent: float | None
+    budget: int
+    model: str
+
+    @classmethod
+    def of(cls, rounds: Sequence[AdaptiveRound], settings: Adaptive) -> Self:
+        """Return what came of an adaptive calibration from its decisions."""
+        target = settings.target_percent
+        reached = target is not None and rounds[-1].expanded_percent <= target
+        reason: StopReason = "target" if reached else "budget"
+        return cls(tuple(rounds), reason, target, settings.points, settings.model)
+
+    @property
+    def points(self) -> int:
+        """Points measured in all."""
+        return self.rounds[-1].points
+
+    @property
+    def coarse(self) -> int:
+        """Points of the coarse series."""
+        return self.rounds[0].points
+
+    @property
+    def sentence(self) -> str:
+        """How many points, and why.
+
+        Examples
+        --------
+        >>> rounds = (AdaptiveRound(24, 0.12, 12, 0.06), AdaptiveRound(36, 0.058, 0, 0.058))
+        >>> Placement(rounds, "target", 0.06, 120, "hybrid").sentence.split("; ")[0]
+        '36 points: 24 even ones and 12 placed in 1 round'
+        """
+        first, last = self.rounds[0], self.rounds[-1]
+        rounds = len(self.rounds) - 1
+        target = "" if self.target_percent is None else f"{self.target_percent:g} % FS"
+        if self.reason == "target":
+            why = f"target {target} reached"
+        else:
+            missed = f", target {target} not reached" if target else ""
+            why = f"budget of {self.budget} points used{missed}"
+        return (
+            f"{last.points} points: {first.points} even ones and {last.points - first.points} "
+            f"placed in {rounds} round{'' if rounds == 1 else 's'}; largest U (k = 2) of the "
+            f"model {first.expanded_percent:.2g} % FS after the even ones, "
+            f"{last.expanded_percent:.2g} % FS at the end; {why}"
+        )
+
+
+def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
+    """Fit the model to the points so far and place the next ones.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        All points so far.
+    settings : Adaptive
+
+    Returns
+    -------
+    Proposed
+        Without points where the target is reached or the budget used.
+
+    Raises
+    ------
+    InputError
+        Where the model refuses the points.
+    """
+    model = make_model(settings.model, range_nm=data.range_nm)
+    X = data.features(1 + max(FEATURES.index(name) for name in model.used_features))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the fit that is kept says what is wild or averaged
+        model.fit(X, data.standard_nm)
+        count = min(settings.points_at_a_time, settings.points - len(data))
+        found = propose_points(
+            model, X, data.standard_nm, max(count, 1), criterion=settings.criterion
+        )
+    percent = 100.0 * COVERAGE_FACTOR / data.range_nm
+    now = percent * found.before_nm
+    reached = settings.target_percent is not None and now <= settings.target_percent
+    if reached or count < 1:
+        return Proposed(np.empty(0), np.empty(0, dtype=np.int8), now, now)
+    return Proposed(found.target_nm, found.branch, now, percent * found.after_nm)
+
+
+def even_points(
+    range_nm: float, count: int, signs: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """Return evenly spread points: what a rehearsal takes for those that nobody knows yet.
+
+    Examples
+    --------
+    >>> target, branch = even_points(10.0, 4, (1, -1))
+    >>> target.tolist(), branch.tolist()
+    ([5.0, 5.0, -5.0, -5.0], [1, -1, 1, -1])
+    """
+    parts = 2 * len(signs)
+    targets: list[float] = []
+    branches: list[int] = []
+    for number, (sign, branch) in enumerate((s, b) for s in signs for b in (1, -1)):
+        size = (count + parts - 1 - number) // parts
+        rising = (np.arange(size) + 0.5) / max(size, 1) * range_nm * sign
+        targets += rising[::branch].tolist()
+        branches += [branch] * size
+    return np.array(targets), np.array(branches, dtype=np.int8)
+
+
+def extension_steps(
+    proposed: tuple[NDArray[np.float64], NDArray[np.int8]],
+    template: Step,
+    signs: Sequence[int],
+    range_nm: float,
+) -> list[Step]:
+    """Return the steps that load proposed points on the branches that they belong to.
+
+    Every direction is loaded to full scale and unloaded again, whether it has points or not:
+    a point on the way down then lies on the loop that the coarse series went through, and the
+    other direction begins with the memory of a full load, as it did there. The turn at full
+    scale isn't recorded.
+
+    Parameters
+    ----------
+    proposed : tuple of arrays, shape (k,)
+        Torques in N·m, and branches.
+    template : Step
+        A point of the coarse series; the new ones are held as long as it is. Their series count
+        on from its number.
+    signs : sequence of int
+        Directions in the order in which they are loaded.
+    range_nm : float
+        Full scale in N·m.
+
+    Examples
+    --------
+    >>> point = Step(kind="point", series=2, index=9, target_nm=1.0, branch=-1, duration_s=0.5)
+    >>> steps = extension_steps((np.array([4.0, 7.0]), np.array([1, -1])), point, (1,), 10.0)
+    >>> [(step.kind, step.series, step.target_nm) for step in steps]
+    [('point', 3, 4.0), ('turn', 3, 10.0), ('point', 3, 7.0), ('turn', 3, 0.0)]
+    """
+    target, branch = proposed
+    steps: list[Step] = []
+    for number, sign in enumerate(signs, start=template.series + 1):
+        here = (target < 0) == (sign < 0)
+        index = 0
+        for side, turn in ((1, sign * range_nm), (-1, 0.0)):
+            for torque in sorted(target[here & (branch == side)], key=abs, reverse=side < 0):
+                steps.append(
+                    template.model_copy(
+                        update={
+                            "series": number,
+                            "index": index,
+                            "target_nm": float(torque),
+                            "branch": side,
+                        }
+                    )
+                )
+                index += 1
+            steps.append(
+                Step(
+                    kind="turn",
+                    series=number,
+                    index=-1,
+                    target_nm=turn,
+                    branch=side,
+                    duration_s=0.0,
+                    position_deg=template.position_deg,
+                )
+            )
+    return steps
