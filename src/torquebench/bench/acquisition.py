@@ -93,7 +93,9 @@ class Acquisition:
         self._commands = commands
         self._block_s = description.counter.block_s
         # In fast simulated time nothing happens between blocks that could be reacted to sooner.
-        self._slices = 1 if clock.fast else slices_of(self._block_s, description.safety.look_s)
+        self._slices = 1 if clock.fast else slices_of(
+            self._block_s, max(description.safety.look_s, drivers.shortest_read_s)
+        )
         self._index = 0
         self._lock = threading.RLock()
         self._channels: dict[str, Channel] = {}

@@ -18,6 +18,7 @@ from torquebench.cli import (
     evaluate,
     measure,
     models,
+    panel,
     records,
 )
 from torquebench.cli.failure import guarded
@@ -33,7 +34,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _group in (demo, calibrate, check_standard, certificate, models, measure, doctor):
+for _group in (demo, calibrate, check_standard, certificate, models, measure, panel, doctor):
     _group.register(app)
 app.add_typer(records.app)
 app.add_typer(evaluate.app)

@@ -1,0 +1,63 @@
+"""`torquebench panel`: the bench in a browser, and the same operations over HTTP."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from torquebench.cli.console import note, say
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("panel")(panel)
+
+
+def panel(
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than loopback need TLS.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
+    ] = 8080,
+    tls_cert: Annotated[Path | None, typer.Option(help="Certificate chain, PEM.")] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
+    insecure_network: Annotated[
+        bool,
+        typer.Option(
+            "--insecure-network", help="Allow other machines without TLS: passwords in clear."
+        ),
+    ] = False,
+    fast: Annotated[
+        bool,
+        typer.Option("--fast", help="Simulated procedures run as fast as they compute."),
+    ] = False,
+) -> None:
+    """Open the bench and serve the operator panel and the HTTP API.
+
+    The simulated bench by default, in real time, on the loopback address. The first start prints
+    a code with which the administrator is set up in the browser. Ctrl-C ends it; the bench is
+    without torque before the process ends.
+    """
+    from torquebench.panel.server import Address, serve
+    from torquebench.panel.service import BenchService
+
+    address = Address(host, port, tls_cert, tls_key, insecure_network)
+    address.check()
+    with BenchService.open(bench, data, fast=fast) as service:
+        if service.station.description.simulated:
+            note("simulated bench")
+
+        def ready(url: str) -> None:
+            say(f"Panel: {url}")
+            note("Ctrl-C ends it.")
+
+        serve(service, address, ready)
+    note("panel ended; the bench is without torque")

@@ -1,0 +1,186 @@
+"""The panel's web server: pages and HTTP API on one port, with one open bench behind them."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import os
+import secrets
+import socket
+import ssl
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+
+from torquebench.errors import InputError
+from torquebench.panel.pages import register_pages
+from torquebench.panel.service import BenchService
+
+__all__ = ["Address", "create_app", "serve", "storage_secret"]
+
+SECRET_FILE = "panel-secret"
+GRACE_S = 3
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the panel listens.
+
+    Parameters
+    ----------
+    host : str
+        An address, or "localhost".
+    port : int
+        0 takes a free one.
+    tls_cert, tls_key : path, optional
+        Certificate chain and private key, PEM.
+    insecure_network : bool
+        Allow other machines to connect without TLS.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 8080
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+    insecure_network: bool = False
+
+    @property
+    def secure(self) -> bool:
+        """Whether connections are encrypted."""
+        return self.tls_cert is not None
+
+    def check(self) -> None:
+        """Refuse to listen to a network in clear.
+
+        Raises
+        ------
+        InputError
+            Not the loopback address, and neither TLS nor the explicit option; or half of TLS.
+        """
+        if (self.tls_cert is None) != (self.tls_key is None):
+            raise InputError(
+                "a certificate without its key" if self.tls_cert else "a key without certificate",
+                "both --tls-cert and --tls-key",
+            )
+        if self.tls_cert is not None and self.tls_key is not None:
+            _check_certificate(self.tls_cert, self.tls_key)
+        if not (self.secure or self.insecure_network or _is_loopback(self.host)):
+            raise InputError(
+                f"the panel on {self.host} without encryption",
+                "the loopback address 127.0.0.1, or TLS",
+                "give --tls-cert and --tls-key; --insecure-network only where nobody else listens",
+            )
+
+    def url(self, port: int) -> str:
+        """Return what to open in a browser."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'https' if self.secure else 'http'}://{host}:{port}"
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _check_certificate(certificate: Path, key: Path) -> None:
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        raise InputError(
+            f"{certificate} and {key}: {error.strerror or error}",
+            "a certificate chain and its private key in PEM, readable and without password",
+        ) from error
+
+
+def storage_secret(data_dir: Path) -> str:
+    """Return the data directory's own secret for signing cookies, made on first use (mode 0600).
+
+    Raises
+    ------
+    InputError
+        The file is readable by others, or too short to be a secret.
+    """
+    path = data_dir / SECRET_FILE
+    with contextlib.suppress(FileExistsError):
+        created = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+        with os.fdopen(created, "w") as file:
+            file.write(secrets.token_urlsafe(48))
+    if path.stat().st_mode & 0o077:
+        raise InputError(f"{path} is open to others", "mode 0600", f"chmod 600 {path}")
+    found = path.read_text(encoding="ascii").strip()
+    if len(found) < 32:
+        raise InputError(f"{path} is damaged", "a secret", "delete it; everybody signs in again")
+    return found
+
+
+def create_app(service: BenchService, address: Address | None = None) -> FastAPI:
+    """Return the application with pages and API around a service."""
+    address = address or Address()
+    app = FastAPI(title="torquebench", docs_url=None, redoc_url=None, openapi_url=None)
+    register_pages(service)
+    ui.run_with(
+        app,
+        title="torquebench",
+        dark=None,
+        show_welcome_message=False,
+        storage_secret=storage_secret(service.station.data_dir),
+        session_middleware_kwargs={"same_site": "strict", "https_only": address.secure},
+    )
+    return app
+
+
+def serve(
+    service: BenchService, address: Address, on_ready: Callable[[str], None] = lambda _url: None
+) -> None:
+    """Serve until Ctrl-C or a request to terminate.
+
+    Parameters
+    ----------
+    service : BenchService
+        Stays open.
+    address : Address
+    on_ready : callable
+        Told the URL once connections are accepted.
+    """
+    address.check()
+    listening = _listen(address)
+    port = int(listening.getsockname()[1])
+    config = uvicorn.Config(
+        create_app(service, address),
+        log_level="warning",
+        access_log=False,
+        proxy_headers=False,  # whoever connects says himself where from, or nobody does
+        server_header=False,
+        ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
+        ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
+        timeout_graceful_shutdown=GRACE_S,
+    )
+    server = uvicorn.Server(config)
+    on_ready(address.url(port))
+    with listening:
+        server.run(sockets=[listening])
+
+
+def _listen(address: Address) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((address.host, address.port))
+        listening.listen(128)
+    except OSError as error:
+        listening.close()
+        raise InputError(
+            f"{address.host}:{address.port}: {error.strerror or error}",
+            "a free port of this machine",
+            "give another --port, or --port 0 for any",
+        ) from error
+    return listening

@@ -1,0 +1,53 @@
+"""What the panel refuses, as errors in the one shape of this project."""
+
+from __future__ import annotations
+
+from torquebench.errors import TorquebenchError
+
+__all__ = [
+    "BusyError",
+    "LeaseError",
+    "LockedOutError",
+    "NotFoundError",
+    "NotSignedInError",
+    "PermissionDeniedError",
+    "SignInError",
+]
+
+
+class NotSignedInError(TorquebenchError):
+    """Nobody is signed in, or the session has expired."""
+
+
+class SignInError(TorquebenchError):
+    """Name and password (or a client's token) don't belong together."""
+
+
+class LockedOutError(SignInError):
+    """Too many wrong passwords: no further attempt counts for a while.
+
+    Attributes
+    ----------
+    wait_s : float
+        How long, s.
+    """
+
+    def __init__(self, found: str, allowed: str = "", remedy: str = "", wait_s: float = 0.0):
+        super().__init__(found, allowed, remedy)
+        self.wait_s = wait_s
+
+
+class PermissionDeniedError(TorquebenchError):
+    """The role of whoever asks doesn't allow it."""
+
+
+class LeaseError(TorquebenchError):
+    """Another session commands the bench."""
+
+
+class BusyError(TorquebenchError):
+    """The bench does one thing at a time, and is at it."""
+
+
+class NotFoundError(TorquebenchError):
+    """There is nothing with this number or name."""

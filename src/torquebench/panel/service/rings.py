@@ -1,0 +1,183 @@
+"""Bounded memory for live signals: rings of rows, coarser and longer level by level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LevelRing", "TrendMemory", "envelope"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of one level: time and, for every signal, lowest, highest and mean value.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        End of each row in bench time, s.
+    low, high, mean : float64[signals, n]
+        NaN where there was no number in the row.
+    """
+
+    time_s: Array
+    low: Array
+    high: Array
+    mean: Array
+
+
+class LevelRing:
+    """The newest rows of one level, for one writer; readers copy under the owner's lock.
+
+    Parameters
+    ----------
+    signals : int
+    capacity : int
+        Rows that are kept.
+
+    Examples
+    --------
+    >>> ring = LevelRing(signals=1, capacity=3)
+    >>> for second in range(5):
+    ...     value = np.array([10.0 * second])
+    ...     ring.append(float(second), value, value, value)
+    >>> ring.count, ring.newest(2).time_s, ring.newest(9).time_s
+    (5, array([3., 4.]), array([2., 3., 4.]))
+    """
+
+    def __init__(self, signals: int, capacity: int) -> None:
+        self.capacity = capacity
+        self.count = 0
+        self._time = np.full(capacity, np.nan)
+        self._values = np.full((3, signals, capacity), np.nan)
+
+    def append(self, time_s: float, low: Array, high: Array, mean: Array) -> None:
+        """Add one row, forgetting the oldest one where the ring is full."""
+        place = self.count % self.capacity
+        self._time[place] = time_s
+        self._values[0, :, place] = low
+        self._values[1, :, place] = high
+        self._values[2, :, place] = mean
+        self.count += 1
+
+    def newest(self, rows: int) -> Rows:
+        """Copy of at most so many newest rows, oldest first."""
+        rows = max(0, min(rows, self.count, self.capacity))
+        places = np.arange(self.count - rows, self.count) % self.capacity
+        values = self._values[:, :, places]
+        return Rows(self._time[places], values[0], values[1], values[2])
+
+    def last_s(self, seconds: float) -> Rows:
+        """Copy of the rows that end within so many seconds before the newest one."""
+        kept = self.newest(self.capacity)
+        if kept.time_s.size == 0:
+            return kept
+        first = int(np.searchsorted(kept.time_s, kept.time_s[-1] - seconds))
+        part = slice(first, None)
+        return Rows(kept.time_s[part], kept.low[:, part], kept.high[:, part], kept.mean[:, part])
+
+    @property
+    def covered_s(self) -> float:
+        """Bench time between the oldest and the newest row, s."""
+        kept = min(self.count, self.capacity)
+        if kept < 2:
+            return 0.0
+        oldest, newest = (self.count - kept) % self.capacity, (self.count - 1) % self.capacity
+        return float(self._time[newest] - self._time[oldest])
+
+    @property
+    def full(self) -> bool:
+        """Whether a further row pushes the oldest one out."""
+        return self.count >= self.capacity
+
+
+class TrendMemory:
+    """Rows at several levels: every coarser level keeps lowest and highest of the finer one.
+
+    A spike of a single window is therefore still seen in a trend of an hour.
+
+    Parameters
+    ----------
+    signals : int
+    capacity : int
+        Rows kept at each level.
+    factors : sequence of int
+        How many rows of a level make one of the next.
+    """
+
+    def __init__(self, signals: int, capacity: int, factors: tuple[int, ...]) -> None:
+        self.levels = [LevelRing(signals, capacity) for _ in range(len(factors) + 1)]
+        self._factors = factors
+
+    def append(self, time_s: float, low: Array, high: Array, mean: Array) -> None:
+        """Add one row to the finest level, and to coarser ones as their time comes."""
+        self.levels[0].append(time_s, low, high, mean)
+        for level, factor in enumerate(self._factors):
+            finer = self.levels[level]
+            if finer.count % factor:
+                return
+            part = finer.newest(factor)
+            self.levels[level + 1].append(
+                float(part.time_s[-1]),
+                np.fmin.reduce(part.low, axis=1),
+                np.fmax.reduce(part.high, axis=1),
+                nan_mean(part.mean),
+            )
+
+    def last_s(self, seconds: float) -> Rows:
+        """Rows of the finest level that still holds so many seconds, or of the coarsest."""
+        for level in self.levels:
+            if level.covered_s >= seconds or not level.full:
+                return level.last_s(seconds)
+        return self.levels[-1].last_s(seconds)
+
+
+def nan_mean(values: Array) -> Array:
+    """Mean over the last axis of what is a number; NaN where nothing is.
+
+    Examples
+    --------
+    >>> nan_mean(np.array([[1.0, np.nan, 3.0], [np.nan, np.nan, np.nan]]))
+    array([ 2., nan])
+    """
+    there = np.isfinite(values)
+    number = there.sum(axis=-1)
+    total = np.where(there, values, 0.0).sum(axis=-1)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+
+
+def envelope(rows: Rows, points: int) -> Rows:
+    """Join neighbouring rows until at most `points` are left, keeping every extreme.
+
+    Parameters
+    ----------
+    rows : Rows
+    points : int
+        At least 1.
+
+    Examples
+    --------
+    >>> time = np.arange(6.0)
+    >>> spike = np.array([[0.0, 0.0, 9.0, 0.0, 0.0, 0.0]])
+    >>> joined = envelope(Rows(time, spike, spike, spike), 2)
+    >>> joined.time_s, joined.high, joined.low
+    (array([2., 5.]), array([[9., 0.]]), array([[0., 0.]]))
+    """
+    count = rows.time_s.size
+    if count <= points:
+        return rows
+    starts = (np.arange(points) * count) // points
+    ends = np.append(starts[1:], count) - 1
+    there = np.isfinite(rows.mean)
+    number = np.add.reduceat(there, starts, axis=1)
+    total = np.add.reduceat(np.where(there, rows.mean, 0.0), starts, axis=1)
+    return Rows(
+        rows.time_s[ends],
+        np.fmin.reduceat(rows.low, starts, axis=1),
+        np.fmax.reduceat(rows.high, starts, axis=1),
+        np.where(number > 0, total / np.maximum(number, 1), np.nan),
+    )
