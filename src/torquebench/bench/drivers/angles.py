@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from torquebench.bench.roles import SIDES, Side
 __all__ = ["AngleSource", "CounterWithAngles", "with_angles"]
 
 POLLS = 2
-"""Positions a block: the least that a speed can be told from."""
+"""Positions a block: the least that a speed can be told from. Each ends a part of the block."""
 
 
 class AngleSource(Protocol):
@@ -37,11 +38,23 @@ class CounterWithAngles:
     A block is read in `POLLS` parts and the position polled at the end of each: its time is known
     as well as the poll is quick, some milliseconds. That is enough for standstill, speed limits
     and friction, not for transmission error.
+
+    Parameters
+    ----------
+    counter : CounterCard
+    source : AngleSource
+    window_s : float
+        The counter's window: parts are whole windows.
     """
 
     counter: CounterCard
     source: AngleSource
-    _channels: frozenset[str] = field(default_factory=frozenset)
+    window_s: float
+
+    @property
+    def shortest_read_s(self) -> float:
+        """A block is read whole: half of it ends at each poll."""
+        return float("inf")
 
     @property
     def timebase_hz(self) -> float:
@@ -65,8 +78,10 @@ class CounterWithAngles:
         """Return the next block with the positions polled meanwhile."""
         parts: list[CounterBlock] = []
         polled: list[tuple[float, Mapping[Side, int]]] = []
-        for _ in range(POLLS):
-            part = self.counter.read_block(duration_s / POLLS)
+        windows = max(POLLS, round(duration_s / self.window_s))
+        borders = [windows * k // POLLS for k in range(POLLS + 1)]
+        for first, last in pairwise(borders):
+            part = self.counter.read_block((last - first) * self.window_s)
             parts.append(part)
             polled.append((part.stop_s, self.source.counts()))
         angles = {
@@ -85,6 +100,6 @@ class CounterWithAngles:
         self.counter.close()
 
 
-def with_angles(counter: CounterCard, source: AngleSource) -> CounterWithAngles:
+def with_angles(counter: CounterCard, source: AngleSource, window_s: float) -> CounterWithAngles:
     """Return a counter card that takes its angles from elsewhere."""
-    return CounterWithAngles(counter, source)
+    return CounterWithAngles(counter, source, window_s)

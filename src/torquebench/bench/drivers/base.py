@@ -329,6 +329,8 @@ class DriverSet:
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True
     """Whether commands may block for longer than an event loop should."""
+    shortest_read_s: float = 0.0
+    """Shortest block that the counter can deliver, s: the supervisor can't look more often."""
     resources: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
     """What else is to be closed with the instruments."""
 

@@ -98,7 +98,8 @@ def open_instruments(description: BenchDescription) -> DriverSet:
         }
         counter = open_one("counter", "counter")
         if options.angles is not None:
-            counter = with_angles(counter, open_one("angles", "angles"))
+            window_s = description.counter.window_s
+            counter = with_angles(counter, open_one("angles", "angles"), window_s)
         return DriverSet(
             name="instruments",
             counter=counter,
@@ -109,6 +110,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             operator=operator,
             reference=None if options.reference is None else open_one("reference", "reference"),
             simulated_time=_on_demand(options),
+            shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),
         )
 

@@ -27,8 +27,8 @@ class WireError(Exception):
     """The wire failed or brought nonsense: the same question may be asked once more."""
 
 
-def split_address(address: str) -> tuple[str, int]:
-    """Split `host:port`.
+def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
+    """Split `host:port`; raises `InputError` where it isn't that or the port is below `lowest`.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def split_address(address: str) -> tuple[str, int]:
     ('127.0.0.1', 502)
     """
     host, _, port = address.rpartition(":")
-    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+    if not host or not port.isdigit() or not lowest <= int(port) < 65536:
         raise InputError(f"address {address!r}", "host:port", "such as 192.168.0.10:502")
     return host, int(port)
 

@@ -1,0 +1,245 @@
+"""SCPI instruments: frequency counters that measure without gaps, and a calibrator's read-out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from torquebench.bench.description import CounterDescription
+from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples, Side
+from torquebench.bench.drivers.links import TimeOut
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
+from torquebench.bench.drivers.scpi_link import ScpiAddress, ScpiLink, ScpiOptions, numbers
+from torquebench.bench.roles import CHANNELS, SIDES
+from torquebench.errors import BenchError, InputError
+from torquebench.signals import FrequencySamples, SignalFaultKind
+
+__all__ = ["PLUGIN", "ScpiCounter", "ScpiReadout"]
+
+SETUP = (
+    "ABOR",
+    "CONF:FREQ",
+    "SENS:FREQ:MODE CONT",
+    "SENS:FREQ:GATE:SOUR TIME",
+    "SENS:FREQ:GATE:TIME {gate_s:.9g}",
+    "SENS:ROSC:SOUR {clock}",
+    "SAMP:COUN 1000000",
+    "TRIG:COUN 1000000",
+    "INIT",
+)
+"""Gap-free frequencies as the Keysight 53230A measures them; `setup` replaces it."""
+
+
+class CounterOptions(Options):
+    """One counter a channel, all with one reference clock.
+
+    `fetch` takes `{count}` readings out of the counter and waits for them.
+    """
+
+    channels: Mapping[
+        Literal["input_torque", "output_torque", "input_reference", "output_reference"],
+        ScpiAddress,
+    ] = Field(min_length=2)
+    reference_clock: Literal["INT", "EXT"] = "EXT"
+    setup: tuple[str, ...] = SETUP
+    fetch: str = "DATA:REM? {count},WAIT"
+    single_shot_s: Annotated[float, Field(gt=0.0, le=1e-6, description="s")] = 1e-9
+    timeout_s: TimeOut = 1.0
+
+
+class ScpiCounter:
+    """Frequency counters that deliver one frequency a gate time without gaps between them.
+
+    They send no edges, so lost and doubled pulses show as a step of the frequency only. An answer
+    that is lost takes readings with it: the stream then has a gap, which is an error.
+
+    Parameters
+    ----------
+    options : CounterOptions
+    counting : CounterDescription
+        Its windows are the gate time.
+    """
+
+    def __init__(self, options: CounterOptions, counting: CounterDescription) -> None:
+        self._options = options
+        self._counting = counting
+        self._links = {
+            str(name): ScpiLink(f"counter of {name}", address, options.timeout_s, attempts=1)
+            for name, address in options.channels.items()
+        }
+        for name in ("input_torque", "output_torque"):
+            if name not in self._links:
+                raise InputError(f"channels without {name}", "a counter for each module")
+        self._running: frozenset[str] = frozenset()
+        self._windows = 0
+        self._serial = self.identity().serial
+        self._relative_uncertainty = math.sqrt(2.0) * options.single_shot_s / counting.window_s
+
+    @property
+    def shortest_read_s(self) -> float:
+        """A block is asked for at once: every question costs a turn on the wire."""
+        return self._counting.block_s
+
+    @property
+    def timebase_hz(self) -> float:
+        """Nominal frequency of the reference clock's timebase as described, Hz."""
+        return self._counting.timebase_hz
+
+    @property
+    def clock_identity(self) -> str:
+        """Serial of the first counter, and the reference clock that all of them have."""
+        return f"{self._serial}/{self._counting.clock}"
+
+    def identity(self) -> Identity:
+        """Ask the counters who they are; the first one speaks for all."""
+        first, *others = [link.identity("counter") for link in self._links.values()]
+        details = dict(first.details) | {
+            f"serial of {name}": other.serial
+            for name, other in zip(list(self._links)[1:], others, strict=True)
+        }
+        return Identity(
+            "counter", first.manufacturer, first.model, first.serial, first.firmware, details
+        )
+
+    def select(self, channels: frozenset[str]) -> None:
+        """Start the counters of these channels, stop the others."""
+        unknown = sorted(channels - set(self._links))
+        if unknown:
+            raise InputError(
+                f"no counter for {unknown[0]}",
+                "a counter for every channel in use",
+                "add it to driver.counter.channels or give the standard a read-out",
+            )
+        for name in sorted(channels - self._running):
+            self._start(self._links[name])
+        for name in sorted(self._running - channels):
+            self._links[name].command("ABOR")
+        self._running = channels
+
+    def _start(self, link: ScpiLink) -> None:
+        clock = self._options.reference_clock
+        for line in self._options.setup:
+            link.command(line.format(gate_s=self._counting.window_s, clock=clock))
+        used = link.query("SENS:ROSC:SOUR?")
+        if used.upper()[:3] != clock:
+            raise BenchError(
+                f"{link.name} counts by its reference clock {used!r}",
+                repr(clock),
+                "connect the common reference clock",
+            )
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        """Return the next windows of every running channel."""
+        gate_s = self._counting.window_s
+        count = round(duration_s / gate_s)
+        if count < 1 or abs(count * gate_s - duration_s) > 1e-6:
+            raise InputError(
+                f"a block of {duration_s:g} s", f"a multiple of the gate time {gate_s:g} s"
+            )
+        start_s = self._windows * gate_s
+        time_s = start_s + gate_s * (np.arange(count, dtype=np.float64) + 0.5)
+        frequencies = {
+            name: self._samples(time_s, self._fetch(name, count)) for name in sorted(self._running)
+        }
+        self._windows += count
+        return CounterBlock(start_s, self._windows * gate_s, {}, {}, frequencies)
+
+    def _fetch(self, name: str, count: int) -> NDArray[np.float64]:
+        link = self._links[name]
+        longer_s = count * self._counting.window_s
+        answer = link.query(self._options.fetch.format(count=count), longer_s=longer_s)
+        values = numbers(answer, link.name)
+        if len(values) != count:
+            raise BenchError(
+                f"{link.name} sends {len(values)} readings",
+                f"the {count} that were asked for",
+                "check that it measures continuously and that nobody else reads it",
+            )
+        return np.array(values)
+
+    def _samples(
+        self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]
+    ) -> FrequencySamples:
+        gate_s = self._counting.window_s
+        silent = ~(frequency_hz > 0.0)
+        frequency = np.where(silent, np.nan, frequency_hz)
+        none = np.zeros(time_s.size, dtype=np.int32)
+        return FrequencySamples(
+            time_s=time_s,
+            fault=np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
+            frequency_hz=frequency,
+            edges=np.where(silent, 0.0, frequency_hz * gate_s).astype(np.int64),
+            standard_uncertainty_hz=frequency * self._relative_uncertainty,
+            missing=none,
+            doubled=none,
+        )
+
+    def close(self) -> None:
+        """Release every counter. A second call does nothing."""
+        for link in self._links.values():
+            link.close()
+
+
+class ReadoutOptions(ScpiOptions):
+    """A calibrator's amplifier: how its samples since the last question are asked for.
+
+    `scale` is N·m a unit of the answer.
+    """
+
+    fetch: str = "FETC:ARR? (@{channel})"
+    input: Annotated[int, Field(ge=1, le=99)] = 1
+    output: Annotated[int, Field(ge=1, le=99)] = 2
+    period_s: Annotated[float, Field(gt=0.0, le=1.0, description="s")] = 0.01
+    scale: Annotated[float, Field(gt=0.0, le=1e6, description="N·m a unit")] = 1.0
+
+
+class ScpiReadout:
+    """A calibrator's amplifier on SCPI that hands out every sample once.
+
+    Its newest sample is taken to be as old as the answer.
+    """
+
+    def __init__(self, link: ScpiLink, options: ReadoutOptions) -> None:
+        self._link = link
+        self._options = options
+        self._channels: dict[Side, int] = {"input": options.input, "output": options.output}
+        for side in SIDES:  # what it has measured before belongs to nobody
+            self._fetch(side)
+
+    def identity(self) -> Identity:
+        """Ask the amplifier who it is."""
+        return self._link.identity("reference")
+
+    def _fetch(self, side: Side) -> NDArray[np.float64]:
+        line = self._options.fetch.format(channel=self._channels[side])
+        return np.array(numbers(self._link.query(line), self._link.name), dtype=np.float64)
+
+    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+        """Return the samples since the last call; NaN where it has no signal."""
+        torque = self._options.scale * self._fetch(side)
+        age = np.arange(torque.size, 0, -1, dtype=np.float64) - 0.5
+        return ReferenceSamples(until_s - self._options.period_s * age, torque)
+
+    def close(self) -> None:
+        """Release the amplifier. A second call does nothing."""
+        self._link.close()
+
+
+def _counter(request: InstrumentRequest) -> ScpiCounter:
+    options: CounterOptions = request.read(CounterOptions)
+    assert set(options.channels) <= set(CHANNELS)
+    return ScpiCounter(options, request.description.counter)
+
+
+def _readout(request: InstrumentRequest) -> ScpiReadout:
+    options: ReadoutOptions = request.read(ReadoutOptions)
+    return ScpiReadout(ScpiLink("reference", options.address, options.timeout_s), options)
+
+
+PLUGIN = DriverPlugin("scpi", {"counter": _counter, "reference": _readout})
+"""What `protocol = "scpi"` opens."""

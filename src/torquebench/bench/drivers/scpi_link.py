@@ -1,0 +1,212 @@
+"""SCPI over a TCP socket, or over VISA (pyvisa) for anything else that VISA reaches."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import time
+from typing import Annotated, Any, Protocol
+
+from pydantic import Field
+
+from torquebench.bench.drivers.base import Identity
+from torquebench.bench.drivers.links import Link, TimeOut, WireError, split_address
+from torquebench.bench.drivers.plugins import Options, require_library
+from torquebench.errors import BenchError
+
+__all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
+
+NO_NUMBER = 9.91e37
+"""What SCPI instruments send where they have no number (SCPI-1999, 7.2.1.5)."""
+LONGEST_ANSWER = 16_000_000
+
+ScpiAddress = Annotated[
+    str, Field(min_length=3, max_length=200, description="host:port or a VISA resource")
+]
+
+
+class ScpiOptions(Options):
+    """Where an instrument is: `host:port`, or a VISA resource such as `GPIB0::5::INSTR`."""
+
+    address: ScpiAddress
+    timeout_s: TimeOut = 1.0
+
+
+class _Connection(Protocol):
+    def send(self, line: str) -> None: ...
+
+    def receive(self, timeout_s: float) -> str: ...
+
+    def close(self) -> None: ...
+
+
+class _SocketConnection:
+    """Lines over a TCP socket."""
+
+    def __init__(self, address: str, timeout_s: float) -> None:
+        self._socket = socket.create_connection(split_address(address), timeout_s)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._rest = b""
+
+    def send(self, line: str) -> None:
+        self._socket.sendall(line.encode("ascii") + b"\n")
+
+    def receive(self, timeout_s: float) -> str:
+        deadline = time.monotonic() + timeout_s
+        while b"\n" not in self._rest:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0:
+                part = "a part of an answer" if self._rest else "no answer"
+                raise WireError(f"{part} in {timeout_s:g} s")
+            self._socket.settimeout(remaining)
+            try:
+                data = self._socket.recv(65536)
+            except TimeoutError:
+                continue
+            if not data:
+                raise WireError("the instrument closed the connection")
+            self._rest += data
+            if len(self._rest) > LONGEST_ANSWER:
+                raise WireError("an answer without end")
+        line, _, self._rest = self._rest.partition(b"\n")
+        try:
+            return line.decode("ascii").strip()
+        except UnicodeDecodeError as error:
+            raise WireError(f"garbled answer {line[:20]!r}") from error
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _VisaConnection:
+    """Lines over whatever VISA reaches."""
+
+    def __init__(self, resource: str, timeout_s: float) -> None:
+        visa = require_library("pyvisa", "visa")
+        self._errors: type[Exception] = visa.errors.Error
+        try:
+            self._manager = visa.ResourceManager("@py")
+            self._resource: Any = self._manager.open_resource(
+                resource, read_termination="\n", write_termination="\n"
+            )
+        except (self._errors, ValueError) as error:
+            raise WireError(str(error)) from error
+        self._resource.timeout = timeout_s * 1e3
+
+    def send(self, line: str) -> None:
+        try:
+            self._resource.write(line)
+        except self._errors as error:
+            raise WireError(str(error)) from error
+
+    def receive(self, timeout_s: float) -> str:
+        try:
+            self._resource.timeout = timeout_s * 1e3
+            return str(self._resource.read()).strip()
+        except (self._errors, UnicodeDecodeError) as error:
+            raise WireError(str(error)) from error
+
+    def close(self) -> None:
+        with contextlib.suppress(self._errors):
+            self._resource.close()
+            self._manager.close()
+
+
+class ScpiLink(Link[_Connection]):
+    """One SCPI instrument.
+
+    Parameters
+    ----------
+    name : str
+    address : str
+        `host:port` or a VISA resource.
+    timeout_s : float
+    attempts : int
+        1 where an answer takes something out of the instrument, so that asking again loses it.
+    """
+
+    def __init__(self, name: str, address: str, timeout_s: float, attempts: int = 2) -> None:
+        super().__init__(name, address, timeout_s, attempts)
+
+    def _open(self) -> _Connection:
+        if "::" in self.address:
+            return _VisaConnection(self.address, self.timeout_s)
+        return _SocketConnection(self.address, self.timeout_s)
+
+    def _close(self, connection: _Connection) -> None:
+        connection.close()
+
+    def query(self, line: str, *, longer_s: float = 0.0) -> str:
+        """Ask and return the answer; it may take `longer_s` more than others."""
+
+        def exchange(connection: _Connection) -> str:
+            connection.send(line)
+            return connection.receive(self.timeout_s + longer_s)
+
+        return self.call(exchange)
+
+    def command(self, line: str) -> None:
+        """Command, and make sure that the instrument has taken it.
+
+        Raises
+        ------
+        BenchError
+            It answers with an error of its own.
+        """
+
+        def exchange(connection: _Connection) -> str:
+            connection.send(line)
+            connection.send("SYST:ERR?")
+            return connection.receive(self.timeout_s)
+
+        answer = self.call(exchange)
+        code = answer.partition(",")[0].strip()
+        if code not in ("0", "+0"):
+            raise BenchError(
+                f"{self.name} at {self.address} answers {line!r} with {answer[:80]!r}",
+                'no error (0,"No error")',
+                "compare the command with the instrument's manual",
+            )
+
+    def identity(self, role: str) -> Identity:
+        """Ask `*IDN?`.
+
+        Raises
+        ------
+        BenchError
+            The answer doesn't have the four fields of IEEE 488.2.
+        """
+        fields = [part.strip() for part in self.query("*IDN?").split(",")]
+        if len(fields) != 4:
+            raise BenchError(
+                f"{self.name} at {self.address} says it is {','.join(fields)[:60]!r}",
+                "manufacturer,model,serial,firmware",
+                "check that the address is the instrument's",
+            )
+        manufacturer, model, serial, firmware = fields
+        details = {"address": self.address}
+        return Identity(role, manufacturer, model, serial, firmware, details)
+
+
+def numbers(answer: str, name: str) -> list[float]:
+    """Return the numbers of a list, NaN where the instrument has none.
+
+    Raises
+    ------
+    BenchError
+        Something in it is no number.
+
+    Examples
+    --------
+    >>> numbers("6.0E+04,9.91E37", "counter")
+    [60000.0, nan]
+    """
+    if not answer:
+        return []
+    try:
+        values = [float(part) for part in answer.split(",")]
+    except ValueError as error:
+        raise BenchError(
+            f"{name} answers {answer[:40]!r}", "numbers", "check the instrument and its cable"
+        ) from error
+    return [float("nan") if abs(value) >= NO_NUMBER else value for value in values]

@@ -1,0 +1,137 @@
+"""The server of the control channel: lines of JSON, see `bench.drivers.simulation_control`.
+
+Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do": "seat"}`,
+`{"do": "misbehave", "endpoint": "input_drive", "kind": "drop", "replies": 3}` (and `amount`,
+`duration_s`), `{"do": "heal"}` (and `endpoint`), `{"do": "fault", "channel": "output_torque",
+"kind": "silent", "duration_s": 0.2}` (and `amount`; of the signal itself, in bench time),
+`{"do": "truth", "side": "output"}` (mean true torque over the last 0.1 s, N·m). Every answer is
+an object, with `error` where the request can't be done.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import socket
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from torquebench.bench.roles import SIDES
+from torquebench.errors import TorquebenchError
+from torquebench.simulators.line_server import LineServer
+from torquebench.simulators.misbehaviour import Misbehaviour, WireFaults
+from torquebench.simulators.plant import Plant
+
+__all__ = ["ControlServer"]
+
+TRUTH_WINDOW_S = 0.1
+
+
+class ControlServer(LineServer):
+    """Does what no instrument can: mounts, breaks and heals.
+
+    Parameters
+    ----------
+    plant : Plant
+    misbehaviour : Misbehaviour
+    host, port
+        Port 0 takes a free one, which `port` then says.
+    """
+
+    def __init__(self, plant: Plant, misbehaviour: Misbehaviour, host: str, port: int) -> None:
+        self._plant = plant
+        self._misbehaviour = misbehaviour
+        self._actions: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+            "status": self._status,
+            "mount": self._mount,
+            "seat": self._seat,
+            "misbehave": self._misbehave,
+            "heal": self._heal,
+            "fault": self._fault,
+            "truth": self._truth,
+        }
+        super().__init__(WireFaults("control", random.Random(0)), host, port)
+
+    def attend(self, connection: socket.socket) -> None:
+        """Answer one client until it goes."""
+        with contextlib.suppress(OSError), connection.makefile("rb") as lines:
+            for line in lines:
+                connection.sendall(json.dumps(self._answer(line)).encode() + b"\n")
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+            action = self._actions.get(request.get("do"))
+            if action is None:
+                return {"error": "unknown request; known: " + ", ".join(self._actions)}
+            with self._plant.lock:
+                return action(request)
+        except TorquebenchError as error:
+            return {"error": str(error)}
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            return {"error": f"{type(error).__name__}: {error}"}
+
+    def _status(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        del request
+        bench = self._plant.bench
+        drives = {}
+        for side, drive in bench.drives.items():
+            state = drive.state()
+            drives[side] = {
+                "enabled": state.enabled,
+                "torque_nm": state.torque_nm,
+                "speed_rad_s": state.speed_rad_s,
+                "fault": state.fault,
+            }
+        return {
+            "time_s": self._plant.now_s,
+            "time": self._plant.time,
+            "mounted": bench.mounted(),
+            "clamped": bench.clamped(),
+            "modes": {side: bench.mode(side) for side in SIDES},
+            "drives": drives,
+            "endpoints": list(self._misbehaviour.endpoints),
+        }
+
+    def _mount(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        self._plant.bench.mount(request["mounting"])
+        return {"mounted": self._plant.bench.mounted()}
+
+    def _seat(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        del request
+        bench = self._plant.bench
+        mounted = bench.mounted()
+        bench.mount("nothing")
+        bench.mount(mounted)
+        return {"mounted": mounted}
+
+    def _misbehave(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        self._misbehaviour.start(
+            request["endpoint"],
+            request["kind"],
+            amount=request.get("amount"),
+            replies=request.get("replies"),
+            duration_s=request.get("duration_s"),
+        )
+        return {}
+
+    def _heal(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        self._misbehaviour.heal(request.get("endpoint"))
+        return {}
+
+    def _fault(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        self._plant.bench.twin.inject_fault(
+            request["channel"],
+            request["kind"],
+            duration_s=float(request.get("duration_s", 0.05)),
+            amount=request.get("amount"),
+        )
+        return {}
+
+    def _truth(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        now_s = self._plant.now_s
+        torque = self._plant.bench.true_torque(
+            request["side"], max(0.0, now_s - TRUTH_WINDOW_S), now_s
+        )
+        return {"torque_nm": torque, "time_s": now_s}

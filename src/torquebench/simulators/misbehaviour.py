@@ -1,0 +1,225 @@
+"""Simulated instruments misbehave on command: on the wire, and in what they state.
+
+===============  ============================================================================
+`delay`          each answer comes `amount` seconds late (default 1 s)
+`drop`           no answer
+`garble`         bytes of the answer are changed
+`disconnect`     connections are closed, new ones too until it is over
+`freeze`         answers come, and state what was true when it began
+`lie`            answers come, and state the opposite: an enabled drive is off, a closed
+                 clamp open, a probe 20 K warmer, a standard's torque of the other sign
+===============  ============================================================================
+
+An order lasts until `replies` answers were spoilt, until `duration_s` of wall time have passed, or
+until it is healed, whichever comes first. Endpoints are called as the sections of `[driver]`:
+`counter`, `input_drive`, `output_drive`, `reference`, `temperature`, `modes`, `clamp`, `angles`.
+"""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from torquebench.errors import InputError
+
+__all__ = ["KINDS", "Misbehaviour", "MisbehaviourKind", "WireFaults"]
+
+MisbehaviourKind = Literal["delay", "drop", "garble", "disconnect", "freeze", "lie"]
+KINDS: tuple[MisbehaviourKind, ...] = get_args(MisbehaviourKind)
+DELAY_S = 1.0
+GARBLED_SHARE = 4
+"""One byte of so many is changed, and at least one."""
+
+
+@dataclass
+class _Order:
+    amount: float
+    replies: int | None
+    until: float | None
+
+    def over(self) -> bool:
+        spent = self.replies is not None and self.replies <= 0
+        return spent or (self.until is not None and time.monotonic() >= self.until)
+
+
+class WireFaults:
+    """What one endpoint is to do wrong; its simulator asks before every answer.
+
+    Parameters
+    ----------
+    name : str
+    random_source : random.Random
+        Draws which bytes are garbled.
+    """
+
+    def __init__(self, name: str, random_source: random.Random) -> None:
+        self.name = name
+        self._random = random_source
+        self._lock = threading.Lock()
+        self._orders: dict[MisbehaviourKind, _Order] = {}
+        self.disconnect: Callable[[], None] = lambda: None
+        """Set by the simulator: closes every connection."""
+
+    def start(
+        self, kind: MisbehaviourKind, amount: float, replies: int | None, duration_s: float | None
+    ) -> None:
+        """Begin to misbehave."""
+        until = None if duration_s is None else time.monotonic() + duration_s
+        with self._lock:
+            self._orders[kind] = _Order(amount, replies, until)
+        if kind == "disconnect":
+            self.disconnect()
+            if replies is None and duration_s is None:  # once
+                self.heal(kind)
+
+    def heal(self, kind: MisbehaviourKind | None = None) -> None:
+        """End one kind of misbehaviour, or all."""
+        with self._lock:
+            if kind is None:
+                self._orders.clear()
+            else:
+                self._orders.pop(kind, None)
+
+    def active(self, kind: MisbehaviourKind) -> bool:
+        """Tell whether a misbehaviour is under way."""
+        with self._lock:
+            order = self._orders.get(kind)
+            if order is not None and order.over():
+                del self._orders[kind]
+                order = None
+            return order is not None
+
+    def _take(self, kind: MisbehaviourKind) -> float | None:
+        """Spoil one answer: return the amount, None where there is nothing to spoil it by."""
+        if not self.active(kind):
+            return None
+        with self._lock:
+            order = self._orders[kind]
+            if order.replies is not None:
+                order.replies -= 1
+            return order.amount
+
+    @property
+    def frozen(self) -> bool:
+        """Whether what it states stands still."""
+        return self.active("freeze")
+
+    @property
+    def lying(self) -> bool:
+        """Whether it states the opposite of what is."""
+        return self.active("lie")
+
+    @property
+    def refusing(self) -> bool:
+        """Whether a new connection is to be closed at once."""
+        return self._take("disconnect") is not None
+
+    def pause(self) -> None:
+        """Wait where the answer is to be late."""
+        delay_s = self._take("delay")
+        if delay_s is not None:
+            time.sleep(delay_s)
+
+    def dropping(self) -> bool:
+        """Tell whether this answer is to be left out."""
+        return self._take("drop") is not None
+
+    def garbling(self) -> bool:
+        """Tell whether this answer is to be garbled."""
+        return self._take("garble") is not None
+
+    def outgoing(self, data: bytes) -> bytes | None:
+        """Spoil the bytes of one answer as ordered; None drops them. Waits where it is late."""
+        if not self._orders:
+            return data
+        self.pause()
+        if self.dropping():
+            return None
+        if not self.garbling():
+            return data
+        spoilt = bytearray(data)
+        for _ in range(max(1, len(data) // GARBLED_SHARE)):
+            spoilt[self._random.randrange(len(data))] ^= self._random.randrange(1, 256)
+        return bytes(spoilt)
+
+
+class Misbehaviour:
+    """Orders to all endpoints of a set of simulators.
+
+    Parameters
+    ----------
+    seed : int
+        Of what is drawn when bytes are garbled.
+
+    Examples
+    --------
+    >>> orders = Misbehaviour()
+    >>> faults = orders.endpoint("input_drive")
+    >>> orders.start("input_drive", "drop", replies=1)
+    >>> faults.outgoing(b"answer"), faults.outgoing(b"answer")
+    (None, b'answer')
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        self._random = random.Random(seed)
+        self._endpoints: dict[str, WireFaults] = {}
+
+    def endpoint(self, name: str) -> WireFaults:
+        """Return what an endpoint is to do wrong; the first call makes it known."""
+        return self._endpoints.setdefault(name, WireFaults(name, self._random))
+
+    def alias(self, name: str, endpoint: str) -> None:
+        """Let orders name an endpoint by another role that the same instrument has."""
+        self._endpoints[name] = self._endpoints[endpoint]
+
+    @property
+    def endpoints(self) -> tuple[str, ...]:
+        """Names that orders may have."""
+        return tuple(self._endpoints)
+
+    def start(
+        self,
+        endpoint: str,
+        kind: MisbehaviourKind,
+        *,
+        amount: float | None = None,
+        replies: int | None = None,
+        duration_s: float | None = None,
+    ) -> None:
+        """Have an endpoint misbehave.
+
+        Parameters
+        ----------
+        endpoint : str
+        kind : str
+            See the module.
+        amount : float, optional
+            Seconds of a delay.
+        replies : int, optional
+            For so many answers.
+        duration_s : float, optional
+            For so long, s of wall time.
+
+        Raises
+        ------
+        InputError
+            There is no such endpoint or kind, or a value is out of range.
+        """
+        if endpoint not in self._endpoints:
+            raise InputError(f"endpoint {endpoint!r}", "one of " + ", ".join(self._endpoints))
+        if kind not in KINDS:
+            raise InputError(f"misbehaviour {kind!r}", "one of " + ", ".join(KINDS))
+        amount = DELAY_S if amount is None else amount
+        if not 0.0 <= amount <= 60.0 or (replies is not None and replies < 1):
+            raise InputError(f"amount {amount:g}, {replies} replies", "0 to 60 s, at least 1 reply")
+        self._endpoints[endpoint].start(kind, amount, replies, duration_s)
+
+    def heal(self, endpoint: str | None = None) -> None:
+        """End all misbehaviour of one endpoint, or of all."""
+        for name, faults in self._endpoints.items():
+            if endpoint is None or name == endpoint:
+                faults.heal()

@@ -1,0 +1,225 @@
+"""The simulated bench that all simulators of one description share, and its time.
+
+On demand, bench time goes on as the counter is read: whoever asks for samples up to a time makes
+them. That keeps unmodified drivers exact at any speed, because the counter's clock is the bench's
+clock. When nobody reads any more (the client was killed) while a drive is on, time follows the
+wall, so that the drive's own watchdog can act.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.drivers.base import CHANNELS, CounterBlock, Side
+from torquebench.bench.drivers.instruments import SimulationOptions
+from torquebench.bench.drivers.simulated import SimulatedBench
+from torquebench.bench.roles import SIDES
+from torquebench.signals import EdgeBlock
+
+__all__ = ["AngleTap", "EdgeTap", "Plant"]
+
+STEP_S = 0.05
+"""Longest piece of bench time that is computed at once."""
+WALL_STEP_S = 0.005
+KEPT_TORQUES = 400
+
+Ticks = NDArray[np.int64]
+
+
+class EdgeTap:
+    """The edges of one channel, as one counter input gets them."""
+
+    def __init__(self, channel: str) -> None:
+        self.channel = channel
+        self._blocks: list[EdgeBlock] = []
+
+    def put(self, block: EdgeBlock) -> None:
+        """Take what the plant has made."""
+        self._blocks.append(block)
+
+    def take(self) -> list[EdgeBlock]:
+        """Return what came since the last call, oldest first."""
+        taken, self._blocks = self._blocks, []
+        return taken
+
+
+class AngleTap:
+    """The counts of one encoder, sampled every millisecond."""
+
+    def __init__(self, side: Side) -> None:
+        self.side = side
+        self._counts: list[Ticks] = []
+
+    def put(self, counts: Ticks) -> None:
+        """Take what the plant has made."""
+        self._counts.append(counts)
+
+    def take(self) -> Ticks:
+        """Return what came since the last call."""
+        taken, self._counts = self._counts, []
+        return np.concatenate(taken) if taken else np.empty(0, dtype=np.int64)
+
+
+class Plant:
+    """The twin with its drives, shared by simulators in several threads.
+
+    Parameters
+    ----------
+    description : BenchDescription
+        With a section `[driver.simulation]`, which `options` are.
+    options : SimulationOptions
+    """
+
+    def __init__(self, description: BenchDescription, options: SimulationOptions) -> None:
+        self.description = description
+        own: dict[str, object] = {"preset": options.preset, "seed": options.seed}
+        if options.ambient_c is not None:
+            own["ambient_c"] = options.ambient_c
+        if description.driver.get("reference") is not None:
+            own["reference"] = "readout"
+        self.bench = SimulatedBench(description.model_copy(update={"driver": own}))
+        self.time: Literal["on-demand", "real"] = options.time
+        self.lock = threading.RLock()
+        self._progress = threading.Condition(self.lock)
+        self._edges: list[EdgeTap] = []
+        self._angles: list[AngleTap] = []
+        self._torques: dict[Side, list[float]] = {side: [] for side in SIDES}
+        self._torque_count: dict[Side, int] = dict.fromkeys(SIDES, 0)
+        self._counts: dict[Side, int] = dict.fromkeys(SIDES, 0)
+        self._readers = 0
+        self._read_before = False
+        self._now_s = 0.0
+        self._closing = threading.Event()
+        self._advance(WALL_STEP_S)  # compiles, before anybody waits for an answer
+        self._thread = threading.Thread(target=self._follow, name="simulated-plant", daemon=True)
+        self._thread.start()
+
+    # -- time -------------------------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """Bench time, s."""
+        return self._now_s
+
+    def require(self, time_s: float, timeout_s: float) -> bool:
+        """Have the bench go on until a time, or wait for it; False when that takes too long."""
+        deadline = time.monotonic() + timeout_s
+        with self.lock:
+            while self._now_s < time_s - 1e-9:
+                if self.time == "on-demand":
+                    self._advance(min(STEP_S, time_s - self._now_s))
+                    continue
+                remaining = deadline - time.monotonic()
+                if remaining <= 0.0 or self._closing.is_set():
+                    return False
+                self._progress.wait(remaining)
+        return True
+
+    def reading(self, begins: bool) -> None:
+        """Note that a client of the counter came or went."""
+        with self.lock:
+            self._readers += 1 if begins else -1
+            self._read_before = True
+
+    def _follow(self) -> None:
+        """Let time follow the wall where it has to."""
+        last = time.monotonic()
+        while not self._closing.wait(WALL_STEP_S):
+            now = time.monotonic()
+            passed, last = min(now - last, STEP_S), now
+            with self.lock:
+                if self.time == "real" or self._abandoned():
+                    self._advance(passed)
+                    self._progress.notify_all()
+
+    def _abandoned(self) -> bool:
+        powered = any(drive.state().enabled for drive in self.bench.drives.values())
+        return self._read_before and self._readers == 0 and powered
+
+    def _advance(self, duration_s: float) -> None:
+        block = self.bench.read_block(duration_s)
+        self._now_s = block.stop_s
+        for tap in self._edges:
+            tap.put(block.edges[tap.channel])
+        for side, angle in block.angles.items():
+            if angle.counts.size:
+                self._counts[side] = int(angle.counts[-1])
+        for angles in self._angles:
+            angles.put(block.angles[angles.side].counts)
+        self._keep_torques(block)
+
+    def _keep_torques(self, block: CounterBlock) -> None:
+        readout = self.bench.readout
+        if readout is None:
+            return
+        for side in SIDES:
+            new = readout.read(side, block.stop_s).torque_nm.tolist()
+            if not new and not readout.channels:  # nothing mounted: an amplifier without signal
+                windows = round(block.stop_s / self.window_s) - round(block.start_s / self.window_s)
+                new = [float("nan")] * windows
+            self._torques[side] = (self._torques[side] + new)[-KEPT_TORQUES:]
+            self._torque_count[side] += len(new)
+
+    # -- what the counters see --------------------------------------------------------------
+
+    @property
+    def window_s(self) -> float:
+        """Length of the windows of the standard's own counter, s."""
+        return self.description.counter.window_s
+
+    def tap_edges(self, channel: str) -> EdgeTap:
+        """Connect a counter input to a channel from now on."""
+        tap = EdgeTap(channel)
+        with self.lock:
+            self._edges.append(tap)
+            self._select()
+        return tap
+
+    def tap_angles(self, side: Side) -> AngleTap:
+        """Connect a counter input to an encoder from now on."""
+        tap = AngleTap(side)
+        with self.lock:
+            self._angles.append(tap)
+        return tap
+
+    def release(self, tap: EdgeTap | AngleTap) -> None:
+        """Disconnect a counter input."""
+        with self.lock:
+            if isinstance(tap, EdgeTap) and tap in self._edges:
+                self._edges.remove(tap)
+                self._select()
+            elif isinstance(tap, AngleTap) and tap in self._angles:
+                self._angles.remove(tap)
+
+    def _select(self) -> None:
+        wanted = {tap.channel for tap in self._edges}
+        self.bench.select(frozenset(name for name in CHANNELS if name in wanted))
+
+    # -- what the other instruments see -----------------------------------------------------
+
+    def counts(self, side: Side) -> int:
+        """Present encoder counts of a side."""
+        return self._counts[side]
+
+    def torques(self, side: Side) -> tuple[int, list[float]]:
+        """Return how many torques the standard has stated, and the newest of them."""
+        with self.lock:
+            return self._torque_count[side], list(self._torques[side])
+
+    def locked(self, action: Callable[[], None]) -> None:
+        """Do something to the bench while its time stands."""
+        with self.lock:
+            action()
+
+    def close(self) -> None:
+        """End the plant. A second call does nothing."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()

@@ -1,0 +1,229 @@
+"""All simulators of a bench description: one for each instrument named, and their control."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.description_errors import validated
+from torquebench.bench.drivers.instruments import InstrumentsOptions
+from torquebench.bench.drivers.links import split_address
+from torquebench.bench.drivers.plugins import require_library
+from torquebench.errors import InputError
+from torquebench.simulators.control import ControlServer
+from torquebench.simulators.misbehaviour import Misbehaviour, WireFaults
+from torquebench.simulators.plant import Plant
+
+__all__ = ["Served", "Simulators"]
+
+ROLES = (
+    "counter",
+    "angles",
+    "input_drive",
+    "output_drive",
+    "reference",
+    "temperature",
+    "modes",
+    "clamp",
+)
+
+
+class Served(Protocol):
+    """A simulator on a port."""
+
+    host: str
+    port: int
+
+    def close(self) -> None:
+        """End it. A second call does nothing."""
+
+
+class Simulators:
+    """Serves the twin behind every protocol that a bench description names.
+
+    Addresses with port 0 get a free port; `description` then has the true ones, so that a test
+    opens its bench from there.
+
+    Parameters
+    ----------
+    description : BenchDescription
+        With `bench.driver = "instruments"` and a section `[driver.simulation]`.
+
+    Attributes
+    ----------
+    plant : Plant
+    misbehaviour : Misbehaviour
+
+    Raises
+    ------
+    InputError
+        The description has no section `[driver.simulation]`, or names a protocol without simulator.
+    BenchError
+        A port is in use.
+    """
+
+    def __init__(self, description: BenchDescription) -> None:
+        source = f"{description.name}: driver"
+        options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
+        if options.simulation is None:
+            raise InputError(
+                f"{description.name} has real instruments",
+                "a bench with a section [driver.simulation]",
+                "see examples/networked.toml",
+            )
+        self.plant = Plant(description, options.simulation)
+        self.misbehaviour = Misbehaviour(options.simulation.seed)
+        self._served: dict[str, Served] = {}
+        self._places: dict[tuple[str, str], tuple[str, str]] = {}
+        driver = {key: _plain(value) for key, value in description.driver.items()}
+        try:
+            for role in ROLES:
+                section = driver.get(role)
+                if section is not None:
+                    driver[role] = self._serve(role, section)
+            host, port = split_address(options.simulation.control, lowest=0)
+            control = ControlServer(self.plant, self.misbehaviour, host, port)
+            self._served["control"] = control
+            driver["simulation"] = driver["simulation"] | {"control": f"{host}:{control.port}"}
+        except BaseException:
+            self.close()
+            raise
+        self.description = description.model_copy(update={"driver": driver})
+
+    # -- serving ----------------------------------------------------------------------------
+
+    def _serve(self, role: str, section: dict[str, Any]) -> dict[str, Any]:
+        protocol = str(section.get("protocol"))
+        build = _BUILDERS.get(protocol)
+        if build is None:
+            raise InputError(
+                f"driver.{role}.protocol = {protocol!r} has no simulator",
+                "one of " + ", ".join(_BUILDERS),
+                "simulate this instrument by one of these",
+            )
+        return build(self, role, section)
+
+    def serve_at(
+        self,
+        role: str,
+        address: str,
+        start: Callable[[WireFaults, str, int], Served],
+        *,
+        kind: str = "",
+    ) -> str:
+        """Serve an endpoint unless its address is served already; return the true address.
+
+        Parameters
+        ----------
+        role : str
+            Endpoint, as orders to misbehave name it.
+        address : str
+        start : callable
+            Of the endpoint's faults, host and port.
+        kind : str
+            Endpoints of one kind with one address are one instrument.
+        """
+        host, port = split_address(address, lowest=0)
+        known = self._places.get((kind, address))
+        if port != 0 and known is not None:
+            first, true = known
+            self.misbehaviour.alias(role, first)
+            return true
+        served = start(self.misbehaviour.endpoint(role), host, port)
+        true = f"{host}:{served.port}"
+        self._served[true] = served
+        self._places[kind, address] = (role, true)
+        return true
+
+    @property
+    def addresses(self) -> Mapping[str, str]:
+        """Where each endpoint is, for people."""
+        found = {"control": self._served["control"]}
+        named = {name: f"{served.host}:{served.port}" for name, served in found.items()}
+        for (kind, _), (role, true) in self._places.items():
+            named[role] = f"{true} ({kind})"
+        return named
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End every server and the plant. A second call does nothing."""
+        with contextlib.ExitStack() as closing:
+            closing.callback(self.plant.close)
+            for served in self._served.values():
+                closing.callback(served.close)
+
+
+def _plain(value: Any) -> Any:
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def _modbus(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    require_library("pymodbus.server", "modbus")
+    from torquebench.simulators import modbus_images as images
+    from torquebench.simulators.modbus import ModbusSimulator
+
+    plant = simulators.plant
+    builders: dict[str, Callable[[], images.Image]] = {
+        "input_drive": lambda: images.DriveImage(plant, "input"),
+        "output_drive": lambda: images.DriveImage(plant, "output"),
+        "temperature": lambda: images.ProbesImage(plant, section["probes"]),
+        "reference": lambda: images.ReadoutImage(plant),
+        "angles": lambda: images.AnglesImage(plant, section["registers"]),
+        "modes": lambda: images.DigitalImage(plant),
+        "clamp": lambda: images.DigitalImage(plant),
+    }
+    unit, base = int(section.get("unit", 1)), int(section.get("base", 0))
+
+    def start(faults: WireFaults, host: str, port: int) -> Served:
+        return ModbusSimulator(plant, builders[role](), faults, host, port, unit, base)
+
+    address = simulators.serve_at(role, section["address"], start, kind="modbus")
+    return section | {"address": address}
+
+
+def _scpi(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    from torquebench.simulators import scpi
+
+    plant = simulators.plant
+    if role == "reference":
+
+        def start_amplifier(faults: WireFaults, host: str, port: int) -> Served:
+            return scpi.ScpiSimulator(scpi.ScpiAmplifier(plant), faults, host, port)
+
+        address = simulators.serve_at(role, section["address"], start_amplifier, kind="scpi")
+        return section | {"address": address}
+    channels: dict[str, str] = {}
+    for number, (channel, address) in enumerate(section["channels"].items()):
+        serial = plant.description.counter.serial + (f"-{number + 1}" if number else "")
+        counter = scpi.ScpiFrequencyCounter(plant, channel, serial)
+
+        def start_counter(
+            faults: WireFaults,
+            host: str,
+            port: int,
+            counter: scpi.ScpiFrequencyCounter = counter,
+        ) -> Served:
+            return scpi.ScpiSimulator(counter, faults, host, port)
+
+        endpoint = role if number == 0 else f"{role}.{channel}"
+        channels[channel] = simulators.serve_at(endpoint, address, start_counter, kind="scpi")
+    return section | {"channels": channels}
+
+
+_BUILDERS: dict[str, Callable[[Simulators, str, dict[str, Any]], dict[str, Any]]] = {
+    "modbus": _modbus,
+    "scpi": _scpi,
+}
