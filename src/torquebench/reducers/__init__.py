@@ -1,8 +1,32 @@
 """Evaluation of tests on reducers: measured columns in, values with uncertainty out.
 
-Pure. So far the no-load friction: mean and spread at each speed, and its parts.
+Pure: torque-angle loops, no-load and break-away torque, transmission error and efficiency, each
+value a `Budget` with its contributions; descriptions of reducers, verdicts and comparisons.
 """
 
+from torquebench.reducers.breakaway import (
+    BreakawayResult,
+    BreakawayRun,
+    evaluate_breakaway,
+    first_motion,
+)
+from torquebench.reducers.comparison import (
+    COMMON_CONTRIBUTIONS,
+    Change,
+    SpecimenComparison,
+    change_between,
+    compare_specimens,
+)
+from torquebench.reducers.description import (
+    NM_PER_RAD_OF_NM_PER_ARCMIN,
+    DataSheetLimits,
+    EfficiencyLimit,
+    NoLoadLimit,
+    ReducerDescription,
+    available_reducers,
+    load_reducer,
+)
+from torquebench.reducers.efficiency import EfficiencyMap, EfficiencyPoint, evaluate_efficiency
 from torquebench.reducers.friction import (
     FrictionCurve,
     FrictionResult,
@@ -10,14 +34,89 @@ from torquebench.reducers.friction import (
     friction_curve,
 )
 from torquebench.reducers.friction_fit import FORMS, Estimate, FrictionFit, fit_friction
+from torquebench.reducers.hysteresis import evaluate_hysteresis
+from torquebench.reducers.loop_results import (
+    HysteresisResult,
+    KeyPoint,
+    LoopCurve,
+    LoopFeatures,
+    StiffnessRegions,
+)
+from torquebench.reducers.loop_rules import (
+    LOST_MOTION_RULES,
+    LoopSettings,
+    LoopUncertainty,
+    LostMotionRule,
+)
+from torquebench.reducers.no_load import (
+    NoLoadPoint,
+    NoLoadResult,
+    TorqueUncertainty,
+    evaluate_no_load,
+)
+from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget, refuse
+from torquebench.reducers.transmission_error import (
+    AngleUncertainty,
+    DirectionError,
+    ErrorOrder,
+    TransmissionErrorResult,
+    evaluate_transmission_error,
+)
+from torquebench.reducers.verdicts import AnyResult, QuantityVerdict, verdicts
 
 __all__ = [
+    "COMMON_CONTRIBUTIONS",
     "FORMS",
+    "LOST_MOTION_RULES",
+    "NM_PER_RAD_OF_NM_PER_ARCMIN",
+    "AngleUncertainty",
+    "AnyResult",
+    "BreakawayResult",
+    "BreakawayRun",
+    "Change",
+    "Contribution",
+    "DataSheetLimits",
+    "DirectionError",
+    "EfficiencyLimit",
+    "EfficiencyMap",
+    "EfficiencyPoint",
+    "ErrorOrder",
     "Estimate",
+    "Finding",
     "FrictionCurve",
     "FrictionFit",
     "FrictionResult",
+    "HysteresisResult",
+    "KeyPoint",
+    "LoopCurve",
+    "LoopFeatures",
+    "LoopSettings",
+    "LoopUncertainty",
+    "LostMotionRule",
+    "NoLoadLimit",
+    "NoLoadPoint",
+    "NoLoadResult",
+    "QuantityVerdict",
+    "ReducerDescription",
+    "ResultQuantity",
+    "SpecimenComparison",
+    "StiffnessRegions",
+    "TorqueUncertainty",
+    "TransmissionErrorResult",
+    "available_reducers",
+    "budget",
+    "change_between",
+    "compare_specimens",
+    "evaluate_breakaway",
+    "evaluate_efficiency",
     "evaluate_friction",
+    "evaluate_hysteresis",
+    "evaluate_no_load",
+    "evaluate_transmission_error",
+    "first_motion",
     "fit_friction",
     "friction_curve",
+    "load_reducer",
+    "refuse",
+    "verdicts",
 ]

@@ -1,0 +1,154 @@
+"""What all evaluations share: values with their budgets, and findings about the data."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import inf, sqrt
+
+from torquebench.errors import InputError
+from torquebench.uncertainty import Budget, BudgetLine, Distribution, welch_satterthwaite
+
+__all__ = ["Contribution", "Finding", "ResultQuantity", "budget", "least_upper_bound", "refuse"]
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One contribution to the uncertainty of a result, already in the result's unit.
+
+    Parameters
+    ----------
+    name : str
+        Where it comes from. Names of `comparison.COMMON_CONTRIBUTIONS` are systematic: two
+        evaluations on one bench have them in common.
+    standard_uncertainty : float
+        Its standard uncertainty in the unit of the result, not negative.
+    degrees_of_freedom : float
+        Of that; ``inf`` where it is taken as exactly known.
+    sensitivity : float
+        +1 or -1: which way a positive error of the source shifts the result, so that two results
+        that share the source can be compared.
+    """
+
+    name: str
+    standard_uncertainty: float
+    degrees_of_freedom: float = inf
+    sensitivity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something about the data that a reader of the result has to know.
+
+    Parameters
+    ----------
+    name : str
+        Short name for programs, such as ``"drive saturation"``.
+    message : str
+        What was found, with its value and limit.
+    remedy : str
+        What to do about it.
+    severe : bool
+        Whether the result shouldn't be used for a verdict.
+    """
+
+    name: str
+    message: str
+    remedy: str
+    severe: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.message}; {self.remedy}"
+
+
+@dataclass(frozen=True)
+class ResultQuantity:
+    """One value of a result under a name, the same shape for all tests: for tables and reports.
+
+    Parameters
+    ----------
+    key : str
+        Name for programs, unique within a result, such as ``"backlash"``.
+    title : str
+        Name for people.
+    estimate : Budget
+        Value, standard uncertainty, degrees of freedom and contributions, in `estimate.unit`.
+    rule : str
+        The definition that was used, where makers differ; else empty.
+    """
+
+    key: str
+    title: str
+    estimate: Budget
+    rule: str = ""
+
+
+def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Budget:
+    """Combine independent contributions into a budget.
+
+    Examples
+    --------
+    >>> found = budget(1.2, "arcmin", [Contribution("scale", 0.03), Contribution("noise", 0.04)])
+    >>> round(found.standard_uncertainty, 6), found.unit
+    (0.05, 'arcmin')
+    """
+    parts = [part for part in contributions if part.standard_uncertainty > 0.0]
+    variance = sum(part.standard_uncertainty**2 for part in parts)
+    freedom = inf
+    if parts:
+        freedom = float(
+            welch_satterthwaite(
+                [part.standard_uncertainty for part in parts],
+                [part.degrees_of_freedom for part in parts],
+            )
+        )
+    lines = tuple(
+        BudgetLine(
+            name=part.name,
+            unit=unit,
+            value=0.0,
+            standard_uncertainty=part.standard_uncertainty,
+            degrees_of_freedom=part.degrees_of_freedom,
+            distribution=Distribution.NORMAL,
+            sensitivity=part.sensitivity,
+            contribution=part.standard_uncertainty,
+            share=part.standard_uncertainty**2 / variance,
+        )
+        for part in parts
+    )
+    return Budget(float(value), sqrt(variance), freedom, lines, unit)
+
+
+def least_upper_bound(estimate: Budget) -> float:
+    """Return value + U (k for 95.45 %): what the true value doesn't exceed by this evaluation."""
+    return estimate.value + estimate.expanded_uncertainty()
+
+
+def refuse(estimate: Budget, share: float, what: str) -> None:
+    """Refuse a value whose expanded uncertainty exceeds a stated share of it.
+
+    Parameters
+    ----------
+    estimate : Budget
+    share : float
+        Largest allowed U as a share of the value's magnitude.
+    what : str
+        Name of the value, for the message.
+
+    Raises
+    ------
+    InputError
+
+    Examples
+    --------
+    >>> refuse(budget(29.0, "mN·m", [Contribution("zero", 10.0)]), 0.3, "starting torque")
+    Traceback (most recent call last):
+    torquebench.errors.InputError: starting torque of 29 mN·m with U = 20 mN·m (69 %); ...
+    """
+    expanded = estimate.expanded_uncertainty()
+    if not expanded <= share * abs(estimate.value):
+        relative = 100.0 * expanded / abs(estimate.value) if estimate.value else inf
+        raise InputError(
+            f"{what} of {estimate.value:.4g} {estimate.unit} with U = {expanded:.3g} "
+            f"{estimate.unit} ({relative:.3g} %)",
+            f"an expanded uncertainty of at most {100.0 * share:.3g} % of the value",
+            "zero just before the test, repeat it more often, or use a smaller transducer",
+        )
