@@ -1,0 +1,281 @@
+"""From a violation to the drives' zero command: ``python -m benchmarks.safety [--quick]``.
+
+A whole station runs in real time on the simulated bench: acquisition, run engine, journal. While
+its output is loaded something goes wrong at a moment of its own, and the time until both drives
+have been told to go to zero is taken from the wall clock. It does so alone, and beside a thread
+that computes in Python without pause, as a fit in the same process would. Exits with 1 where a
+99th percentile exceeds 20 ms alone.
+
+==============  =================================================================================
+overload        the drive pulls beyond the limit; counted from the true torque's crossing it
+wild reading    the transducer's frequency jumps beyond the limit; from the jump
+drive fault     the drive reports a fault and goes off; from then
+stop asked for  somebody calls `Station.emergency_stop`; from the call
+lost signal     the transducer falls silent; from the end of the tolerated `signal_loss_s`
+==============  =================================================================================
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky.utils import Msg
+
+from torquebench.bench.description import BenchDescription, default_bench
+from torquebench.bench.drivers.simulated import SimulatedBench, SimulatedDrive
+from torquebench.errors import TorquebenchError
+from torquebench.station import Station
+
+LIMIT_MS = 20.0
+LIMIT_NM = 1000.0
+LOADED_NM = 800.0
+PERCENTILES = (50.0, 90.0, 99.0, 100.0)
+LOOKS_S = (0.0025, 0.005, 0.01, 0.05)
+CAUSES = ("overload", "wild reading", "drive fault", "stop asked for", "lost signal")
+
+
+def described(look_s: float) -> BenchDescription:
+    """Describe the simulated bench with a low limit on its output and quick ramps."""
+    text = default_bench().model_dump()
+    text["output"]["range_nm"] = 900.0
+    text["output"]["limits"]["torque_nm"] = LIMIT_NM
+    text["output"]["drive"]["torque_rate_nm_per_s"] = 20_000.0
+    text["safety"] |= {"ramp_to_zero_s": 0.05, "look_s": look_s}
+    return BenchDescription.model_validate(text)
+
+
+@dataclass
+class Timed:
+    """Notes when a drive was told to go to zero, or was switched off."""
+
+    told: list[float] = field(default_factory=list)
+
+    @contextlib.contextmanager
+    def watching(self) -> Iterator[None]:
+        """Look over the shoulders of the simulated drives."""
+        ramp = SimulatedDrive.ramp_to_zero
+
+        def noted(drive: SimulatedDrive, duration_s: float) -> None:
+            ramp(drive, duration_s)
+            self.told.append(time.monotonic())
+
+        SimulatedDrive.ramp_to_zero = noted  # type: ignore[method-assign]
+        try:
+            yield
+        finally:
+            SimulatedDrive.ramp_to_zero = ramp  # type: ignore[method-assign]
+
+
+def wall_of(station: Station, bench_s: float) -> float:
+    """Wall time (`time.monotonic`) at which a moment of bench time was due."""
+    return station.acquisition._wall_start + bench_s
+
+
+def overload(station: Station, draw: np.random.Generator) -> Callable[[], float]:
+    """Let the drive pull past the limit; its moment is when the true torque crosses it."""
+    del draw
+    bench = cast(SimulatedBench, station.drivers.counter)
+    started_s = station.clock.now()
+    bench.drives["output"].command_torque(1600.0, 40_000.0)
+
+    def moment() -> float:
+        time_s, torque = bench._truth.window(started_s, started_s + 1.0)[[0, 2]]
+        return wall_of(station, float(time_s[int(np.argmax(np.abs(torque) > LIMIT_NM))]))
+
+    return moment
+
+
+def wild_reading(station: Station, draw: np.random.Generator) -> Callable[[], float]:
+    """Let the reading jump, from a moment between two looks on."""
+    bench = cast(SimulatedBench, station.drivers.counter)
+    start_s = station.clock.now() + 0.12 + float(draw.uniform(0.0, 0.05))
+    bench.twin.inject_fault("output_torque", "wild_value", start_s=start_s, duration_s=0.3)
+    return lambda: wall_of(station, start_s)
+
+
+def lost_signal(station: Station, draw: np.random.Generator) -> Callable[[], float]:
+    """Let the transducer fall silent."""
+    bench = cast(SimulatedBench, station.drivers.counter)
+    start_s = station.clock.now() + 0.12 + float(draw.uniform(0.0, 0.05))
+    bench.twin.inject_fault("output_torque", "silent", start_s=start_s, duration_s=0.3)
+    return lambda: wall_of(station, start_s + station.description.safety.signal_loss_s)
+
+
+def drive_fault(station: Station, draw: np.random.Generator) -> Callable[[], float]:
+    """Let the drive go off by itself."""
+    bench = cast(SimulatedBench, station.drivers.counter)
+    time.sleep(float(draw.uniform(0.0, 0.05)))
+    bench._axes["output"].fault = "overcurrent"
+    now = time.monotonic()
+    bench._set_enabled("output", False)
+    return lambda: now
+
+
+def stop_asked_for(station: Station, draw: np.random.Generator) -> Callable[[], float]:
+    """Press stop."""
+    time.sleep(float(draw.uniform(0.0, 0.05)))
+    now = time.monotonic()
+    station.emergency_stop("benchmark")
+    return lambda: now
+
+
+CAUSING = dict(
+    zip(CAUSES, (overload, wild_reading, drive_fault, stop_asked_for, lost_signal), strict=True)
+)
+
+
+def loaded(station: Station) -> Generator[Msg, Any, None]:
+    """Load the output and keep it loaded."""
+    devices = station.devices
+    yield from bps.mv(devices.mounting, "calibrator")
+    yield from bps.mv(devices.clamp, True)
+    yield from bps.mv(devices.input.mode, "locked")
+    yield from bps.mv(devices.output.mode, "driven")
+    yield from bps.mv(devices.output.drive.power, True)
+    yield from bps.mv(devices.output.drive.torque, LOADED_NM)
+    yield from bps.sleep(60.0)
+
+
+def one_trial(
+    station: Station, timed: Timed, cause: str, draw: np.random.Generator
+) -> tuple[float, str]:
+    """Return how long it took from a violation to the last drive's zero command, s, and the alarm."""
+    moments: list[Callable[[], float]] = []
+
+    def break_it() -> None:
+        drive = station.drivers.drives["output"]
+        while (drive.state().torque_nm or 0.0) < LOADED_NM:
+            time.sleep(0.01)
+        time.sleep(0.05)
+        timed.told.clear()
+        moments.append(CAUSING[cause](station, draw))
+
+    breaking = threading.Thread(target=break_it)
+    breaking.start()
+    with contextlib.suppress(TorquebenchError):
+        station.run(bpp.run_wrapper(loaded(station)), kind="benchmark")
+    breaking.join()
+    station.supervisor.wait_safe(10.0)
+    alarm = station.supervisor.alarm
+    name = alarm.kind.value if alarm is not None else "none"
+    delay_s = timed.told[1] - moments[0]()
+    time.sleep(0.3)  # until what was injected is over
+    station.acknowledge_alarm("benchmark")
+    return delay_s, name
+
+
+@contextlib.contextmanager
+def busy(threads: int) -> Iterator[None]:
+    """Compute in Python beside everything else."""
+    ending = threading.Event()
+
+    def compute() -> None:
+        total = 0
+        while not ending.is_set():
+            for number in range(10_000):
+                total += number * number
+
+    computing = [threading.Thread(target=compute, daemon=True) for _ in range(threads)]
+    for each in computing:
+        each.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        for each in computing:
+            each.join()
+
+
+def delays(look_s: float, trials: int, threads: int) -> dict[str, list[float]]:
+    """Return the delays of every cause in ms, drawn by one seed."""
+    draw = np.random.default_rng(1)
+    found: dict[str, list[float]] = {cause: [] for cause in CAUSES}
+    timed = Timed()
+    with (
+        timed.watching(),
+        tempfile.TemporaryDirectory() as folder,
+        Station.open(described(look_s), Path(folder), real_time=True) as station,
+        busy(threads),
+    ):
+        for _ in range(trials):
+            for cause in CAUSES:
+                delay_s, _ = one_trial(station, timed, cause, draw)
+                found[cause].append(1e3 * delay_s)
+    return found
+
+
+def processor_share(look_s: float, wall_s: float) -> float:
+    """Processor time of this process by wall time while the bench stands loaded, %."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Station.open(described(look_s), Path(folder), real_time=True) as station,
+    ):
+
+        def plan() -> Generator[Msg, Any, float]:
+            yield from _ready(station)
+            begun = time.process_time()
+            yield from bps.sleep(wall_s)
+            return time.process_time() - begun
+
+        record = station.run(bpp.run_wrapper(plan()), kind="benchmark")
+    return 100.0 * float(record.result) / wall_s
+
+
+def _ready(station: Station) -> Generator[Msg, Any, None]:
+    for message in loaded(station):
+        if message.command == "sleep":
+            return
+        yield message
+
+
+def report(title: str, found: dict[str, list[float]]) -> float:
+    """Print percentiles in ms; return the worst 99th."""
+    print(f"\n{title}")
+    print(
+        f"  {'cause':16s}" + "".join(f"{f'p{p:g}' if p < 100 else 'max':>9s}" for p in PERCENTILES)
+    )
+    for cause, values in found.items():
+        line = "".join(f"{np.percentile(values, p):9.2f}" for p in PERCENTILES)
+        print(f"  {cause:16s}{line}")
+    return max(float(np.percentile(values, 99.0)) for values in found.values())
+
+
+def main() -> int:
+    """Measure and report; 1 where the aim is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a few trials of the default only")
+    parser.add_argument("--trials", type=int, default=0, help="trials of each cause")
+    arguments = parser.parse_args()
+    trials = arguments.trials or (5 if arguments.quick else 60)
+    default_s = default_bench().safety.look_s
+    print(f"simulated bench in real time, {os.cpu_count()} processors, {trials} trials a cause")
+    worst = report(
+        f"alone, a look every {1e3 * default_s:g} ms: ms from violation to zero command",
+        delays(default_s, trials, 0),
+    )
+    if not arguments.quick:
+        for threads in (1, 2):
+            title = f"beside {threads} thread{'s' * (threads > 1)} that compute in Python"
+            report(title, delays(default_s, trials, threads))
+        print("\nlooks and what they cost, loaded bench, % of one processor")
+        for look_s in LOOKS_S:
+            print(f"  {1e3 * look_s:5g} ms  {processor_share(look_s, 10.0):5.1f} %")
+    print(f"\nworst 99th percentile alone {worst:.1f} ms, aim {LIMIT_MS:g} ms")
+    return int(worst > LIMIT_MS)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
