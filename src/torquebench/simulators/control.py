@@ -4,8 +4,10 @@ Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do
 `{"do": "misbehave", "endpoint": "input_drive", "kind": "drop", "replies": 3}` (and `amount`,
 `duration_s`), `{"do": "heal"}` (and `endpoint`), `{"do": "fault", "channel": "output_torque",
 "kind": "silent", "duration_s": 0.2}` (and `amount`; of the signal itself, in bench time),
-`{"do": "truth", "side": "output"}` (mean true torque over the last 0.1 s, N·m). Every answer is
-an object, with `error` where the request can't be done.
+`{"do": "truth", "side": "output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s`
+to `stop_s` of the client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}`
+(noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator). Every
+answer is an object, with `error` where the request can't be done.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ import random
 import socket
 from collections.abc import Callable, Mapping
 from typing import Any
+
+import numpy as np
 
 from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
@@ -50,6 +54,8 @@ class ControlServer(LineServer):
             "heal": self._heal,
             "fault": self._fault,
             "truth": self._truth,
+            "sweep": self._sweep,
+            "certificates": self._certificates,
         }
         super().__init__(WireFaults("control", random.Random(0)), host, port)
 
@@ -130,8 +136,27 @@ class ControlServer(LineServer):
         return {}
 
     def _truth(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        now_s = self._plant.now_s
-        torque = self._plant.bench.true_torque(
-            request["side"], max(0.0, now_s - TRUTH_WINDOW_S), now_s
-        )
-        return {"torque_nm": torque, "time_s": now_s}
+        epoch_s, now_s = self._plant.epoch_s, self._plant.now_s
+        start_s = epoch_s + request.get("start_s", now_s - epoch_s - TRUTH_WINDOW_S)
+        stop_s = epoch_s + request.get("stop_s", now_s - epoch_s)
+        torque = self._plant.bench.true_torque(request["side"], max(0.0, start_s), stop_s)
+        return {"torque_nm": torque, "time_s": now_s - epoch_s}
+
+    def _sweep(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        path = np.array(request["torque_nm"], dtype=np.float64)
+        reading, branch = self._plant.bench.dense_sweep(request["side"], path)
+        return {"reading_nm": reading.tolist(), "branch": branch.tolist()}
+
+    def _certificates(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        del request
+        return {
+            mounting: {
+                side: {
+                    "torque_nm": certificate.torque_nm.tolist(),
+                    "error_nm": certificate.error_nm.tolist(),
+                    "expanded_uncertainty_nm": certificate.expanded_uncertainty_nm.tolist(),
+                }
+                for side, certificate in sides.items()
+            }
+            for mounting, sides in self._plant.bench.certificates().items()
+        }

@@ -225,15 +225,16 @@ class DigitalImage(Image):
         return found
 
     def switched(self, address: int, values: list[bool]) -> None:
-        """Move what the coils say."""
+        """Move what the coils say, as far as they were written."""
         self._coils[address : address + len(values)] = values
+        touched = range(address, address + len(values))
         bench = self._plant.bench
         for side, first in zip(SIDES, (Coil.INPUT_DRIVEN, Coil.OUTPUT_DRIVEN), strict=True):
             driven, locked = self._coils[first : first + 2]
             mode: Mode = "driven" if driven else "locked" if locked else "free"
-            if bench.mode(side) != mode:
+            if (first in touched or first + 1 in touched) and bench.mode(side) != mode:
                 bench.set_mode(side, mode)
-        if bench.clamped() != self._coils[Coil.CLAMP]:
+        if Coil.CLAMP in touched and bench.clamped() != self._coils[Coil.CLAMP]:
             try:
                 bench.set_clamped(self._coils[Coil.CLAMP])
             except TorquebenchError:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -94,6 +93,9 @@ class Plant:
         self._torque_count: dict[Side, int] = dict.fromkeys(SIDES, 0)
         self._counts: dict[Side, int] = dict.fromkeys(SIDES, 0)
         self._readers = 0
+        self._counting = 0
+        self.epoch_s = 0.0
+        """Time at which the client's counter began: its bench time 0."""
         self._read_before = False
         self._now_s = 0.0
         self._closing = threading.Event()
@@ -189,6 +191,13 @@ class Plant:
             self._angles.append(tap)
         return tap
 
+    def counting(self, begins: bool) -> None:
+        """Note that a counter starts or stops; the first to start sets the epoch."""
+        with self.lock:
+            if begins and self._counting == 0:
+                self.epoch_s = self._now_s
+            self._counting = max(0, self._counting + (1 if begins else -1))
+
     def release(self, tap: EdgeTap | AngleTap) -> None:
         """Disconnect a counter input."""
         with self.lock:
@@ -212,11 +221,6 @@ class Plant:
         """Return how many torques the standard has stated, and the newest of them."""
         with self.lock:
             return self._torque_count[side], list(self._torques[side])
-
-    def locked(self, action: Callable[[], None]) -> None:
-        """Do something to the bench while its time stands."""
-        with self.lock:
-            action()
 
     def close(self) -> None:
         """End the plant. A second call does nothing."""

@@ -108,6 +108,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
     def _stop(self) -> None:
         if self._tap is not None:
             self._plant.release(self._tap)
+            self._plant.counting(False)
         self._tap = self._counter = None
         self._readings = []
 
@@ -115,6 +116,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self._stop()
         timebase_hz = self._plant.bench.timebase_hz
         with self._plant.lock:
+            self._plant.counting(True)
             self._started_tick = round(self._plant.now_s * timebase_hz)
             self._tap = self._plant.tap_edges(self._channel)
         self._counter = FrequencyCounter("regression", self._gate_s, timebase_hz)

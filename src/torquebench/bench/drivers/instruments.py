@@ -24,10 +24,15 @@ from pydantic import BaseModel, ConfigDict, Field
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.angles import with_angles
-from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
+from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.drivers.links import Address
 from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
-from torquebench.bench.drivers.simulation_control import SimulatedOperator, SimulationControl
+from torquebench.bench.drivers.simulation_control import (
+    SimulatedOperator,
+    SimulatedTruth,
+    SimulationControl,
+    simulated_certificates,
+)
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError, InputError
@@ -87,11 +92,11 @@ def open_instruments(description: BenchDescription) -> DriverSet:
                 opened.callback(instrument.close)
             return instrument
 
-        operator: OperatorPrompts = DeskOperator(PromptDesk())
+        control = None
         if options.simulation is not None:
             control = SimulationControl(options.simulation.control)
             opened.callback(control.close)
-            operator = SimulatedOperator(control)
+            control.ask("status")  # simulators that aren't there are the first thing to say
         drives = {
             "input": open_one("drive", "input_drive", "input"),
             "output": open_one("drive", "output_drive", "output"),
@@ -107,8 +112,10 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             modes=open_one("modes", "modes"),
             clamp=open_one("clamp", "clamp"),
             temperature=open_one("temperature", "temperature"),
-            operator=operator,
+            operator=DeskOperator(PromptDesk()) if control is None else SimulatedOperator(control),
             reference=None if options.reference is None else open_one("reference", "reference"),
+            truth=None if control is None else SimulatedTruth(control),
+            certificates={} if control is None else simulated_certificates(control),
             simulated_time=_on_demand(options),
             shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),

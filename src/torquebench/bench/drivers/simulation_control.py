@@ -10,11 +10,15 @@ import json
 import socket
 from typing import Any
 
-from torquebench.bench.drivers.base import Mounting, Seating
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.drivers.base import Mounting, Seating, Side
 from torquebench.bench.drivers.links import Link, WireError, split_address
 from torquebench.errors import BenchError, InterlockError
 
-__all__ = ["SimulatedOperator", "SimulationControl"]
+__all__ = ["SimulatedOperator", "SimulatedTruth", "SimulationControl", "simulated_certificates"]
 
 LONGEST_LINE = 1_000_000
 
@@ -64,6 +68,40 @@ class SimulationControl(Link[socket.socket]):
         if "error" in answer:
             raise BenchError(f"the simulators refuse {request!r}: {answer['error']}")
         return answer
+
+
+class SimulatedTruth:
+    """The torque that really acts in the simulators; see `drivers.base.TrueTorqueSource`."""
+
+    def __init__(self, control: SimulationControl) -> None:
+        self._control = control
+
+    def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
+        """Mean true torque at the flange over a time window, N·m."""
+        answer = self._control.ask("truth", side=side, start_s=start_s, stop_s=stop_s)
+        return float(answer["torque_nm"])
+
+    def dense_sweep(
+        self, side: Side, true_torque_nm: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+        """Noise-free readings along a path of true torques, and the branch of each point."""
+        answer = self._control.ask("sweep", side=side, torque_nm=true_torque_nm.tolist())
+        reading = np.array(answer["reading_nm"], dtype=np.float64)
+        return reading, np.array(answer["branch"], dtype=np.int8)
+
+
+def simulated_certificates(
+    control: SimulationControl,
+) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
+    """Ask for the certificates that come with the simulated standards."""
+    answer: dict[Mounting, dict[Side, dict[str, list[float]]]] = control.ask("certificates")  # type: ignore[assignment]
+    return {
+        mounting: {
+            side: ReferenceCertificate(**{key: np.array(values) for key, values in columns.items()})
+            for side, columns in sides.items()
+        }
+        for mounting, sides in answer.items()
+    }
 
 
 class SimulatedOperator:
