@@ -1,0 +1,76 @@
+"""Who asks for something, and what their role allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from torquebench.panel.service.problems import PermissionDeniedError
+
+__all__ = ["ROLES", "SERVER", "Actor", "Role", "allows", "require"]
+
+Role = Literal["operator", "metrologist", "administrator"]
+ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
+"""Each may do what those before it may."""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """Who asks.
+
+    Parameters
+    ----------
+    name : str
+        A person's sign-in name, or a client's name.
+    role : {"operator", "metrologist", "administrator"}
+    session_id : str
+        One sign-in of a person, one token of a client, or "server". It is no secret.
+    kind : {"person", "client", "server"}
+    """
+
+    name: str
+    role: Role
+    session_id: str
+    kind: Literal["person", "client", "server"] = "person"
+
+    @property
+    def label(self) -> str:
+        """Name for logs and records.
+
+        Examples
+        --------
+        >>> Actor("plant", "operator", "c1", "client").label
+        'plant (client)'
+        """
+        return self.name if self.kind == "person" else f"{self.name} ({self.kind})"
+
+
+SERVER = Actor("console", "administrator", "server", "server")
+"""Whoever sits at the machine that the server runs on."""
+
+
+def allows(role: Role, wanted: Role) -> bool:
+    """Whether a role includes another one.
+
+    Examples
+    --------
+    >>> allows("administrator", "metrologist"), allows("operator", "metrologist")
+    (True, False)
+    """
+    return ROLES.index(role) >= ROLES.index(wanted)
+
+
+def require(actor: Actor, role: Role) -> None:
+    """Refuse whoever hasn't the role.
+
+    Raises
+    ------
+    PermissionDeniedError
+        The role of `actor` doesn't include `role`.
+    """
+    if not allows(actor.role, role):
+        raise PermissionDeniedError(
+            f"{actor.name} is signed in as {actor.role}",
+            f"a {role}" if role != "administrator" else "an administrator",
+            "sign in with an account that has this role",
+        )

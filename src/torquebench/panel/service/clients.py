@@ -1,0 +1,131 @@
+"""Clients: programs that talk to the HTTP API with a token of their own."""
+
+from __future__ import annotations
+
+import re
+import secrets
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from sqlalchemy import Row, insert, select, update
+
+from torquebench.errors import InputError
+from torquebench.panel.service.actors import Actor, Role, require
+from torquebench.panel.service.problems import NotFoundError, NotSignedInError
+from torquebench.panel.service.sessions import token_sha256
+from torquebench.panel.service.store import PanelStore, clients, note, utc_text
+
+__all__ = ["Client", "Clients"]
+
+PREFIX = "tb_"
+"""So that a token that leaks into a file is found by whoever looks for secrets."""
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+@dataclass(frozen=True)
+class Client:
+    """A program with a token."""
+
+    client_id: int
+    name: str
+    role: Role
+    created: str
+    created_by: str
+    revoked: str | None
+
+
+class Clients:
+    """Tokens of programs, kept as hashes.
+
+    Parameters
+    ----------
+    store : PanelStore
+    """
+
+    def __init__(self, store: PanelStore) -> None:
+        self._store = store
+
+    def add(self, actor: Actor, name: str, role: Role) -> tuple[Client, str]:
+        """Make a token for a program; it is returned once and never shown again.
+
+        Raises
+        ------
+        PermissionDeniedError
+            Not an administrator.
+        InputError
+            The name is taken by a client in use, or name or role break the rules.
+        """
+        require(actor, "administrator")
+        if not NAME.fullmatch(name):
+            raise InputError(f"client {name[:80]!r}", "1 to 64 of A-Z a-z 0-9 . _ -")
+        if role not in get_args(Role):
+            raise InputError(f"role {role[:40]!r}", "one of " + ", ".join(get_args(Role)))
+        token = PREFIX + secrets.token_urlsafe(32)
+        with self._store.transaction() as connection:
+            taken = select(clients.c.id).where(clients.c.name == name, clients.c.revoked.is_(None))
+            if connection.scalar(taken):
+                raise InputError(f"a client {name} exists", "a new name", "revoke the old one")
+            made = connection.execute(
+                insert(clients)
+                .values(
+                    name=name,
+                    role=role,
+                    token_sha256=token_sha256(token),
+                    created=utc_text(),
+                    created_by=actor.name,
+                )
+                .returning(*clients.c)
+            ).one()
+            note(connection, actor.label, "added a client", name=name, role=role)
+        return _client(made), token
+
+    def list(self, actor: Actor) -> list[Client]:
+        """Return every client, revoked ones too; for administrators."""
+        require(actor, "administrator")
+        with self._store.transaction() as connection:
+            rows = connection.execute(select(clients).order_by(clients.c.id)).all()
+        return [_client(row) for row in rows]
+
+    def revoke(self, actor: Actor, client_id: int) -> Client:
+        """Let a token count no longer.
+
+        Raises
+        ------
+        NotFoundError
+            There is no client with this number.
+        """
+        require(actor, "administrator")
+        with self._store.transaction() as connection:
+            row = connection.execute(
+                update(clients)
+                .where(clients.c.id == client_id, clients.c.revoked.is_(None))
+                .values(revoked=utc_text())
+                .returning(*clients.c)
+            ).one_or_none()
+            if row is not None:
+                note(connection, actor.label, "revoked a client", name=row.name)
+        if row is None:
+            raise NotFoundError(f"no client {client_id} in use", "a number from the list")
+        return _client(row)
+
+    def actor(self, token: str) -> Actor:
+        """Return which client a token belongs to.
+
+        Raises
+        ------
+        NotSignedInError
+            It is unknown or revoked.
+        """
+        with self._store.transaction() as connection:
+            row = connection.execute(
+                select(clients).where(
+                    clients.c.token_sha256 == token_sha256(token), clients.c.revoked.is_(None)
+                )
+            ).one_or_none()
+        if row is None:
+            raise NotSignedInError("an unknown or revoked token", "a client's token")
+        return Actor(row.name, row.role, f"client-{row.id}", "client")
+
+
+def _client(row: Row[Any]) -> Client:
+    return Client(row.id, row.name, row.role, row.created, row.created_by, row.revoked)

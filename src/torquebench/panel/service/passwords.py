@@ -1,0 +1,69 @@
+"""Passwords: rules that help, and argon2id hashes."""
+
+from __future__ import annotations
+
+import threading
+from functools import cache
+
+from argon2 import PasswordHasher
+from argon2.exceptions import InvalidHashError, VerificationError
+
+from torquebench.errors import InputError
+
+__all__ = ["check_password_rules", "hash_password", "matches"]
+
+SHORTEST, LONGEST = 10, 128
+DISTINCT = 5
+
+_hasher = PasswordHasher(time_cost=3, memory_cost=32 * 1024, parallelism=1)
+"""argon2id, above OWASP's 19 MiB with two passes."""
+_at_once = threading.BoundedSemaphore(2)
+"""A crowd that guesses must not take the memory that the bench needs."""
+
+
+def check_password_rules(name: str, password: str) -> None:
+    """Refuse a password that is guessed at once.
+
+    Raises
+    ------
+    InputError
+        Too short, too long, too uniform, or the name.
+
+    Examples
+    --------
+    >>> check_password_rules("ana", "aaaaaaaaaaaa")
+    Traceback (most recent call last):
+    ...
+    torquebench.errors.InputError: a password of 1 different characters; allowed: at least 5
+    """
+    if not SHORTEST <= len(password) <= LONGEST:
+        raise InputError(
+            f"a password of {len(password)} characters", f"{SHORTEST} to {LONGEST}", "three words?"
+        )
+    distinct = len(set(password))
+    if distinct < DISTINCT:
+        raise InputError(f"a password of {distinct} different characters", f"at least {DISTINCT}")
+    if len(name) > 3 and name.casefold() in password.casefold():
+        raise InputError("a password with the name in it", "one without")
+
+
+def hash_password(password: str) -> str:
+    """Return the hash of a password with its salt and parameters."""
+    with _at_once:
+        return _hasher.hash(password)
+
+
+def matches(stored: str | None, password: str) -> bool:
+    """Whether a password belongs to a hash; without a hash it takes as long and doesn't."""
+    known = stored is not None and len(password) <= LONGEST
+    with _at_once:
+        try:
+            _hasher.verify(stored if known and stored else _nobody(), password[:LONGEST])
+        except (VerificationError, InvalidHashError):
+            return False
+    return known
+
+
+@cache
+def _nobody() -> str:
+    return _hasher.hash("nobody")

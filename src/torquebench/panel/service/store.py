@@ -1,0 +1,238 @@
+"""The panel's own database: people, sessions, clients, what they did and what they changed.
+
+Beside the registry, not in it: accounts have to be changed and sessions deleted, which the
+registry's append-only tables forbid, and a registry may be shared by several benches.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import (
+    Boolean,
+    Column,
+    Connection,
+    Float,
+    Integer,
+    MetaData,
+    Table,
+    Text,
+    create_engine,
+    event,
+    insert,
+    select,
+)
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import SQLAlchemyError
+
+from torquebench.errors import RecordError
+from torquebench.records import json_text
+
+__all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "users"]
+
+PANEL_FILE = "panel.sqlite"
+SCHEMA_VERSION = 1
+
+metadata = MetaData()
+
+users = Table(
+    "users",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("key", Text, nullable=False, unique=True),
+    Column("name", Text, nullable=False),
+    Column("role", Text, nullable=False),
+    Column("password_hash", Text, nullable=False),
+    Column("active", Boolean, nullable=False),
+    Column("created", Text, nullable=False),
+)
+sessions = Table(
+    "sessions",
+    metadata,
+    Column("token_sha256", Text, primary_key=True),
+    Column("user_id", Integer, nullable=False),
+    Column("address", Text, nullable=False),
+    Column("created", Float, nullable=False),
+    Column("seen", Float, nullable=False),
+)
+clients = Table(
+    "clients",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("name", Text, nullable=False),
+    Column("role", Text, nullable=False),
+    Column("token_sha256", Text, nullable=False, unique=True),
+    Column("created", Text, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Column("revoked", Text),
+)
+failures = Table(
+    "failures",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("subject", Text, nullable=False, index=True),
+    Column("at", Float, nullable=False),
+)
+events = Table(
+    "events",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("at", Text, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("what", Text, nullable=False),
+    Column("details", Text, nullable=False),
+)
+changes = Table(
+    "changes",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("at", Text, nullable=False),
+    Column("who", Text, nullable=False),
+    Column("section", Text, nullable=False),
+    Column("name", Text, nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("before", Text, nullable=False),
+    Column("after", Text, nullable=False),
+    Column("undoes", Integer),
+)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that somebody did.
+
+    Parameters
+    ----------
+    number : int
+    at : datetime.datetime
+        UTC.
+    who, what : str
+    details : mapping
+    """
+
+    number: int
+    at: datetime
+    who: str
+    what: str
+    details: Mapping[str, Any]
+
+
+class PanelStore:
+    """The open database of a data directory; safe to use from any thread.
+
+    Parameters
+    ----------
+    data_dir : pathlib.Path
+        Exists already.
+
+    Raises
+    ------
+    RecordError
+        The database can't be opened, or a newer version has made it.
+    """
+
+    def __init__(self, data_dir: Path) -> None:
+        path = data_dir / PANEL_FILE
+        with contextlib.suppress(FileExistsError):  # hashes are nobody else's business
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+        self._engine = create_engine(URL.create("sqlite", database=str(path)))
+        event.listen(self._engine, "connect", _set_up)
+        event.listen(self._engine, "begin", _begin)
+        self._name = path.name
+        try:
+            self._upgrade()
+        except BaseException:
+            self.close()
+            raise
+
+    def _upgrade(self) -> None:
+        with self.transaction() as connection:
+            found = int(connection.exec_driver_sql("PRAGMA user_version").scalar() or 0)
+            if found > SCHEMA_VERSION:
+                raise RecordError(
+                    f"{self._name} has version {found}",
+                    f"{SCHEMA_VERSION} or older",
+                    "a newer torquebench has made it: upgrade this one",
+                )
+            if found < SCHEMA_VERSION:
+                metadata.create_all(connection)
+                connection.exec_driver_sql(f"PRAGMA user_version={SCHEMA_VERSION}")
+
+    def close(self) -> None:
+        """Close all connections; more calls do nothing."""
+        self._engine.dispose()
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[Connection]:
+        """Yield a connection in one transaction: all of it is kept, or nothing.
+
+        Raises
+        ------
+        RecordError
+            The database fails.
+        """
+        try:
+            with self._engine.begin() as connection:
+                yield connection
+        except SQLAlchemyError as error:
+            said = getattr(error, "orig", None) or error
+            raise RecordError(
+                f"{self._name} failed: {said}",
+                "a database that can be read and written",
+                "make room on the disk or repair it",
+            ) from error
+
+    # -- what somebody did ------------------------------------------------------------------
+
+    def note(self, who: str, what: str, **details: Any) -> None:
+        """Enter something that somebody did."""
+        with self.transaction() as connection:
+            note(connection, who, what, **details)
+
+    def events(self, limit: int = 100, before: int | None = None) -> list[Event]:
+        """Return what was done, the newest first; `before` is an event's number."""
+        query = select(events).order_by(events.c.id.desc()).limit(limit)
+        if before is not None:
+            query = query.where(events.c.id < before)
+        with self.transaction() as connection:
+            return [
+                Event(
+                    row.id,
+                    datetime.fromisoformat(row.at),
+                    row.who,
+                    row.what,
+                    json.loads(row.details),
+                )
+                for row in connection.execute(query)
+            ]
+
+
+def note(connection: Connection, who: str, what: str, **details: Any) -> None:
+    """Enter something that somebody did, in a transaction that is open."""
+    connection.execute(
+        insert(events).values(at=utc_text(), who=who, what=what, details=json_text(details))
+    )
+
+
+def utc_text() -> str:
+    """Return this moment as it is stored."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _set_up(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions begin where `_begin` says
+    cursor = connection.cursor()
+    for pragma in ("busy_timeout=5000", "journal_mode=WAL", "synchronous=FULL"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _begin(connection: Connection) -> None:
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
