@@ -81,7 +81,11 @@ class Channel:
 
     def push(self, edges: EdgeBlock) -> ChannelSamples:
         """Take the next block of edges; return the windows that it completes."""
-        frequency = self._with_stuck(self._counter.push(edges))
+        return self.push_frequency(self._counter.push(edges))
+
+    def push_frequency(self, counted: FrequencySamples) -> ChannelSamples:
+        """Take the next windows of an instrument that counts by itself."""
+        frequency = self._with_stuck(counted)
         torque = self._scale.torque_samples(frequency)
         value = torque.torque_nm
         if self.certificate is not None:

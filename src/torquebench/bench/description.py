@@ -277,6 +277,12 @@ class BenchDescription(_Section):
         """Whether the figures from this bench have to say "simulated"."""
         return self.bench.driver == "simulated" or "simulation" in self.driver
 
+    @property
+    def simulation(self) -> Mapping[str, Any]:
+        """What is simulated, such as its seed and preset; empty for real instruments."""
+        own = self.driver if self.bench.driver == "simulated" else self.driver.get("simulation")
+        return dict(own or {})
+
     def module(self, side: Side) -> ModuleDescription:
         """Return the description of a side's module."""
         return self.input if side == "input" else self.output

@@ -93,8 +93,8 @@ def tell_story(
     return DemoResult(
         bench_name=description.name,
         simulated=description.simulated,
-        preset=str(description.driver.get("preset", "")),
-        seed=int(description.driver.get("seed", 0)),
+        preset=str(description.simulation.get("preset", "")),
+        seed=int(description.simulation.get("seed", 0)),
         started=started,
         bench_seconds=station.clock.now() - bench_started,
         elapsed_seconds=time.perf_counter() - clock_started,

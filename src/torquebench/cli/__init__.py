@@ -20,6 +20,7 @@ from torquebench.cli import (
     models,
     panel,
     records,
+    simulate,
 )
 from torquebench.cli.failure import guarded
 
@@ -34,7 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _group in (demo, calibrate, check_standard, certificate, models, measure, panel, doctor):
+for _group in (demo, calibrate, check_standard, certificate, models, measure, panel, doctor, simulate):
     _group.register(app)
 app.add_typer(records.app)
 app.add_typer(evaluate.app)

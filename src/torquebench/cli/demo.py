@@ -10,6 +10,7 @@ import typer
 
 from torquebench.cli.console import note, out, say
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.cli.simulate import described, simulators_running
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,7 +58,10 @@ def demo(
 
     check_output(report)
     description = _description(bench, seed, preset)
-    result = _tell(description, _settings(description, quick), data, real_time)
+    with simulators_running(description, bench) as started:
+        if started:
+            note("simulators started for this demo; they end with it")
+        result = _tell(description, _settings(description, quick), data, real_time)
     _write_report(report, result)
     _print(result)
     say(f"Report: {report}")
@@ -72,15 +76,10 @@ def _description(bench: Path | None, seed: int | None, preset: Preset | None) ->
     if not description.simulated:
         raise InputError(
             f"{bench} describes a real bench",
-            'a bench with driver = "simulated"',
+            'a bench with driver = "simulated", or with a section [driver.simulation]',
             "use `torquebench calibrate` on a real bench",
         )
-    driver = dict(description.driver)
-    if seed is not None:
-        driver["seed"] = seed
-    if preset is not None:
-        driver["preset"] = preset.value
-    return description.model_copy(update={"driver": driver})
+    return described(description, seed=seed, preset=None if preset is None else preset.value)
 
 
 def _settings(description: BenchDescription, quick: bool) -> StorySettings:
@@ -88,7 +87,7 @@ def _settings(description: BenchDescription, quick: bool) -> StorySettings:
     from torquebench.campaign.story import StorySettings
     from torquebench.procedures import FrictionSettings
 
-    seed = int(description.driver.get("seed", 1))
+    seed = int(description.simulation.get("seed", 1))
     if not quick:
         return StorySettings(seed=seed)
     return StorySettings(
@@ -108,7 +107,7 @@ def _tell(
     from torquebench.cli.progress import TerminalProgress
     from torquebench.station import Station
 
-    note(f"simulated bench: preset {description.driver.get('preset')}, seed {settings.seed}")
+    note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
     progress = TerminalProgress()
     with Station.open(description, data, real_time=real_time) as station:
         interrupts = BenchInterrupts(station, progress, may_pause=False)

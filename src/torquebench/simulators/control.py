@@ -92,6 +92,8 @@ class ControlServer(LineServer):
             }
         return {
             "time_s": self._plant.now_s,
+            "preset": bench.options.preset,
+            "seed": bench.options.seed,
             "time": self._plant.time,
             "mounted": bench.mounted(),
             "clamped": bench.clamped(),

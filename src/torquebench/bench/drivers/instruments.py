@@ -96,7 +96,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
         if options.simulation is not None:
             control = SimulationControl(options.simulation.control)
             opened.callback(control.close)
-            control.ask("status")  # simulators that aren't there are the first thing to say
+            _check_running(control)
         drives = {
             "input": open_one("drive", "input_drive", "input"),
             "output": open_one("drive", "output_drive", "output"),
@@ -120,6 +120,15 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),
         )
+
+
+def _check_running(control: SimulationControl) -> None:
+    """Say first where the simulators aren't there, rather than which of them was missed first."""
+    try:
+        control.ask("status")
+    except BenchError as error:
+        remedy = "start the simulators with `torquebench simulate --bench FILE`"
+        raise BenchError(error.found, "running simulators", remedy) from error
 
 
 def _on_demand(options: InstrumentsOptions) -> bool:
