@@ -8,7 +8,6 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -88,6 +87,8 @@ def doctor(bench: BenchOption = None, data: DataOption = DEFAULT_DATA) -> None:
 
 def installation() -> Iterator[Finding]:
     """Look at Python, the libraries and the terminal."""
+    from importlib import metadata
+
     from torquebench import __version__
 
     yield Finding("torquebench", "ok", __version__)

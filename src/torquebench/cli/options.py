@@ -22,6 +22,8 @@ __all__ = [
 DEFAULT_DATA = Path("torquebench-data")
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server; see `records.REGISTRY_URL`."""
+REGISTRY_FILE = "registry.sqlite"
+"""Where a data directory keeps its own; see `records.REGISTRY_FILE`."""
 
 DataOption = Annotated[
     Path,
@@ -53,7 +55,7 @@ def data_directory(path: Path) -> Path:
     """
     if os.environ.get(REGISTRY_URL):
         return path
-    if not (path / "registry.sqlite").is_file():
+    if not (path / REGISTRY_FILE).is_file():
         raise InputError(
             f"no records in {path}",
             "a folder in which torquebench has worked before",

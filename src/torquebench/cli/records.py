@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from torquebench.cli import drift, export, export_data, record_checks
 from torquebench.cli.console import narrow_table, out, say
-from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    REGISTRY_FILE,
+    REGISTRY_URL,
+    DataOption,
+    data_directory,
+)
 from torquebench.errors import InputError, RecordError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
+    from torquebench.records.run_list import RunLine
 
 __all__ = ["app"]
 
@@ -49,14 +58,27 @@ def list_records(
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """List runs, calibrations, models and equipment, the newest first."""
+    folder = data_directory(data)
+    if kind is Kind.runs and (runs := _runs_at_once(folder, limit)) is not None:
+        _print_runs(runs)
+        return
     from torquebench.records import Registry
 
-    with Registry.open(data_directory(data)) as registry:
+    with Registry.open(folder) as registry:
         wanted = [item for item in Kind if item is not Kind.all and kind in (item, Kind.all)]
         for number, item in enumerate(wanted):
             if number:
                 say("")
             _LISTS[item](registry, limit)
+
+
+def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
+    """Return the newest runs without opening the registry; None where it isn't a file of ours."""
+    if os.environ.get(REGISTRY_URL):
+        return None
+    from torquebench.records.run_list import newest_runs
+
+    return newest_runs(folder / REGISTRY_FILE, limit)
 
 
 @app.command("show")
@@ -81,10 +103,14 @@ def show_record(
 
 
 def _list_runs(registry: Registry, limit: int) -> None:
+    _print_runs(registry.runs(limit=limit))
+
+
+def _print_runs(runs: Sequence[RunLine | RunSummary]) -> None:
     table = narrow_table("Runs")
     for heading in ("run", "started (UTC)", "status", "bench"):
         table.add_column(heading, overflow="fold")
-    for run in registry.runs(limit=limit):
+    for run in runs:
         where = "simulated" if run.simulated else run.bench
         table.add_row(run.run_id, _moment(run.started), run.status, where)
     _print_list(table)

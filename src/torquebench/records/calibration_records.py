@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import aliased
 
-from torquebench.calibration import CalibrationData, VerificationResult, span_errors
 from torquebench.errors import ModelMismatchError, RecordError
 from torquebench.records.database import Database, as_json, equipment_row, run_row
 from torquebench.records.entries import (
@@ -28,6 +27,9 @@ from torquebench.records.schema import (
     VerificationRow,
 )
 
+if TYPE_CHECKING:
+    from torquebench.calibration import CalibrationData, VerificationResult
+
 __all__ = ["CalibrationRecords"]
 
 
@@ -36,7 +38,7 @@ class CalibrationRecords(Database):
 
     def add_calibration(
         self,
-        data: CalibrationData,
+        data: "CalibrationData",
         *,
         performed: datetime | None = None,
         run_id: str | None = None,
@@ -77,6 +79,8 @@ class CalibrationRecords(Database):
         RecordError
             Where transducer or counter aren't named, or the run isn't registered.
         """
+        from torquebench.calibration import span_errors  # not where records are only listed
+
         if not data.transducer_serial or not data.counter_identity:
             raise RecordError(
                 f"a calibration of transducer {data.transducer_serial!r} "
@@ -313,7 +317,7 @@ class CalibrationRecords(Database):
     def add_verification(
         self,
         model_id: int,
-        result: VerificationResult,
+        result: "VerificationResult",
         *,
         run_id: str | None = None,
         performed: datetime | None = None,

@@ -5,15 +5,13 @@ import json
 import math
 import os
 import secrets
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from datetime import date, datetime
 from enum import Enum
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from pydantic import BaseModel
 
 from torquebench.errors import InputError, RecordError
 
@@ -103,7 +101,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.generic | np.ndarray):
+    if _is_of("numpy", ("generic", "ndarray"), value):
         return _plain(value.tolist())
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
@@ -111,7 +109,7 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, datetime | date):
         return value.isoformat()
-    if isinstance(value, BaseModel):
+    if _is_of("pydantic", ("BaseModel",), value):
         return _plain(value.model_dump(mode="python"))
     if is_dataclass(value) and not isinstance(value, type):
         return _plain(asdict(value))
@@ -121,6 +119,12 @@ def _plain(value: Any) -> Any:
         f"a value of type {type(value).__name__} in a record",
         "numbers, text, dates, arrays, dataclasses, and lists and mappings of them",
     )
+
+
+def _is_of(library: str, names: tuple[str, ...], value: Any) -> bool:
+    """Return whether a value is of a library's types, without importing what nobody uses."""
+    module = sys.modules.get(library)
+    return module is not None and isinstance(value, tuple(getattr(module, name) for name in names))
 
 
 def read_json(path: Path) -> Any:

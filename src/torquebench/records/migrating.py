@@ -5,13 +5,10 @@ from pathlib import Path
 from sqlalchemy import Engine, inspect, text
 
 from torquebench.errors import RecordError
+from torquebench.records.schema_version import SCHEMA_VERSION, VERSIONS_TABLE
 
 __all__ = ["SCHEMA_VERSION", "upgrade"]
 
-SCHEMA_VERSION = "0001"
-"""The last migration in ``records/migrations/versions``; a test keeps the two equal."""
-
-_VERSIONS = "alembic_version"
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 
@@ -51,8 +48,8 @@ def _version(engine: Engine) -> str | None:
     """Return the schema's version; None for an empty database."""
     with engine.execution_options(writes=False).connect() as connection:
         tables = inspect(connection).get_table_names()
-        if _VERSIONS in tables:
-            found = connection.scalar(text(f"SELECT version_num FROM {_VERSIONS}"))
+        if VERSIONS_TABLE in tables:
+            found = connection.scalar(text(f"SELECT version_num FROM {VERSIONS_TABLE}"))
             return None if found is None else str(found)
         if tables:
             raise RecordError(

@@ -1,7 +1,7 @@
 """The registry's runs: entered when they start, and again when they end."""
 
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Select, func, select
 
@@ -9,8 +9,10 @@ from torquebench.errors import RecordError
 from torquebench.records.database import Database, run_row
 from torquebench.records.entries import RunSummary
 from torquebench.records.files import sha256_of_file
-from torquebench.records.run_folder import MANIFEST, RunFolder
 from torquebench.records.schema import RunEndRow, RunRow
+
+if TYPE_CHECKING:
+    from torquebench.records.run_folder import RunFolder
 
 __all__ = ["RunRecords"]
 
@@ -51,7 +53,7 @@ class RunRecords(Database):
                 session.flush()
                 session.add(RunEndRow(run=row, **ended))
 
-    def finish_run(self, folder: RunFolder, finished: datetime | None = None) -> None:
+    def finish_run(self, folder: "RunFolder", finished: datetime | None = None) -> None:
         """Enter how a sealed run ended, and the hash of its manifest.
 
         Parameters
@@ -66,6 +68,8 @@ class RunRecords(Database):
         RecordError
             Where the run isn't registered, isn't sealed, or its end is entered already.
         """
+        from torquebench.records.run_folder import MANIFEST  # not where runs are only listed
+
         manifest = folder.manifest
         with self.writing() as session:
             row = run_row(session, folder.run_id)
@@ -96,6 +100,12 @@ class RunRecords(Database):
             Only runs of this kind.
         """
         query = self.runs_query(kind).limit(limit).offset(offset)
+        with self.session() as session:
+            return [self._run(row) for row in session.execute(query)]
+
+    def unfinished_runs(self) -> list[RunSummary]:
+        """Return runs whose end isn't registered, the oldest first: they run, or were killed."""
+        query = self._runs_and_ends().where(RunEndRow.id.is_(None)).order_by(RunRow.id)
         with self.session() as session:
             return [self._run(row) for row in session.execute(query)]
 
