@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
@@ -33,6 +35,7 @@ __all__ = [
     "Measured",
     "OnPause",
     "RunAbortedError",
+    "acting_as",
     "measure_calibration",
     "measure_check",
     "measure_friction",
@@ -181,9 +184,22 @@ def _metadata(side: Side, profile: Profile) -> dict[str, str]:
     }
 
 
+_acting: ContextVar[str] = ContextVar("torquebench_operator", default="")
+
+
+@contextlib.contextmanager
+def acting_as(name: str) -> Iterator[None]:
+    """Let a person be the operator of everything that this thread does until the block ends."""
+    before = _acting.set(name)
+    try:
+        yield
+    finally:
+        _acting.reset(before)
+
+
 def operator_name() -> str:
-    """Return who works here: `$TORQUEBENCH_OPERATOR`, or the name of the account."""
-    named = os.environ.get("TORQUEBENCH_OPERATOR")
+    """Return who works here: whom `acting_as` names, `$TORQUEBENCH_OPERATOR`, or the account."""
+    named = _acting.get() or os.environ.get("TORQUEBENCH_OPERATOR")
     if named:
         return named
     try:

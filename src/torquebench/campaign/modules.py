@@ -68,7 +68,7 @@ def register_calibration(
     measured: Measured[StaircaseResult],
     profile: Profile,
     fitted: Sequence[FittedModel],
-    active: str,
+    active: str | None,
 ) -> RegisteredCalibration:
     """Register a calibration, store its models beside the runs and put one of them into use.
 
@@ -81,8 +81,8 @@ def register_calibration(
         That it followed.
     fitted : sequence of FittedModel
         Models of it.
-    active : str
-        Name of the one that the module compensates with from now on.
+    active : str or None
+        Name of the one that the module compensates with from now on; None leaves that open.
     """
     registry, result = station.registry, measured.result
     entry = registry.add_calibration(
@@ -104,7 +104,8 @@ def register_calibration(
         models[item.name] = registry.add_model(
             entry, kind=item.model.kind, file=path, side=result.data.side, metrics=metrics
         )
-    registry.activate(models[active].model_id, reason="recommended by the calibration")
+    if active is not None:
+        registry.activate(models[active].model_id, reason="recommended by the calibration")
     return RegisteredCalibration(entry, models)
 
 
