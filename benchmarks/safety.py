@@ -72,11 +72,11 @@ class Timed:
             ramp(drive, duration_s)
             self.told.append(time.monotonic())
 
-        SimulatedDrive.ramp_to_zero = noted  # type: ignore[method-assign]
+        setattr(SimulatedDrive, "ramp_to_zero", noted)  # noqa: B010 - as a test would
         try:
             yield
         finally:
-            SimulatedDrive.ramp_to_zero = ramp  # type: ignore[method-assign]
+            setattr(SimulatedDrive, "ramp_to_zero", ramp)  # noqa: B010
 
 
 def wall_of(station: Station, bench_s: float) -> float:
@@ -152,7 +152,7 @@ def loaded(station: Station) -> Generator[Msg, Any, None]:
 def one_trial(
     station: Station, timed: Timed, cause: str, draw: np.random.Generator
 ) -> tuple[float, str]:
-    """Return how long it took from a violation to the last drive's zero command, s, and the alarm."""
+    """Return the time from a violation to the last drive's zero command, s, and the alarm."""
     moments: list[Callable[[], float]] = []
 
     def break_it() -> None:

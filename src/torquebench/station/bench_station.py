@@ -12,6 +12,8 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from torquebench.bench.acquisition import Acquisition
+from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
+from torquebench.bench.auditing import audited
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.compensating import ActiveCompensation
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
@@ -25,17 +27,13 @@ from torquebench.bench.roles import Side
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.state import CommandState
 from torquebench.compensation import load_model
-from torquebench.errors import BenchError, ModelMismatchError, RecordError, TorquebenchError
-from torquebench.records import Registry, RunFolder, RunWriter
+from torquebench.errors import BenchError, ModelMismatchError, TorquebenchError
+from torquebench.records import Registry
 from torquebench.station.engine import BenchEngine, Plan
-from torquebench.station.journal import RunJournal
-from torquebench.station.queued_journal import QueuedJournal
-from torquebench.station.registration import (
-    register_equipment,
-    run_metadata,
-    run_summary,
-)
+from torquebench.station.recording import Recording, RunEnd
+from torquebench.station.registration import register_equipment
 from torquebench.station.runs import ProgressCallback, RunRecord
+from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
 __all__ = ["Station", "data_directory"]
 
@@ -89,12 +87,21 @@ class Station:
         real_time: bool = False,
     ) -> None:
         self.description = description
-        self.drivers = drivers
         self.data_dir = data_dir
         self.interrupt_action: Literal["abort", "pause"] = "abort"
         self.clock = BenchClock(fast=drivers.simulated_time and not real_time)
         commands = CommandState()
-        self.supervisor = SafetySupervisor(description, drivers, self.clock, commands)
+        self.audit = AuditLog(
+            data_dir / AUDIT_FOLDER, bench=description.name, bench_time=self.clock.now
+        )
+        ramp_s = description.safety.ramp_to_zero_s
+        own = audited(drivers, self.audit, "supervisor", lambda: None, ramp_s)
+        self.supervisor = SafetySupervisor(description, own, self.clock, commands)
+        self.supervisor.subscribe(self._audit_alarm)
+        self.audit.on_failure = self._warn_of_audit
+        drivers = audited(drivers, self.audit, "procedure", lambda: self.supervisor.alarm, ramp_s)
+        self.drivers = drivers
+        self.recovered: tuple[RecoveredRun, ...] = ()
         self.acquisition = Acquisition(description, drivers, self.clock, self.supervisor, commands)
         self.interlocks = Interlocks(
             description, drivers, self.supervisor, commands, self.acquisition
@@ -112,7 +119,6 @@ class Station:
         self.devices = BenchDevices(context)
         self.engine = BenchEngine(self.clock, self.supervisor)
         self.engine.on_interrupt = self._on_interrupt
-        self._queued: QueuedJournal | None = None
         self._run_lock = threading.Lock()
         self._closed = False
 
@@ -167,6 +173,8 @@ class Station:
         self.registry = Registry.open(self.data_dir)
         check_identities(self.description, self.drivers.identities())
         register_equipment(self.registry, self.description)
+        self.recovered = recover_unfinished(self.registry)
+        self.audit.write("bench opens", recovered=[run.run_id for run in self.recovered])
         self.supervisor.start()
         self.acquisition.start()
         self.engine.call(self.devices.connect())
@@ -194,6 +202,8 @@ class Station:
         self.supervisor.close()
         self.engine.close()
         self.drivers.close()
+        self.audit.write("bench closes")
+        self.audit.close()
         if hasattr(self, "registry"):
             self.registry.close()
 
@@ -268,37 +278,37 @@ class Station:
         on_pause: OnPause | None,
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
-        head = str(self.registry.head())  # ties the folder to all records before it
-        known = {**run_metadata(self.devices.context), "registry_head": head, **metadata}
-        writer = RunFolder.create(self.data_dir / "runs", known, kind=kind)
         started_s, before = self.clock.now(), self.devices.interruptions
         alarms_before = len(self.supervisor.history)
-        self.registry.add_run(run_summary(writer, kind, known))
+        recording = Recording(
+            self.devices.context, self.registry, self.audit, self.data_dir / "runs", kind, metadata
+        )
+        writer = recording.writer
         self.engine.progress = progress
         self.engine.on_held = self._on_held
         self.engine.attend = lambda: self._attend(on_pause)
-        journal = RunJournal(writer, edges=self.description.recording.edges)
-        # Fast simulated time waits for the disk; real time doesn't.
-        self._queued = None if self.clock.fast else QueuedJournal(journal)
-        self.acquisition.set_journal(self._queued or journal)
+
+        def finish(status: RunEnd, reason: str) -> None:
+            self._finish(recording, status, reason)
+
         if not self.clock.fast:
             self._watch_loop()
         try:
-            outcome = self.engine.run(plan, self._recorder(writer))
+            outcome = self.engine.run(plan, recording.document)
             aborted = outcome.exit_status != "success"
             if not aborted and outcome.plan_result is not None:
                 writer.write_results(outcome.plan_result)
         except Exception as error:
             cause = self._cause(error, alarms_before)
-            self._finish_failed(writer, cause, str(cause))
+            recording.end_failed(finish, cause)
             if cause is error:
                 raise
             raise cause from error
         except BaseException as error:  # a second Ctrl-C: the folder is still sealed
-            self._finish_failed(writer, error, "the program was interrupted")
+            recording.end_failed(finish, error)
             raise
         reason = outcome.reason if aborted else ""
-        self._finish(writer, "aborted" if aborted else "completed", reason)
+        finish("aborted" if aborted else "completed", reason)
         return RunRecord(
             run_id=writer.run_id,
             kind=kind,
@@ -309,65 +319,24 @@ class Station:
             bench_seconds=self.clock.now() - started_s,
             interruptions=self.devices.interruptions - before,
             alarms=self.supervisor.history[alarms_before:],
-            metadata=known,
+            metadata=recording.known,
         )
 
-    def _finish(
-        self, writer: RunWriter, status: Literal["completed", "aborted", "failed"], reason: str
-    ) -> None:
+    def _finish(self, recording: Recording, status: RunEnd, reason: str) -> None:
         """Come to rest, end the recording, seal the folder, enter it into the registry."""
-        self.supervisor.release("run engine")
+        for name in ("run engine", "procedure"):
+            self.supervisor.release(name)
+        self.supervisor.limits.loosen()
         self._come_to_rest(disable=status != "completed")
         self.supervisor.wait_safe(self.description.safety.stall_s + REST_TIMEOUT_S)
-        self.acquisition.set_journal(None)
         self.engine.progress = None
         self.engine.attend = lambda: None
-        lost = self._end_recording()
-        if lost is not None and status != "failed":
-            self.registry.finish_run(writer.seal("failed", str(lost)))
-            raise lost
-        self.registry.finish_run(writer.seal(status, reason))
-
-    def _end_recording(self) -> RecordError | None:
-        """Wait until every block is kept; trip and return the error where that fails."""
-        queued, self._queued = self._queued, None
-        try:
-            if queued is not None:
-                queued.close()
-        except RecordError as error:
-            self.supervisor.trip(
-                AlarmKind.JOURNAL, "journal", error.found, error.allowed, error.remedy
-            )
-            return error
-        return None
-
-    def _finish_failed(self, writer: RunWriter, error: BaseException, reason: str) -> None:
-        """Finish a failed run; a folder that can't even be sealed doesn't hide why it failed."""
-        try:
-            self._finish(writer, "failed", reason)
-        except (RecordError, OSError) as unsealed:
-            error.add_note(f"{writer.path} stays open to be recovered: {unsealed}")
+        recording.end(status, reason)
 
     def _cause(self, error: Exception, alarms_before: int) -> Exception:
         """Return the alarm that ended a run, or else the error itself."""
         alarms = self.supervisor.history[alarms_before:]
         return alarms[0].error() if alarms else error
-
-    def _recorder(self, writer: RunWriter) -> Callable[[str, dict[str, Any]], None]:
-        def record(name: str, document: dict[str, Any]) -> None:
-            try:
-                writer.document(name, document)
-            except Exception as error:
-                self.supervisor.trip(
-                    AlarmKind.JOURNAL,
-                    "documents",
-                    str(error),
-                    "every document kept",
-                    "make room on the disk or repair it, then repeat the run",
-                )
-                raise
-
-        return record
 
     def _watch_loop(self) -> None:
         """Have the supervisor watch that the run engine's loop answers."""
@@ -385,6 +354,32 @@ class Station:
     def alarms(self) -> tuple[StandingAlarm, ...]:
         """Alarms and warnings that stand, the worst first."""
         return self.supervisor.alarms
+
+    def _audit_alarm(self, entry: StandingAlarm) -> None:
+        """Write what becomes of an alarm into the audit log."""
+        alarm = entry.alarm
+        event = f"{alarm.level.name.lower()} alarm"
+        if entry.acknowledged is not None:
+            event += " acknowledged"
+        elif entry.cleared is not None:
+            event += " cleared"
+        self.audit.write(
+            event,
+            number=alarm.number,
+            alarm=alarm.name,
+            found=alarm.found,
+            allowed=alarm.allowed,
+            **({"by": entry.acknowledged_by} if entry.acknowledged_by else {}),
+        )
+
+    def _warn_of_audit(self, failure: str) -> None:
+        self.supervisor.warn(
+            AlarmKind.AUDIT,
+            "audit log",
+            f"a line can't be written: {failure}",
+            "every command in the audit log",
+            "make room on the disk or repair it",
+        )
 
     def acknowledge_alarm(self, who: str) -> Alarm | None:
         """Clear the latched alarm once its cause is gone; see `SafetySupervisor.acknowledge`."""

@@ -1,0 +1,204 @@
+"""The audit log: one JSON line for every command to the bench, alarm, run and acknowledgement.
+
+It lies beside the records (`audit/audit.jsonl` in the data directory), and each run's part also
+in the run's folder, where the manifest seals it. A line is written before a command is given, so
+that a process that dies with the command has said what it was about to do.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+__all__ = ["AUDIT_FILE", "AUDIT_FOLDER", "AuditLog", "read_audit"]
+
+AUDIT_FOLDER = "audit"
+AUDIT_FILE = "audit.jsonl"
+"""Name of the log in its folder and of a run's part in the run's folder."""
+LARGEST_BYTES = 8_000_000
+"""A log that has grown beyond this is put aside under the time of its end."""
+KEPT_FILES = 64
+"""So many of those are kept; runs keep their own part in any case."""
+
+
+class AuditLog:
+    """Appends lines, each bound to bench, run and operator; safe to use from any thread.
+
+    A disk that fails never keeps a command from the bench: the failure is reported once, by
+    `on_failure`, and the next line is tried again.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Where the log lies; created when the first line comes.
+    bench : str
+    bench_time : callable
+        Bench time, s.
+    largest_bytes, kept_files : int
+        When a log is put aside, and how many of those are kept.
+
+    Attributes
+    ----------
+    on_failure : callable
+        Called with what a line couldn't be written for, once until a line is written again.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        bench: str,
+        bench_time: Callable[[], float] = lambda: 0.0,
+        largest_bytes: int = LARGEST_BYTES,
+        kept_files: int = KEPT_FILES,
+    ) -> None:
+        self.path = folder / AUDIT_FILE
+        self.on_failure: Callable[[str], None] = lambda _failure: None
+        self._bench_time = bench_time
+        self._largest = largest_bytes
+        self._kept = kept_files
+        self._lock = threading.RLock()
+        self._file: int | None = None
+        self._size = 0
+        self._part: int | None = None
+        self._failed = False
+        self._logger = structlog.wrap_logger(
+            _Sink(self._line),
+            processors=[
+                self._stamp,
+                structlog.processors.TimeStamper(fmt="iso", utc=True, key="time"),
+                structlog.processors.JSONRenderer(
+                    serializer=json.dumps, ensure_ascii=False, default=str
+                ),
+            ],
+            wrapper_class=structlog.BoundLogger,
+            context_class=dict,
+            cache_logger_on_first_use=False,
+        ).bind(bench=bench)
+
+    def _stamp(
+        self, _logger: Any, _method: str, event: MutableMapping[str, Any]
+    ) -> Mapping[str, Any]:
+        return {**event, "bench_time_s": round(self._bench_time(), 6)}
+
+    # -- what is bound ----------------------------------------------------------------------
+
+    def begin_run(self, run_id: str, operator: str, folder: Path) -> None:
+        """Bind every line to a run and its operator, and keep them in its folder too."""
+        with self._lock:
+            self._logger = self._logger.bind(run=run_id, operator=operator)
+            try:
+                self._part = os.open(folder / AUDIT_FILE, _APPEND, 0o644)
+            except OSError as error:
+                self._fails(f"{folder / AUDIT_FILE}: {error.strerror}")
+
+    def end_run(self) -> None:
+        """Bind lines to no run any more."""
+        with self._lock:
+            self._logger = self._logger.try_unbind("run", "operator")
+            if self._part is not None:
+                os.close(self._part)
+                self._part = None
+
+    def write(self, event: str, /, **values: Any) -> None:
+        """Append a line: what happened, and its values."""
+        self._logger.info(event, **values)
+
+    def close(self) -> None:
+        """Close the files. A later line opens the log again."""
+        with self._lock:
+            for file in (self._file, self._part):
+                if file is not None:
+                    os.close(file)
+            self._file = self._part = None
+
+    # -- files ------------------------------------------------------------------------------
+
+    def _line(self, line: str) -> None:
+        content = line.encode() + b"\n"
+        with self._lock:
+            try:
+                for file in (self._part, self._opened()):
+                    if file is not None:
+                        _write_whole(file, content)
+                self._size += len(content)
+                if self._size > self._largest:
+                    self._put_aside()
+            except OSError as error:
+                self._fails(f"{self.path}: {error.strerror or error}")
+            else:
+                self._failed = False
+
+    def _opened(self) -> int:
+        if self._file is None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(self.path, _APPEND, 0o644)
+            self._size = os.fstat(self._file).st_size
+        return self._file
+
+    def _put_aside(self) -> None:
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+        self.path.rename(self.path.with_name(f"audit-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.jsonl"))
+        for old in _aside(self.path.parent)[: -self._kept]:
+            old.unlink(missing_ok=True)
+
+    def _fails(self, failure: str) -> None:
+        told, self._failed = self._failed, True
+        if not told:
+            self.on_failure(failure)
+
+
+_APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+
+
+class _Sink:
+    """What structlog hands its lines to."""
+
+    def __init__(self, write: Callable[[str], None]) -> None:
+        self._write = write
+
+    def info(self, line: str) -> None:
+        self._write(line)
+
+
+def _write_whole(file: int, content: bytes) -> None:
+    written = 0
+    while written < len(content):
+        written += os.write(file, content[written:])
+
+
+def _aside(folder: Path) -> list[Path]:
+    return sorted(folder.glob("audit-*.jsonl"))
+
+
+def read_audit(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the lines of a log, or of the log and everything put aside in a folder, oldest first.
+
+    A line that a power cut has torn is left out.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A file, or the folder of the log; one that doesn't exist holds nothing.
+    """
+    files = [*_aside(path), path / AUDIT_FILE] if path.is_dir() else [path]
+    for file in files:
+        if not file.exists():
+            continue
+        with file.open(encoding="utf-8", errors="replace") as lines:
+            for line in lines:
+                try:
+                    entry = json.loads(line)
+                except ValueError:
+                    continue
+                if isinstance(entry, dict):
+                    yield entry

@@ -1,0 +1,54 @@
+"""Which run folders are being written right now: a lock that goes when its process goes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+__all__ = ["RunHold"]
+
+LOCKED_FILE = "run.json"
+"""The file of a run's folder that is locked: it exists from the start and never changes."""
+
+
+class RunHold:
+    """Keeps a run's folder for this process; the operating system lets go when the process ends.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of the run.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file: int | None = os.open(folder / LOCKED_FILE, os.O_RDONLY)
+        if not _lock(self._file):
+            self.release()
+
+    @property
+    def held(self) -> bool:
+        """Whether this process holds the folder; another one may hold it."""
+        return self._file is not None
+
+    def release(self) -> None:
+        """Let go. A second call does nothing."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+if sys.platform == "win32":  # pragma: no cover - files that are being written can't be sealed there
+
+    def _lock(_file: int) -> bool:
+        return True
+
+else:
+    import fcntl
+
+    def _lock(file: int) -> bool:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            return False
+        return True

@@ -1,0 +1,120 @@
+"""One run's way to the disk: its folder, its blocks and documents, its part of the audit log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from torquebench.bench.audit import AuditLog
+from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.safety import AlarmKind
+from torquebench.errors import RecordError
+from torquebench.records import Registry, RunFolder
+from torquebench.station.holding import RunHold
+from torquebench.station.journal import RunJournal
+from torquebench.station.queued_journal import QueuedJournal
+from torquebench.station.registration import run_metadata, run_summary
+
+__all__ = ["Recording", "RunEnd"]
+
+RunEnd = Literal["completed", "aborted", "failed"]
+
+
+class Recording:
+    """Keeps everything of one run from its first block to its seal.
+
+    Parameters
+    ----------
+    context : BenchContext
+    registry : Registry
+    audit : AuditLog
+    runs : pathlib.Path
+        Folder of all runs.
+    kind : str
+    metadata : mapping
+        What is known of the run beside what the bench knows of itself.
+    """
+
+    def __init__(
+        self,
+        context: BenchContext,
+        registry: Registry,
+        audit: AuditLog,
+        runs: Path,
+        kind: str,
+        metadata: Mapping[str, Any],
+    ) -> None:
+        self._context = context
+        self._registry = registry
+        self._audit = audit
+        head = str(registry.head())  # ties the folder to all records before it
+        self.known: dict[str, Any] = {**run_metadata(context), "registry_head": head, **metadata}
+        self.writer = RunFolder.create(runs, self.known, kind=kind)
+        self._hold = RunHold(self.writer.path)
+        registry.add_run(run_summary(self.writer, kind, self.known))
+        operator = str(self.known.get("operator", ""))
+        audit.begin_run(self.writer.run_id, operator, self.writer.path)
+        audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))
+        journal = RunJournal(self.writer, edges=context.description.recording.edges)
+        # Fast simulated time waits for the disk; real time doesn't.
+        self._queued = None if context.clock.fast else QueuedJournal(journal)
+        context.acquisition.set_journal(self._queued or journal)
+
+    def document(self, name: str, document: dict[str, Any]) -> None:
+        """Keep a document; one that can't be kept stops the bench."""
+        try:
+            self.writer.document(name, document)
+        except Exception as error:
+            self._context.supervisor.trip(
+                AlarmKind.JOURNAL,
+                "documents",
+                str(error),
+                "every document kept",
+                "make room on the disk or repair it, then repeat the run",
+            )
+            raise
+
+    def end(self, status: RunEnd, reason: str) -> None:
+        """End the recording, seal the folder and enter it into the registry.
+
+        Raises
+        ------
+        RecordError
+            Something couldn't be kept; the folder is sealed as failed.
+        """
+        self._context.acquisition.set_journal(None)
+        try:
+            lost = self._flush()
+            if lost is not None and status != "failed":
+                status, reason = "failed", str(lost)
+            else:
+                lost = None
+            self._audit.write("run ends", status=status, reason=reason)
+            self._audit.end_run()
+            self._registry.finish_run(self.writer.seal(status, reason))
+            if lost is not None:
+                raise lost
+        finally:
+            self._audit.end_run()
+            self._hold.release()
+
+    def _flush(self) -> RecordError | None:
+        """Wait until every block is kept; trip and return the error where that fails."""
+        queued, self._queued = self._queued, None
+        try:
+            if queued is not None:
+                queued.close()
+        except RecordError as error:
+            self._context.supervisor.trip(
+                AlarmKind.JOURNAL, "journal", error.found, error.allowed, error.remedy
+            )
+            return error
+        return None
+
+    def end_failed(self, end: Callable[[RunEnd, str], None], error: BaseException) -> None:
+        """End a failed run; a folder that can't even be sealed doesn't hide why it failed."""
+        try:
+            end("failed", str(error) or "the program was interrupted")
+        except (RecordError, OSError) as unsealed:
+            error.add_note(f"{self.writer.path} stays open to be recovered: {unsealed}")

@@ -1,0 +1,99 @@
+"""Runs that a kill, a power cut or a full disk left open: found and sealed at the next start."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from dataclasses import dataclass
+
+from torquebench.errors import RecordError
+from torquebench.records import Registry, RunFolder, RunSummary
+from torquebench.station.holding import RunHold
+
+__all__ = ["RecoveredRun", "recover_unfinished"]
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class RecoveredRun:
+    """A run that was found open and was sealed as interrupted.
+
+    Parameters
+    ----------
+    run_id, kind, side : str
+    points : int
+        Acknowledged points that were kept.
+    torn_bytes : int
+        Bytes of incomplete ends that were left out.
+    problem : str
+        Why it could not be sealed yet; empty when it was.
+    """
+
+    run_id: str
+    kind: str
+    side: str
+    points: int
+    torn_bytes: int = 0
+    problem: str = ""
+
+    @property
+    def resumable(self) -> bool:
+        """Whether `torquebench calibrate --resume` may go on with it."""
+        return self.kind.startswith("calibrate-") and self.points > 0 and not self.problem
+
+    @property
+    def advice(self) -> str:
+        """What to do about it."""
+        if self.problem:
+            return f"it can't be sealed yet ({self.problem}); make room or repair the disk"
+        if self.resumable:
+            return f"go on with `torquebench calibrate --resume {self.run_id}`, or start again"
+        return "start again; what was recorded stays"
+
+
+def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
+    """Seal every run of a registry that is open although nobody writes it any more.
+
+    Complete documents and samples are kept, incomplete ends are cut off and counted; nothing is
+    filled in. A run that another process holds is left alone.
+    """
+    found = []
+    for run in registry.unfinished_runs():
+        recovered = _recovered(registry, run)
+        if recovered is not None:
+            found.append(recovered)
+    return tuple(found)
+
+
+def _recovered(registry: Registry, run: RunSummary) -> RecoveredRun | None:
+    try:
+        folder = RunFolder.open(run.folder)
+        hold = RunHold(folder.path)
+    except (RecordError, OSError) as error:
+        return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
+    if not hold.held:
+        return None
+    torn_bytes = 0
+    try:
+        if not folder.sealed:
+            report = folder.recover()
+            torn_bytes = report.torn_document_bytes + report.torn_raw_bytes + report.torn_edge_bytes
+        with contextlib.suppress(RecordError):  # another process was quicker
+            registry.finish_run(folder)
+        return RecoveredRun(run.run_id, run.kind, run.side, _points(folder), torn_bytes)
+    except (RecordError, OSError) as error:
+        logger.warning("run %s can't be recovered: %s", run.run_id, error)
+        return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
+    finally:
+        hold.release()
+
+
+def _points(folder: RunFolder) -> int:
+    """Count the points that were acknowledged, zeros and other streams left out."""
+    streams = {
+        document["uid"]
+        for _, document in folder.documents("descriptor")
+        if document.get("name") == "points"
+    }
+    return sum(document["descriptor"] in streams for _, document in folder.documents("event"))
