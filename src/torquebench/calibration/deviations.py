@@ -1,7 +1,7 @@
 """Where a calibration departs from its profile, and which clause of the profile each one breaks."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from datetime import date, datetime
 from typing import Literal
 
@@ -34,6 +34,7 @@ DeviationKind = Literal[
 ]
 
 _WORDS = {1: "clockwise", -1: "counter-clockwise", 0: "through both directions"}
+_KEYS = {1: "clockwise", -1: "counter_clockwise", 0: "both_directions"}
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,10 @@ class Deviation:
         With value and unit.
     consequence : {"refuse", "state"}
         Whether a certificate is refused or states the deviation.
+    key : str
+        Which sentence `found` is, for who says it in another language.
+    values : mapping of str to str or number
+        What that sentence is filled with.
     """
 
     kind: DeviationKind
@@ -103,6 +108,8 @@ class Deviation:
     found: str
     allowed: str
     consequence: Consequence
+    key: str = ""
+    values: Mapping[str, str | float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"{self.found}; allowed: {self.allowed} (clause {self.clause})"
@@ -158,10 +165,22 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
                 "loading.settle_limit_s",
                 f"{record.unsettled} of {len(record.data)} points still drifted",
                 f"settled within {profile.loading.settle_limit_s:g} s more",
+                "unsettled",
+                count=record.unsettled,
+                points=len(record.data),
+                limit=profile.loading.settle_limit_s,
             )
         )
     found += [
-        _deviation(profile, "changed_record", "deviations.changed_record", change, "no change")
+        _deviation(
+            profile,
+            "changed_record",
+            "deviations.changed_record",
+            change,
+            "no change",
+            "changed_record",
+            change=change,
+        )
         for change in record.changes
     ]
     return tuple(found)
@@ -187,7 +206,8 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
 def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     """Return the data with the profile's nearest step as nominal torque of each point.
 
-    Data that have nominal torques already are returned as they are.
+    Data that have nominal torques already are returned as they are. In an adaptive calibration,
+    points further than 1 % of the range from every step were placed, and are their own nominal.
 
     Raises
     ------
@@ -207,15 +227,25 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
         raise InputError(f"profile {profile.name} has no steps", "a profile of steps")
     rising = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
     nearest = np.argmin(np.abs(np.abs(data.standard_nm)[:, None] - rising), axis=1)
-    return replace(data, nominal_nm=rising[nearest] * np.where(data.standard_nm < 0, -1.0, 1.0))
+    nominal = rising[nearest] * np.where(data.standard_nm < 0, -1.0, 1.0)
+    if profile.adaptive is not None:
+        placed = np.abs(data.standard_nm - nominal) > 0.01 * data.range_nm
+        nominal[placed] = data.standard_nm[placed]
+    return replace(data, nominal_nm=nominal)
 
 
 def _deviation(
-    profile: Profile, kind: DeviationKind, clause: str, found: str, allowed: str
+    profile: Profile,
+    kind: DeviationKind,
+    clause: str,
+    found: str,
+    allowed: str,
+    key: str,
+    **values: str | float,
 ) -> Deviation:
-    key = "missing_series" if kind == "missing_step" else kind
-    consequence: Consequence = getattr(profile.deviations, key)
-    return Deviation(kind, clause, found, allowed, consequence)
+    setting = "missing_series" if kind == "missing_step" else kind
+    consequence: Consequence = getattr(profile.deviations, setting)
+    return Deviation(kind, clause, found, allowed, consequence, key, values)
 
 
 def _expected(profile: Profile) -> Iterator[_Expected]:
@@ -249,6 +279,9 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 expected.clause,
                 f"no series {words}",
                 f"a series of {shape} torque",
+                "missing_series_up_down" if expected.decreasing else "missing_series_up",
+                direction=_KEYS[expected.sign],
+                position=expected.position_deg,
             )
             continue
         fitting = [each for each in candidates if each[1] == expected.decreasing]
@@ -261,6 +294,10 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 expected.clause,
                 f"series {data.series[member[0]]} {words} has no decreasing torque",
                 "increasing and decreasing torque",
+                "no_decreasing",
+                series=int(data.series[member[0]]),
+                direction=_KEYS[expected.sign],
+                position=expected.position_deg,
             )
         yield from _missing_steps(data, profile, member, expected, decreasing)
 
@@ -318,6 +355,10 @@ def _missing_steps(
             f"loading.{key}",
             f"series {data.series[member[0]]} lacks {', '.join(lacking[:4])}{more}",
             "every step in every series",
+            "missing_step",
+            series=int(data.series[member[0]]),
+            steps=", ".join(lacking[:4]).replace("up", "↑").replace("down", "↓"),
+            count=len(lacking),
         )
 
 
@@ -340,6 +381,13 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
             f"the step {data.nominal_nm[worst]:.6g} N·m of series {number} was loaded with "
             f"{data.standard_nm[worst]:.6g} N·m, {off[worst]:.2g} % off{more}",
             f"at most {tolerance:g} % off",
+            "step_off",
+            series=int(number),
+            nominal=float(data.nominal_nm[worst]),
+            standard=float(data.standard_nm[worst]),
+            off=float(f"{off[worst]:.2g}"),
+            count=int(member.size),
+            limit=tolerance,
         )
 
 
@@ -356,6 +404,8 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
                     "loading.zero_return",
                     f"series {number} has no zero after it",
                     "a zero after every series",
+                    "zero_missing",
+                    series=int(number),
                 )
     if limit is None or not np.any(returned):
         return
@@ -370,6 +420,11 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
             f"the zero after series {number} returned to {data.reading_nm[worst]:.4g} N·m, "
             f"{share[worst]:.2g} % of full scale",
             f"at most {limit:g} % of full scale",
+            "zero_return",
+            series=int(number),
+            zero=float(f"{data.reading_nm[worst]:.4g}"),
+            share=float(f"{share[worst]:.2g}"),
+            limit=limit,
         )
 
 
@@ -386,6 +441,9 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
                 "reference.in_date",
                 f"nobody has stated until when the certificate of {name} counts",
                 f"a certificate that counts on {performed.isoformat()}",
+                "reference_unknown",
+                standard=name,
+                day=performed.isoformat(),
             )
     elif performed > reference.due:
         number = f" {reference.certificate_number}" if reference.certificate_number else ""
@@ -395,6 +453,11 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
             "reference.in_date",
             f"the certificate{number} of {name} expired on {reference.due.isoformat()}",
             f"a certificate that counts on {performed.isoformat()}",
+            "reference_expired",
+            standard=name,
+            number=reference.certificate_number or "-",
+            due=reference.due.isoformat(),
+            day=performed.isoformat(),
         )
 
 
@@ -411,4 +474,9 @@ def _temperature(data: CalibrationData, profile: Profile) -> Iterator[Deviation]
             "environment.temperature_drift_k",
             f"the temperature drifted by {drift:.2g} K ({low:.1f} °C to {high:.1f} °C)",
             f"at most {limit:g} K",
+            "temperature_drift",
+            drift=float(f"{drift:.2g}"),
+            low=round(low, 1),
+            high=round(high, 1),
+            limit=limit,
         )
