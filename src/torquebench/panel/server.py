@@ -130,6 +130,7 @@ def create_app(service: BenchService, address: Address | None = None) -> FastAPI
         app,
         title="torquebench",
         dark=None,
+        tailwind=False,  # the panel has its own style sheet
         show_welcome_message=False,
         storage_secret=storage_secret(service.station.data_dir),
         session_middleware_kwargs={"same_site": "strict", "https_only": address.secure},

@@ -1,23 +1,8 @@
-"""The panel's pages, in NiceGUI."""
+"""The pages that a person at the bench sees: live, calibrate, tests, records, settings, alarms.
 
-from __future__ import annotations
+`register_pages(service)` adds them to NiceGUI's application; they talk to the panel's service only.
+"""
 
-from nicegui import ui
-
-from torquebench.panel.service import BenchService
+from torquebench.panel.pages.register import register_pages
 
 __all__ = ["register_pages"]
-
-
-def register_pages(service: BenchService) -> None:
-    """Add every page to NiceGUI's application."""
-
-    @ui.page("/")
-    def live() -> None:
-        torque = ui.label()
-
-        def paint() -> None:
-            side = service.snapshot().sides["output"]
-            torque.text = f"{side.torque.value} N·m"
-
-        ui.timer(0.1, paint)

@@ -1,0 +1,171 @@
+"""Charts of curves and points, in the colours of the page's look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nicegui import ui
+
+__all__ = ["COLOURS", "Chart", "Line"]
+
+COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
+"""Custom properties of the style sheet, told apart by colour-blind readers."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One named line or cloud of points.
+
+    Parameters
+    ----------
+    title : str
+    x, y : sequence of float
+    colour : str
+        Custom property of the style sheet.
+    points : bool
+        Symbols instead of a line.
+    dashed : bool
+    symbol : str
+        ECharts' name of the symbol.
+    """
+
+    title: str
+    x: Sequence[float]
+    y: Sequence[float]
+    colour: str = "--series-1"
+    points: bool = False
+    dashed: bool = False
+    symbol: str = "circle"
+
+
+def _colour(name: str) -> str:
+    return f"cssColour({name!r})"
+
+
+def _axis(title: str, *, vertical: bool, names: Sequence[str] = ()) -> dict[str, Any]:
+    axis: dict[str, Any] = {
+        "type": "category" if names else "value",
+        "name": title,
+        "nameLocation": "end" if vertical else "middle",
+        "nameGap": 14 if vertical else 34,
+        "nameTextStyle": {
+            "fontSize": 14,
+            "align": "left" if vertical else "center",
+            "padding": [0, 0, 0, -56] if vertical else 0,
+            ":color": _colour("--muted"),
+        },
+        "axisLabel": {"fontSize": 13, ":color": _colour("--muted"), "hideOverlap": True},
+        "axisLine": {"show": not vertical, "lineStyle": {":color": _colour("--line")}},
+        "splitLine": {"show": True, "lineStyle": {":color": _colour("--line")}},
+        "scale": True,
+    }
+    if names:
+        axis["data"] = list(names)
+    else:
+        axis["axisLabel"][":formatter"] = "(value) => chartNumber(value)"
+    return axis
+
+
+def _series(line: Line, *, names: bool) -> dict[str, Any]:
+    data = (
+        [_number(value) for value in line.y]
+        if names
+        else [[_number(x), _number(y)] for x, y in zip(line.x, line.y, strict=True)]
+    )
+    return {
+        "type": "scatter" if line.points else "line",
+        "name": line.title,
+        "data": data,
+        "symbol": line.symbol if line.points else "none",
+        "symbolSize": 7,
+        "animation": False,
+        "lineStyle": {
+            "width": 2,
+            "type": "dashed" if line.dashed else "solid",
+            ":color": _colour(line.colour),
+        },
+        "itemStyle": {":color": _colour(line.colour)},
+    }
+
+
+def _number(value: float) -> float | None:
+    number = float(value)
+    return number if number == number else None
+
+
+class Chart:
+    """A chart with two axes; what it shows is also said in words beside it.
+
+    Parameters
+    ----------
+    label : str
+        What it shows, for those who can't see it.
+    x_title, y_title : str
+        With units.
+    lines : sequence of Line
+    limits : iterable of float
+        Horizontal dashed lines.
+    names : sequence of str
+        Names along the horizontal axis instead of numbers.
+    tall : bool
+    """
+
+    def __init__(
+        self,
+        label: str,
+        x_title: str,
+        y_title: str,
+        lines: Sequence[Line] = (),
+        *,
+        limits: Iterable[float] = (),
+        names: Sequence[str] = (),
+        tall: bool = False,
+    ) -> None:
+        self._limits = tuple(limits)
+        self._names = tuple(names)
+        options: dict[str, Any] = {
+            "animation": False,
+            "grid": {"left": 72, "right": 26, "top": 64, "bottom": 54},
+            "legend": {
+                "top": 0,
+                "left": 0,
+                "type": "scroll",
+                "textStyle": {"fontSize": 14, ":color": _colour("--ink")},
+                ":pageIconColor": _colour("--ink"),
+            },
+            "tooltip": {"trigger": "axis", "confine": True},
+            "xAxis": _axis(x_title, vertical=False, names=self._names),
+            "yAxis": _axis(y_title, vertical=True),
+            "series": self._lines(lines),
+        }
+        self.element = ui.echart(options).classes("chart tall" if tall else "chart")
+        self.element.props["role"] = "img"
+        self.element.props["aria-label"] = label
+
+    def _lines(self, lines: Sequence[Line]) -> list[dict[str, Any]]:
+        series = [_series(line, names=bool(self._names)) for line in lines]
+        if series and self._limits:
+            series[0]["markLine"] = {
+                "symbol": "none",
+                "silent": True,
+                "animation": False,
+                "label": {"show": False},
+                "lineStyle": {"type": "dashed", "width": 1.5, ":color": _colour("--bad")},
+                "data": [{"yAxis": limit} for limit in self._limits],
+            }
+        return series
+
+    def show(self, lines: Sequence[Line]) -> None:
+        """Show other lines."""
+        self.element.options["series"] = self._lines(lines)
+        self.element.update()
+
+
+def titled(items: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> list[Line]:
+    """Make a line of each named pair of columns, in the colours' order."""
+    return [
+        Line(title, x, y, COLOURS[place % len(COLOURS)])
+        for place, (title, (x, y)) in enumerate(items.items())
+    ]

@@ -1,0 +1,219 @@
+"""Buttons, fields and choices: at least 48 px high, named, with their faults beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from torquebench.panel.components.elements import box, icon, words
+
+__all__ = ["Choice", "Field", "button", "link_button", "set_disabled"]
+
+VALUE = "(event) => emit(event.target.value)"
+
+
+def button(
+    label: str,
+    on_click: Callable[[], Any],
+    kind: str = "",
+    *,
+    picture: str = "",
+    disabled: bool = False,
+    **attributes: Any,
+) -> Any:
+    """Make a button; `kind` is "primary", "danger", "quiet", "small" or several of them."""
+    made = box("button", f"control {kind}".strip(), type="button", disabled=disabled, **attributes)
+    with made:
+        if picture:
+            icon(picture)
+        words("span", label)
+    made.on("click", lambda: on_click(), [])
+    return made
+
+
+def link_button(label: str, target: str, kind: str = "", *, picture: str = "", **more: Any) -> Any:
+    """Make a link that looks like a button."""
+    made = box("a", f"control {kind}".strip(), href=target, **more)
+    with made:
+        if picture:
+            icon(picture)
+        words("span", label)
+    return made
+
+
+def set_disabled(control: Any, disabled: bool) -> None:
+    """Let a control be used, or not."""
+    if disabled != bool(control.props.get("disabled")):
+        if disabled:
+            control.props["disabled"] = True
+        else:
+            control.props.pop("disabled", None)
+        control.update()
+
+
+class Field:
+    """A labelled input; its value is kept on the server.
+
+    Parameters
+    ----------
+    label : str
+    value : str
+    kind : str
+        Type of the HTML input: "text", "password", "number", "search", "date".
+    unit, hint : str
+        Shown behind and below.
+    options : mapping of str to str, optional
+        Value and words of each option: makes a list to choose from instead.
+    lines : bool
+        Several lines.
+    on_change : callable, optional
+        Called with every new value.
+    on_enter : callable, optional
+        Called when Enter is pressed.
+    attributes
+        Of the HTML element, such as `autocomplete`.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        value: str = "",
+        *,
+        kind: str = "text",
+        unit: str = "",
+        hint: str = "",
+        options: Mapping[str, str] | None = None,
+        lines: bool = False,
+        disabled: bool = False,
+        on_change: Callable[[str], Any] | None = None,
+        on_enter: Callable[[], Any] | None = None,
+        **attributes: Any,
+    ) -> None:
+        self.value = value
+        self._on_change = on_change
+        with box("div", "field") as self.frame:
+            name = words("label", label)
+            with box("div", "with-unit"):
+                self.control = self._make(kind, options, lines, disabled, attributes)
+                if unit:
+                    words("span", unit)
+            if hint:
+                words("div", hint, "hint", id=f"hint-{self.control.id}")
+                self.control.props["aria-describedby"] = f"hint-{self.control.id}"
+            self._wrong = words("div", "", "wrong", role="alert")
+        name.props["for"] = self.control.html_id
+        if on_enter is not None:
+            self.control.on("keydown.enter", lambda: on_enter(), [])
+
+    def _make(
+        self,
+        kind: str,
+        options: Mapping[str, str] | None,
+        lines: bool,
+        disabled: bool,
+        attributes: Mapping[str, Any],
+    ) -> Any:
+        if options is not None:
+            control = box("select", "control", disabled=disabled, **attributes)
+            with control:
+                for value, text in options.items():
+                    words("option", text, value=value, selected=value == self.value)
+            control.on("change", self._changed, js_handler=VALUE)
+            return control
+        tag = "textarea" if lines else "input"
+        control = box(tag, "control", disabled=disabled, value=self.value, **attributes)
+        if not lines:
+            control.props["type"] = kind
+        control.on("input", self._changed, js_handler=VALUE)
+        return control
+
+    def _changed(self, event: Any) -> None:
+        self.value = str(event.args)
+        if self._on_change is not None:
+            self._on_change(self.value)
+
+    def set(self, value: str) -> None:
+        """Put another value in."""
+        self.value = value
+        self.control.props["value"] = value
+        self.control.update()
+
+    def wrong(self, text: str) -> None:
+        """Say what is wrong with the value; an empty text takes it back."""
+        self._wrong.set_text(text)
+        if text:
+            self.control.props["aria-invalid"] = "true"
+        else:
+            self.control.props.pop("aria-invalid", None)
+        self.control.update()
+
+
+class Choice:
+    """One out of a few, all of them in sight.
+
+    Parameters
+    ----------
+    legend : str
+    options : mapping of str to str or (str, str)
+        Value, and words or words with a remark.
+    value : str
+    several : bool
+        Any number of them; `values` then says which.
+    on_change : callable, optional
+        Called without arguments after a change.
+    """
+
+    def __init__(
+        self,
+        legend: str,
+        options: Mapping[str, str | tuple[str, str]],
+        value: str | tuple[str, ...] = "",
+        *,
+        several: bool = False,
+        disabled: tuple[str, ...] = (),
+        on_change: Callable[[], Any] | None = None,
+    ) -> None:
+        self.values = set(value) if isinstance(value, tuple) else {value} - {""}
+        self._several = several
+        self._on_change = on_change
+        with box("fieldset", "field") as self.frame:
+            words("legend", legend, "label")
+            with box("div", "choices"):
+                for name, said in options.items():
+                    self._option(name, said, name in disabled)
+
+    @property
+    def value(self) -> str:
+        """The chosen one; empty where none is."""
+        return next(iter(self.values), "")
+
+    def _option(self, name: str, said: str | tuple[str, str], disabled: bool) -> None:
+        title, remark = (said, "") if isinstance(said, str) else said
+        with box("label", "choice"):
+            control = box(
+                "input",
+                type="checkbox" if self._several else "radio",
+                name=f"choice-{self.frame.id}",
+                value=name,
+                checked=name in self.values,
+                disabled=disabled,
+            )
+            with box("span"):
+                words("div", title)
+                if remark:
+                    words("div", remark, "small")
+        control.on(
+            "change",
+            lambda event: self._changed(name, bool(event.args)),
+            js_handler="(event) => emit(event.target.checked)",
+        )
+
+    def _changed(self, name: str, chosen: bool) -> None:
+        if not self._several:
+            self.values = {name}
+        elif chosen:
+            self.values.add(name)
+        else:
+            self.values.discard(name)
+        if self._on_change is not None:
+            self._on_change()

@@ -1,0 +1,63 @@
+"""Dialogs that keep the keyboard inside, close on Escape and leave nothing behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from nicegui import ui
+
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.elements import box, words
+
+__all__ = ["ask", "sheet"]
+
+
+@contextmanager
+def sheet(title: str, close: str) -> Iterator[Any]:
+    """Open a dialog around what is made inside; it deletes itself when it closes."""
+    dialog = ui.dialog()
+    dialog.props["aria-label"] = title
+    dialog.on_value_change(lambda event: None if event.value else dialog.delete())
+    with dialog, box("div", "sheet"):
+        words("h2", title)
+        yield dialog
+        with box("div", "line end"):
+            button(close, dialog.close, "quiet")
+    dialog.open()
+
+
+def ask(
+    title: str,
+    said: str,
+    confirm: str,
+    cancel: str,
+    on_confirm: Callable[[str], Any],
+    *,
+    field: str = "",
+    kind: str = "text",
+    danger: bool = False,
+    autocomplete: str = "off",
+) -> Any:
+    """Ask whether something is to be done, and for one value where it needs one.
+
+    `on_confirm` gets the value; the dialog stays open where it returns False.
+    """
+    dialog = ui.dialog()
+    dialog.props["aria-label"] = title
+    dialog.on_value_change(lambda event: None if event.value else dialog.delete())
+
+    def act() -> None:
+        if on_confirm(entry.value if entry is not None else "") is not False:
+            dialog.close()
+
+    with dialog, box("div", "sheet"):
+        words("h2", title)
+        words("p", said)
+        entry = Field(field, kind=kind, on_enter=act, autocomplete=autocomplete) if field else None
+        with box("div", "line end"):
+            button(cancel, dialog.close, "quiet")
+            button(confirm, act, "danger" if danger else "primary")
+    dialog.open()
+    return dialog

@@ -1,0 +1,170 @@
+"""Plain HTML elements: what a browser and a screen reader already know how to handle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
+
+__all__ = [
+    "Words",
+    "box",
+    "empty",
+    "icon",
+    "note",
+    "pairs",
+    "panel",
+    "scrolling",
+    "table",
+    "tag",
+    "words",
+]
+
+NOTE_ICONS = {"good": "check_circle", "warn": "warning", "bad": "error", "": "info"}
+
+
+class Words(TextElement):
+    """An element that holds text, which may change later by `set_text`."""
+
+    def __init__(self, tag: str, text: str) -> None:
+        super().__init__(tag=tag, text=text)
+
+
+def _dress(element: Any, classes: str, attributes: Mapping[str, Any]) -> Any:
+    if classes:
+        element.classes(classes)
+    for name, value in attributes.items():
+        if value is not None and value is not False:
+            key = name.rstrip("_").replace("_", "-")
+            element.props[key] = value
+    return element
+
+
+def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
+    """Make an element for others to stand in; `aria_label` becomes `aria-label` and so on."""
+    return _dress(ui.element(tag), classes, attributes)
+
+
+def words(tag: str, text: str, classes: str = "", **attributes: Any) -> Any:
+    """Make an element of text."""
+    return _dress(Words(tag, text), classes, attributes)
+
+
+def icon(name: str) -> Any:
+    """Make a picture that says nothing which the words beside it don't."""
+    return _dress(ui.icon(name), "", {"aria_hidden": "true"})
+
+
+def panel(title: str = "", classes: str = "", *, level: int = 2) -> Any:
+    """Make a framed part of a page under its heading."""
+    frame = box("section", f"panel {classes}".strip(), aria_label=title or None)
+    if title:
+        with frame:
+            words(f"h{level}", title)
+    return frame
+
+
+def tag(text: str, kind: str = "", picture: str = "") -> Any:
+    """Make a short state: "good", "warn", "bad" or plain, never by colour alone."""
+    frame = box("span", f"tag {kind}".strip())
+    with frame:
+        if picture:
+            icon(picture)
+        words("span", text)
+    return frame
+
+
+def note(text: str, kind: str = "", *, title: str = "", live: bool = False) -> Any:
+    """Make a remark of some lines; a live one is read out when it appears."""
+    role = "alert" if live and kind == "bad" else "status" if live else None
+    frame = box("div", f"note {kind}".strip(), role=role)
+    with frame:
+        icon(NOTE_ICONS[kind])
+        with box("div"):
+            if title:
+                words("h3", title)
+            words("p", text)
+    return frame
+
+
+def empty(text: str, picture: str = "inbox") -> Any:
+    """Say that there is nothing here yet, and how something gets here."""
+    frame = box("div", "empty")
+    with frame:
+        icon(picture)
+        words("p", text)
+    return frame
+
+
+def pairs(items: Iterable[tuple[str, str]]) -> Any:
+    """List names and values."""
+    frame = box("dl", "pairs")
+    with frame:
+        for name, value in items:
+            words("dt", name)
+            words("dd", value, "number")
+    return frame
+
+
+def scrolling(label: str) -> Any:
+    """Make a frame for something wide; it can be scrolled from the keyboard."""
+    return box("div", "scroll", tabindex="0", role="region", aria_label=label)
+
+
+def table(
+    caption: str,
+    columns: Sequence[tuple[str, bool]],
+    rows: Sequence[Sequence[str]],
+    *,
+    best: int | None = None,
+    on_row: Callable[[int], Any] | None = None,
+    open_label: str = "",
+    selected: Iterable[int] = (),
+) -> Any:
+    """Make a table.
+
+    Parameters
+    ----------
+    caption : str
+    columns : sequence of (str, bool)
+        Heading, and whether the column holds numbers.
+    rows : sequence of sequence of str
+    best : int, optional
+        Row to set off.
+    on_row : callable, optional
+        Called with the number of a row whose button is pressed.
+    open_label : str
+        What that button says.
+    selected : iterable of int
+        Rows that are chosen.
+    """
+    chosen = set(selected)
+    frame = scrolling(caption)
+    with frame, box("table", "data"):
+        words("caption", caption, "hidden-visually")
+        with box("thead"), box("tr"):
+            for heading, numbers in columns:
+                words("th", heading, "number" if numbers else "", scope="col")
+            if on_row is not None:
+                with box("th", scope="col"):
+                    words("span", open_label, "hidden-visually")
+        with box("tbody"):
+            for place, row in enumerate(rows):
+                with box("tr", "best" if place == best else "") as line:
+                    if place in chosen:
+                        line.props["aria-selected"] = "true"
+                    for (_, numbers), value in zip(columns, row, strict=True):
+                        words("td", value, "number" if numbers else "")
+                    if on_row is not None:
+                        _row_button(open_label, row[0], place, on_row)
+    return frame
+
+
+def _row_button(label: str, name: str, place: int, on_row: Callable[[int], Any]) -> None:
+    with box("td"):
+        button = words(
+            "button", label, "control small", type="button", aria_label=f"{label}: {name}"
+        )
+        button.on("click", lambda: on_row(place), [])

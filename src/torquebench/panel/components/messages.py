@@ -1,0 +1,63 @@
+"""Messages at the page's edge: read out, kept until dismissed where something is wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.elements import NOTE_ICONS, box, icon, words
+from torquebench.panel.text import Text
+
+__all__ = ["Messages"]
+
+SHOWN_S = 6.0
+AT_MOST = 4
+
+
+class Messages:
+    """Where a page says what came of a press of a button."""
+
+    def __init__(self, text: Text) -> None:
+        self._text = text
+        self._shown: list[Any] = []
+        self._region = box("div", "messages", role="status", aria_live="polite")
+
+    def good(self, said: str) -> None:
+        """Say that something is done; the message goes by itself."""
+        shown = self._show(said, "good")
+        with self._region:
+            ui.timer(SHOWN_S, lambda: self._take(shown), once=True)
+
+    def problem(self, error: TorquebenchError) -> None:
+        """Say what was found, what is allowed and what to do, until it is dismissed."""
+        more = "; ".join(part for part in (error.allowed, error.remedy) if part)
+        self._show(error.found, "bad", more)
+
+    def bad(self, said: str) -> None:
+        """Say that something is wrong, until it is dismissed."""
+        self._show(said, "bad")
+
+    def _show(self, said: str, kind: str, more: str = "") -> Any:
+        while len(self._shown) >= AT_MOST:
+            self._take(self._shown[0])
+        with self._region:
+            shown = box("div", f"note {kind}")
+            with shown:
+                icon(NOTE_ICONS[kind])
+                with box("div"):
+                    words("div", said)
+                    if more:
+                        words("div", more, "small muted")
+                close = box("button", type="button", aria_label=self._text("frame.dismiss"))
+                with close:
+                    icon("close")
+                close.on("click", lambda: self._take(shown), [])
+        self._shown.append(shown)
+        return shown
+
+    def _take(self, shown: Any) -> None:
+        if shown in self._shown:
+            self._shown.remove(shown)
+            shown.delete()

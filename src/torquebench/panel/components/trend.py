@@ -1,0 +1,122 @@
+"""The live chart: increments in, painted by the browser once a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import nicegui.elements.echart  # noqa: F401 - puts ECharts within the component's reach
+from nicegui.element import Element
+
+__all__ = ["Band", "Trace", "Trend"]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One line of the chart.
+
+    Parameters
+    ----------
+    name : str
+        The signal.
+    title : str
+    grid : int
+        Which band.
+    colour : str
+        Custom property of the style sheet.
+    dashed : bool
+    axis : int
+        0 the left scale, 1 the right one.
+    """
+
+    name: str
+    title: str
+    grid: int
+    colour: str
+    dashed: bool = False
+    axis: int = 0
+
+
+@dataclass(frozen=True)
+class Band:
+    """One of the charts above each other.
+
+    Parameters
+    ----------
+    title, second : str
+        Of the left and the right scale; empty hides it.
+    floor, secondFloor : float
+        The least span that a scale shows.
+    """
+
+    title: str
+    floor: float
+    second: str = ""
+    secondFloor: float = 1.0  # noqa: N815 - a property of the browser's component
+
+
+class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI's is skipped
+    """The live chart, and the numbers beside it.
+
+    Parameters
+    ----------
+    label : str
+        What it shows, for those who can't see it.
+    traces : sequence of Trace
+    bands : sequence of Band
+    places : mapping of signal name to (element, decimals)
+        Elements whose text is the newest number.
+    region : element
+        What goes grey when no numbers come.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        traces: Sequence[Trace],
+        bands: Sequence[Band],
+        places: Mapping[str, tuple[Any, int]],
+        region: Any,
+    ) -> None:
+        super().__init__()
+        self.props["label"] = label
+        self.props["series"] = [asdict(trace) for trace in traces]
+        self.props["grids"] = [asdict(band) for band in bands]
+        self.props["places"] = {
+            name: {"id": element.html_id, "decimals": decimals}
+            for name, (element, decimals) in places.items()
+        }
+        self.props["region"] = region.html_id
+
+    def reset(self, seconds: float, trend: Any) -> None:
+        """Show another span of time, beginning with the past that the server holds."""
+        self.run_method(
+            "reset",
+            seconds,
+            trend.time_s.tolist(),
+            _lists(trend.low),
+            _lists(trend.high),
+            _lists(trend.values),
+        )
+
+    def push(self, increment: Any, numbers: Mapping[str, float | None]) -> None:
+        """Send rows that are new, and the newest numbers."""
+        self.run_method(
+            "push",
+            {
+                "t": increment.time_s.round(4).tolist(),
+                "l": _lists(increment.low),
+                "h": _lists(increment.high),
+                "v": _lists(increment.values),
+                "n": numbers,
+            },
+        )
+
+    def toggle(self, names: Sequence[str], shown: bool) -> None:
+        """Show or hide lines."""
+        self.run_method("toggle", list(names), shown)
+
+
+def _lists(columns: Mapping[str, Any]) -> dict[str, list[float]]:
+    return {name: values.round(5).tolist() for name, values in columns.items()}

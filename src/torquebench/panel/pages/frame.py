@@ -1,0 +1,211 @@
+"""What is around every page: the bar with the stop button, the rail of pages, the alarm strip."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from nicegui import ui
+
+from torquebench.panel.components.controls import button, link_button
+from torquebench.panel.components.elements import box, icon, words
+from torquebench.panel.components.messages import Messages
+from torquebench.panel.pages.menu import Menu
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import NotSignedInError
+from torquebench.panel.text import Text
+
+__all__ = ["PAGES", "frame", "head", "stop_button"]
+
+PAGES = {
+    "live": ("/", "speed"),
+    "calibrate": ("/calibrate", "tune"),
+    "reducer": ("/reducer", "settings_suggest"),
+    "records": ("/records", "folder_open"),
+    "settings": ("/settings", "build"),
+    "alarms": ("/alarms", "notifications"),
+}
+"""Path and picture of every page, in the order of the keys Alt+1 and so on."""
+
+REFRESH_S = 0.5
+
+
+def head(text: Text, look: str, title: str) -> None:
+    """Put into the page's head what every page needs."""
+    ui.page_title(f"{title} · torquebench")
+    said = json.dumps({"stopFailed": text("stop.failed")}).replace("<", "\\u003c")
+    chosen = f'document.documentElement.dataset.theme = "{look}";' if look else ""
+    ui.add_head_html(
+        '<link rel="stylesheet" href="/panel/static/panel.css">'
+        f"<script>{chosen}</script>"
+        f'<script type="application/json" id="panel-texts">{said}</script>'
+        '<script defer src="/panel/static/panel.js"></script>'
+    )
+
+
+def stop_button(text: Text) -> None:
+    """Make the button that stops the bench; the browser posts it past everything else."""
+    words(
+        "button",
+        text("stop.button"),
+        "stop",
+        type="button",
+        data_stop="1",
+        aria_label=text("stop.label"),
+        aria_keyshortcuts="F8",
+        title=text("stop.label"),
+    )
+
+
+class _Frame:
+    """The changing parts around a page."""
+
+    def __init__(self, visitor: Visitor, current: str) -> None:
+        self.visitor = visitor
+        self.text = visitor.text
+        self._shown: tuple[Any, ...] = ()
+        client = ui.context.client
+        with client.layout:
+            words("a", self.text("navigation.skip"), "skip", href="#content")
+            self._bar()
+            self._rail(current)
+            self.visitor.messages = Messages(self.text)
+
+    def _bar(self) -> None:
+        text = self.text
+        with box("header", "bar"):
+            with box("div", "bench"):
+                with box("div"):
+                    self._bench = words("span", "")
+                with box("div", "below"):
+                    self._simulated = words("span", "", "tag warn")
+                    self._command = words("span", "")
+                    self._mounted = words("span", "", "optional")
+            with box("div", "person"):
+                actor = self.visitor.looker
+                words("div", actor.name)
+                words("div", text(f"role.{actor.role}"))
+            with box("div", "optional"):
+                self._take = button(text("frame.take_command"), self._take_command, "quiet small")
+                self._give = button(text("frame.give_command"), self._give_command, "quiet small")
+            menu = Menu(self.visitor, self._take_command, self._give_command)
+            opener = box("button", "control quiet", type="button", aria_label=text("frame.menu"))
+            with opener:
+                icon("menu")
+            opener.on("click", menu.open, [])
+            stop_button(text)
+
+    def _rail(self, current: str) -> None:
+        with box("nav", "rail", aria_label=self.text("navigation.label")), box("ul"):
+            for place, (name, (path, picture)) in enumerate(PAGES.items(), start=1):
+                here = "page" if name == current else None
+                with (
+                    box("li"),
+                    box(
+                        "a",
+                        href=path,
+                        aria_current=here,
+                        data_shortcut=str(place),
+                        aria_keyshortcuts=f"Alt+{place}",
+                    ),
+                ):
+                    icon(picture)
+                    words("span", self.text(f"navigation.{name}"))
+                    if name == "alarms":
+                        self._count = words("span", "", "count")
+
+    def strips(self) -> None:
+        """Make the places for what must not be overlooked, above the page's own content."""
+        words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
+        self._alarm = box("div", "alarm-strip", role="alert")
+        with self._alarm:
+            icon("warning")
+            self._alarm_text = words("div", "")
+            link_button(self.text("frame.to_alarms"), "/alarms")
+        self._alarm.set_visibility(False)
+        self._lost = words("div", "", "note bad", role="alert")
+        self._lost.set_visibility(False)
+
+    def refresh(self) -> None:
+        """Show the bench's state where it has changed."""
+        service, text = self.visitor.service, self.text
+        try:
+            commands = self.visitor.commands
+        except NotSignedInError:
+            ui.navigate.to("/sign-in?expired=1")
+            return
+        snapshot = service.snapshot()
+        latched = service.latched_alarm if snapshot.stopped else None
+        found = (
+            snapshot.bench_name,
+            snapshot.simulated,
+            snapshot.mounted,
+            snapshot.commanded_by,
+            commands,
+            snapshot.alarms,
+            snapshot.connection,
+            None if latched is None else latched.found,
+        )
+        if found == self._shown:
+            return
+        self._shown = found
+        self._bench.set_text(snapshot.bench_name)
+        self._simulated.set_text(text("frame.simulated") if snapshot.simulated else "")
+        self._simulated.set_visibility(snapshot.simulated)
+        mounted = text.maybe(f"mounting.{snapshot.mounted}", snapshot.mounted)
+        self._mounted.set_text(text("frame.mounted", what=mounted))
+        self._command.set_text(command_words(text, commands, snapshot.commanded_by))
+        self._take.set_visibility(not commands)
+        self._give.set_visibility(commands)
+        self._count.set_text(str(snapshot.alarms) if snapshot.alarms else "")
+        self._alarm.set_visibility(latched is not None)
+        if latched is not None:
+            self._alarm_text.set_text(text("frame.stopped", found=latched.found))
+        self._lost.set_visibility(snapshot.connection != "live")
+        if snapshot.connection != "live":
+            said = f"frame.connection_{snapshot.connection}"
+            self._lost.set_text(text(said, problem=snapshot.connection_problem))
+
+    def _take_command(self) -> None:
+        visitor = self.visitor
+        visitor.attempt(lambda: visitor.service.lease.take(visitor.actor))
+        self.refresh()
+
+    def _give_command(self) -> None:
+        visitor = self.visitor
+        visitor.attempt(lambda: visitor.service.lease.give_back(visitor.actor))
+        self.refresh()
+
+
+def command_words(text: Text, mine: bool, holder: str | None) -> str:
+    """Say who commands the bench."""
+    if mine:
+        return text("frame.you_command")
+    return text("frame.in_command", who=holder) if holder else text("frame.nobody_commands")
+
+
+@contextmanager
+def frame(
+    visitor: Visitor, current: str, on_refresh: Callable[[], Any] | None = None
+) -> Iterator[Any]:
+    """Put a page's content into the frame; `on_refresh` is called twice a second."""
+    text = visitor.text
+    title = text(f"{current}.title")
+    head(text, visitor.look, title)
+    around = _Frame(visitor, current)
+
+    def refresh() -> None:
+        around.refresh()
+        if on_refresh is not None:
+            on_refresh()
+
+    with box("div", "page", id="content", tabindex="-1") as content:
+        around.strips()
+        with box("div", "title") as heading:
+            words("h1", title)
+        content.title_line = heading
+        yield content
+    refresh()
+    ui.timer(REFRESH_S, refresh)

@@ -1,0 +1,251 @@
+"""The live page: both torques large, with uncertainty and compensation, and their trend."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.fitting import model_title
+from torquebench.panel.components.elements import box, panel, tag, words
+from torquebench.panel.components.trend import Band, Trace, Trend
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import SIGNALS, BenchSnapshot, SideSnapshot
+from torquebench.panel.text import Text
+
+__all__ = ["live_page"]
+
+PUSH_S = 1.0 / 40.0
+"""How often a page asks for new rows: more often than they come, so that none waits long."""
+SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
+LINES = {
+    "raw": ("input_raw_nm", "output_raw_nm"),
+    "compensated": ("input_torque_nm", "output_torque_nm"),
+    "reference": ("input_reference_nm", "output_reference_nm"),
+    "speed": ("input_speed_rpm", "output_speed_rpm"),
+}
+FACTS = {
+    "speed_input": ("input_speed_rpm", "rpm", 2),
+    "speed_output": ("output_speed_rpm", "rpm", 3),
+    "angle_input": ("input_angle_deg", "°", 2),
+    "angle_output": ("output_angle_deg", "°", 3),
+    "temperature_input": ("input_temperature_c", "°C", 1),
+    "temperature_output": ("output_temperature_c", "°C", 1),
+    "efficiency": ("efficiency_percent", "%", 1),
+}
+DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
+
+
+def _traces() -> tuple[Trace, ...]:
+    return (
+        Trace("output_raw_nm", "raw", 0, "--series-raw", dashed=True),
+        Trace("output_torque_nm", "compensated", 0, "--series-2"),
+        Trace("output_reference_nm", "standard", 0, "--series-3", dashed=True),
+        Trace("input_raw_nm", "raw", 1, "--series-raw", dashed=True),
+        Trace("input_torque_nm", "compensated", 1, "--series-1"),
+        Trace("input_reference_nm", "standard", 1, "--series-3", dashed=True),
+        Trace("input_speed_rpm", "input", 2, "--series-1"),
+        Trace("output_speed_rpm", "output", 2, "--series-2", axis=1),
+    )
+
+
+class _Tile:
+    """One side's torque."""
+
+    def __init__(self, text: Text, side: Side) -> None:
+        self._text, self._side = text, side
+        self.places: dict[str, tuple[Any, int]] = {}
+        self._shown: tuple[Any, ...] = ()
+        with panel(classes=f"tile {side}"):
+            with box("div", "head"):
+                words("h2", text(f"live.torque_{side}"))
+                self._state = box("div", "line")
+            with box("div", "value number"):
+                self._value = words("span", "—")
+                words("span", "N·m", "unit")
+            self._uncertainty = words("div", "", "uncertainty number")
+            with box("div", "pair number"):
+                for key in ("raw", "reference"):
+                    with box("span"):
+                        words("span", text(f"live.{key}") + " ")
+                        self.places[f"{side}_{key}_nm"] = (words("b", "—"), DECIMALS[side])
+                        words("span", " N·m")
+                self._share = words("span", "")
+            self._about = words("div", "", "small muted")
+            self._fault = words("div", "", "bad-text")
+        self.places["torque"] = (self._value, DECIMALS[side])
+
+    def refresh(self, side: SideSnapshot) -> None:
+        """Show what doesn't change with every reading."""
+        text, state = self._text, side.compensation
+        uncertainty = side.uncertainty.value if state is not None else None
+        torque = side.torque.value
+        known = (
+            state,
+            None if uncertainty is None else round(uncertainty, 6),
+            None if torque is None else round(torque, 3),
+            side.torque.fault,
+        )
+        if known == self._shown:
+            return
+        if self._shown[:1] != known[:1]:
+            self._compensation(side)
+        self._shown = known
+        said = text("live.no_uncertainty")
+        if uncertainty is not None:
+            said = text("live.uncertainty", value=f"{uncertainty:.{DECIMALS[self._side]}f}")
+        self._uncertainty.set_text(said if state is None or uncertainty is not None else "")
+        share = "—" if torque is None else f"{100.0 * torque / side.range_nm:.1f}"
+        self._share.set_text(
+            text("live.full_scale", percent=share.replace("-", "−"), range=f"{side.range_nm:g}")
+        )
+        fault = side.torque.fault
+        self._fault.set_text(text("live.fault", fault=fault) if fault else "")
+
+    def _compensation(self, side: SideSnapshot) -> None:
+        text, state = self._text, side.compensation
+        self._state.clear()
+        with self._state:
+            with box("span", "stale-note"):
+                tag(text("live.stale"), "bad", "history_toggle_off")
+            if state is None:
+                tag(text("live.uncompensated"), "warn", "warning")
+                self._about.set_text(side.compensation_problem)
+                return
+            kind = text.maybe(f"model.{state.kind}", model_title(state.kind))
+            made = text("live.made", made=f"{state.made:%Y-%m-%d %H:%M}")
+            if state.valid:
+                tag(text("live.compensated_by", kind=kind, number=state.model_id), "good", "check")
+                until = (
+                    text("live.valid_until", due=state.due.isoformat())
+                    if state.due
+                    else text("live.valid_always")
+                )
+                self._about.set_text(f"{made}, {until}; {side.transducer_serial}")
+            else:
+                tag(text("live.expired", due=str(state.due)), "bad", "event_busy")
+                self._about.set_text(made)
+
+
+class _LivePage:
+    """What an open live page shows and how far it has shown it."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self.visitor, self.text = visitor, visitor.text
+        self.hub = visitor.service.live
+        self.sides = visitor.service.snapshot().sides
+        self.sequence = 0
+        self.started = False
+
+    def build(self) -> None:
+        """Make the page's elements."""
+        text = self.text
+        with box("div", "stack") as region:
+            with box("div", "tiles"):
+                self.tiles = {side: _Tile(text, side) for side in reversed(SIDES)}
+            places: dict[str, tuple[Any, int]] = {}
+            for side, tile in self.tiles.items():
+                places |= {key: where for key, where in tile.places.items() if key != "torque"}
+                places[f"{side}_torque"] = tile.places["torque"]
+            with box("div", "facts"):
+                for key, (signal, unit, decimals) in FACTS.items():
+                    places[signal] = (_fact(text(f"live.{key}"), unit), decimals)
+            with panel(text("live.trend")):
+                self._controls()
+                self.trend = Trend(
+                    text("live.trend_label"), _traces(), self._bands(), places, region
+                )
+
+    def _bands(self) -> tuple[Band, ...]:
+        text, sides = self.text, self.visitor.service.snapshot().sides
+        return (
+            Band(text("live.band_output"), sides["output"].range_nm * 1e-3),
+            Band(text("live.band_input"), sides["input"].range_nm * 1e-3),
+            Band(text("live.band_speed_input"), 1.0, text("live.band_speed_output"), 0.1),
+        )
+
+    def _controls(self) -> None:
+        text = self.text
+        with box("div", "spread"):
+            with box("div", "line", role="group", aria_label=text("live.window")):
+                self.spans = {
+                    key: self._pressed(text(f"live.{key}"), key == "seconds_10",
+                                       lambda key=key: self.choose(key))
+                    for key in SPANS
+                }  # fmt: skip
+            with box("div", "line", role="group", aria_label=text("live.lines")):
+                self.lines = {
+                    key: self._pressed(text(f"live.line_{key}"), True,
+                                       lambda key=key: self.switch(key))
+                    for key in LINES
+                }  # fmt: skip
+
+    def _pressed(self, label: str, pressed: bool, action: Any) -> Any:
+        made = words("button", label, "control small", type="button",
+                     aria_pressed="true" if pressed else "false")  # fmt: skip
+        made.on("click", lambda: action(), [])
+        return made
+
+    def choose(self, key: str) -> None:
+        """Show another span of time."""
+        for name, made in self.spans.items():
+            made.props["aria-pressed"] = "true" if name == key else "false"
+            made.update()
+        past = self.hub.trend(SPANS[key], [trace.name for trace in _traces()])
+        self.sequence = past.sequence
+        self.trend.reset(SPANS[key], past)
+
+    def switch(self, key: str) -> None:
+        """Show or hide a kind of lines."""
+        made = self.lines[key]
+        shown = made.props["aria-pressed"] != "true"
+        made.props["aria-pressed"] = "true" if shown else "false"
+        made.update()
+        self.trend.toggle(LINES[key], shown)
+
+    def push(self) -> None:
+        """Send the rows that came since."""
+        if not self.started:
+            self.started = True
+            self.choose("seconds_10")
+            return
+        if self.hub.sequence == self.sequence:
+            return
+        increment = self.hub.since(self.sequence, [trace.name for trace in _traces()])
+        self.sequence = increment.sequence
+        latest = self.hub.latest()
+        numbers: dict[str, float | None] = {
+            signal.name: latest[signal.name].value if not latest[signal.name].stale else None
+            for signal in SIGNALS
+        }
+        snapshot = self.sides
+        for side in SIDES:
+            chosen = "torque" if snapshot[side].compensation is not None else "raw"
+            numbers[f"{side}_torque"] = numbers[f"{side}_{chosen}_nm"]
+        self.trend.push(increment, numbers)
+
+    def refresh(self) -> None:
+        """Show what doesn't change with every reading."""
+        snapshot: BenchSnapshot = self.visitor.service.snapshot()
+        self.sides = snapshot.sides
+        for side, tile in self.tiles.items():
+            tile.refresh(snapshot.sides[side])
+
+
+def _fact(title: str, unit: str) -> Any:
+    with panel(classes="fact"):
+        words("div", title, "small muted")
+        with box("div", "value number"):
+            value = words("span", "—")
+            words("span", f" {unit}", "unit")
+    return value
+
+
+def live_page(visitor: Visitor) -> None:
+    """Build the live page."""
+    page = _LivePage(visitor)
+    with frame(visitor, "live", page.refresh):
+        page.build()
+    ui.timer(PUSH_S, page.push)

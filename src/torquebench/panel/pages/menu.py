@@ -1,0 +1,81 @@
+"""The menu: command of the bench, language, look, keys, signing out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.dialogs import sheet
+from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.text import LANGUAGES, Text
+
+__all__ = ["Menu", "language_buttons"]
+
+
+def language_buttons(text: Text) -> None:
+    """Offer the languages; the browser remembers the choice."""
+    with box("div", "line"):
+        for language in LANGUAGES:
+            words(
+                "button",
+                Text(language)("name.language"),
+                "control",
+                type="button",
+                lang=language,
+                data_choose="torquebench_language",
+                data_value=language,
+                aria_pressed="true" if language == text.language else "false",
+            )
+
+
+class Menu:
+    """The menu's dialog, made when it is opened."""
+
+    def __init__(self, visitor: Visitor, take: Callable[[], Any], give: Callable[[], Any]) -> None:
+        self._visitor = visitor
+        self._take, self._give = take, give
+
+    def open(self) -> None:
+        """Show the menu."""
+        visitor, text = self._visitor, self._visitor.text
+        actor = visitor.actor
+        with ui.context.client.content, sheet(text("menu.title"), text("frame.close")) as dialog:
+            role = text(f"role.{actor.role}")
+            words("p", text("menu.signed_in", who=actor.name, role=role))
+            with box("div", "line"):
+                if visitor.commands:
+                    button(text("frame.give_command"), self._and_close(self._give, dialog))
+                else:
+                    button(text("frame.take_command"), self._and_close(self._take, dialog))
+                with box("form", method="post", action="/panel/sign-out"):
+                    words("button", text("menu.sign_out"), "control", type="submit")
+            words("h3", text("menu.language"))
+            language_buttons(text)
+            words("h3", text("menu.look"))
+            with box("div", "line"):
+                for value, key in (("auto", "look_auto"), ("light", "look_light"),
+                                   ("dark", "look_dark")):  # fmt: skip
+                    words(
+                        "button",
+                        text(f"menu.{key}"),
+                        "control",
+                        type="button",
+                        data_choose="torquebench_look",
+                        data_value=value,
+                        aria_pressed="true" if value == (visitor.look or "auto") else "false",
+                    )
+            words("h3", text("menu.shortcuts"))
+            with box("ul"):
+                for key in ("key_stop", "key_pages", "key_tab"):
+                    words("li", text(f"menu.{key}"))
+
+    def _and_close(self, action: Callable[[], Any], dialog: Any) -> Callable[[], None]:
+        def act() -> None:
+            action()
+            dialog.close()
+
+        return act

@@ -1,0 +1,131 @@
+"""Add the pages, their files and the forms behind sign-in and stop to a server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import quote
+
+from fastapi import Form, Request
+from fastapi.responses import JSONResponse, RedirectResponse, Response
+from nicegui import app, ui
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.pages.live import live_page
+from torquebench.panel.pages.sign_in import safe_target, sign_in_page
+from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
+from torquebench.panel.service import BenchService, LockedOutError, NotSignedInError
+from torquebench.panel.text import Text
+
+__all__ = ["register_pages"]
+
+STATIC = Path(__file__).parents[1] / "static"
+PAGES: dict[str, Callable[[Visitor], None]] = {
+    "/": live_page,
+}
+Entry = Annotated[str, Form(max_length=200)]
+
+
+def register_pages(service: BenchService) -> None:
+    """Add every page to NiceGUI's application.
+
+    Parameters
+    ----------
+    service : BenchService
+        The open bench.
+    """
+    app.add_static_files("/panel/static", STATIC)
+    _forms(service)
+    _stop(service)
+
+    @ui.page("/sign-in")
+    def sign_in(request: Request) -> None:
+        sign_in_page(service, request)
+
+    for path, build in PAGES.items():
+        _page(service, path, build)
+
+
+def _page(service: BenchService, path: str, build: Callable[[Visitor], None]) -> None:
+    @ui.page(path)
+    def page(request: Request) -> Response | None:
+        visitor = visitor_of(service, request)
+        if visitor is None:
+            return RedirectResponse(f"/sign-in?next={quote(path)}", status_code=303)
+        build(visitor)
+        return None
+
+
+def _address(request: Request) -> str:
+    return request.client.host if request.client is not None else ""
+
+
+def _signed_in(request: Request, token: str) -> Response:
+    target = safe_target(request.query_params.get("next", "/"))
+    answer = RedirectResponse(target, status_code=303)
+    answer.set_cookie(
+        SESSION_COOKIE,
+        token,
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
+    return answer
+
+
+def _refused(request: Request, error: TorquebenchError) -> Response:
+    target = quote(safe_target(request.query_params.get("next", "/")))
+    if isinstance(error, LockedOutError):
+        seconds = round(error.wait_s + 0.5)
+        return RedirectResponse(
+            f"/sign-in?reason=locked&seconds={seconds}&next={target}", status_code=303
+        )
+    return RedirectResponse(f"/sign-in?reason=wrong&next={target}", status_code=303)
+
+
+def _forms(service: BenchService) -> None:
+    @app.post("/panel/sign-in", include_in_schema=False)
+    def sign_in(request: Request, name: Entry, password: Entry) -> Response:
+        try:
+            token = service.people.sign_in(name, password, _address(request))
+        except TorquebenchError as error:
+            return _refused(request, error)
+        return _signed_in(request, token)
+
+    @app.post("/panel/set-up", include_in_schema=False)
+    def set_up(
+        request: Request, code: Entry, name: Entry, password: Entry, repeat: Entry
+    ) -> Response:
+        if password != repeat:
+            return RedirectResponse("/sign-in?reason=differ", status_code=303)
+        try:
+            token = service.people.set_up(code, name, password, _address(request))
+        except TorquebenchError:
+            return RedirectResponse("/sign-in?reason=refused", status_code=303)
+        return _signed_in(request, token)
+
+    @app.post("/panel/sign-out", include_in_schema=False)
+    def sign_out(request: Request) -> Response:
+        service.people.sign_out(request.cookies.get(SESSION_COOKIE, ""))
+        answer = RedirectResponse("/sign-in", status_code=303)
+        answer.delete_cookie(SESSION_COOKIE)
+        return answer
+
+
+def _stop(service: BenchService) -> None:
+    @app.post("/panel/stop", include_in_schema=False)
+    def stop(request: Request) -> Response:
+        """Stop the bench for anybody who sees the page: a stop needs no permission.
+
+        The header keeps other sites from doing it: a browser asks before it sends one across.
+        """
+        if request.headers.get("x-torquebench") != "panel":
+            return JSONResponse({"stopped": False}, status_code=403)
+        text: Any = Text("en")
+        try:
+            actor = service.people.actor(request.cookies.get(SESSION_COOKIE, ""))
+            service.stop(actor, text("stop.reason", who=actor.name))
+        except NotSignedInError:
+            service.stop_here(text("stop.reason", who=text("stop.nobody")))
+        return JSONResponse({"stopped": True})

@@ -1,0 +1,98 @@
+"""Who looks at a page, and in which language."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.requests import Request
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.messages import Messages
+from torquebench.panel.service import BenchService, NotSignedInError
+from torquebench.panel.service.actors import Actor, Role, allows
+from torquebench.panel.text import Text, choose_language
+
+__all__ = ["LANGUAGE_COOKIE", "LOOK_COOKIE", "SESSION_COOKIE", "Visitor", "text_of", "visitor_of"]
+
+SESSION_COOKIE = "torquebench_session"
+LANGUAGE_COOKIE = "torquebench_language"
+LOOK_COOKIE = "torquebench_look"
+LOOKS = ("light", "dark")
+
+
+@dataclass
+class Visitor:
+    """One open page: its reader, language and where messages go.
+
+    Attributes
+    ----------
+    service : BenchService
+    token : str
+        Of the session.
+    text : Text
+    look : str
+        "light", "dark" or empty for the device's own.
+    messages : Messages
+        Set by the frame.
+    """
+
+    service: BenchService
+    token: str
+    text: Text
+    look: str
+    messages: Messages = None  # type: ignore[assignment]  # set by the frame
+
+    @property
+    def actor(self) -> Actor:
+        """Who does something now: this keeps the session alive."""
+        return self.service.people.actor(self.token)
+
+    @property
+    def looker(self) -> Actor:
+        """Who looks: a page that repaints itself keeps no session alive."""
+        return self.service.people.actor(self.token, touch=False)
+
+    @property
+    def commands(self) -> bool:
+        """Whether this session holds the command lease."""
+        holder = self.service.lease.state().holder
+        return holder is not None and holder.session_id == self.looker.session_id
+
+    def has_role(self, role: Role) -> bool:
+        """Whether the reader's role includes another."""
+        return allows(self.looker.role, role)
+
+    def attempt(self, action: Callable[[], Any], done: str = "") -> bool:
+        """Do something; say what is refused, or what is done; return whether it was."""
+        try:
+            action()
+        except TorquebenchError as error:
+            self.messages.problem(error)
+            return False
+        if done:
+            self.messages.good(done)
+        return True
+
+
+def text_of(request: Request) -> Text:
+    """Return the words of the language that somebody or their browser chose."""
+    wanted = request.cookies.get(LANGUAGE_COOKIE)
+    return Text(choose_language(wanted, request.headers.get("accept-language")))
+
+
+def look_of(request: Request) -> str:
+    """Return the look that somebody chose; empty for the device's own."""
+    wanted = request.cookies.get(LOOK_COOKIE, "")
+    return wanted if wanted in LOOKS else ""
+
+
+def visitor_of(service: BenchService, request: Request) -> Visitor | None:
+    """Return who asks for a page; None where nobody is signed in."""
+    token = request.cookies.get(SESSION_COOKIE, "")
+    try:
+        service.people.actor(token, touch=False)
+    except NotSignedInError:
+        return None
+    return Visitor(service, token, text_of(request), look_of(request))

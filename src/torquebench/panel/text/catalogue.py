@@ -1,0 +1,85 @@
+"""Look up what the panel says, by key and language."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from typing import Any, Literal, get_args
+
+__all__ = ["LANGUAGES", "Language", "Text", "choose_language", "words"]
+
+Language = Literal["en", "zh"]
+LANGUAGES: tuple[Language, ...] = get_args(Language)
+
+
+@cache
+def words(language: Language) -> Mapping[str, str]:
+    """Return every text of a language by its dotted key.
+
+    Examples
+    --------
+    >>> words("en")["navigation.live"]
+    'Live'
+    """
+    file = resources.files("torquebench.panel.text") / f"{language}.toml"
+    return dict(_flat(tomllib.loads(file.read_text(encoding="utf-8"))))
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            found.extend(_flat(value, f"{prefix}{key}."))
+        else:
+            found.append((prefix + key, value))
+    return found
+
+
+def choose_language(wanted: str | None, accepted: str | None) -> Language:
+    """Return the language somebody chose, else the browser's, else English.
+
+    Parameters
+    ----------
+    wanted : str or None
+        What was chosen on the panel.
+    accepted : str or None
+        The browser's Accept-Language header.
+
+    Examples
+    --------
+    >>> choose_language(None, "zh-CN,zh;q=0.9,en;q=0.8"), choose_language("en", "zh")
+    ('zh', 'en')
+    """
+    if wanted in LANGUAGES:
+        return wanted
+    for part in (accepted or "").split(","):
+        code = part.partition(";")[0].strip()[:2].lower()
+        if code in LANGUAGES:
+            return code
+    return "en"
+
+
+class Text:
+    """The words of one language.
+
+    Examples
+    --------
+    >>> text = Text("en")
+    >>> text("alarms.acknowledged", who="Ana", when="12:00:05")
+    'Acknowledged by Ana at 12:00:05'
+    """
+
+    def __init__(self, language: Language = "en") -> None:
+        self.language = language
+        self._words = words(language)
+
+    def __call__(self, key: str, **values: object) -> str:
+        """Return a text with its placeholders filled."""
+        found = self._words[key]
+        return found.format(**values) if values else found
+
+    def maybe(self, key: str, otherwise: str) -> str:
+        """Return a text, or something else where no text has this key."""
+        return self._words.get(key, otherwise)
