@@ -120,7 +120,7 @@ class StaticEvaluation:
         f_q; None without a fixed scale.
     resolution_percent : array of float, shape (m,)
         r/X̄.
-    reference_uncertainty_percent : float
+    reference_uncertainty_percent : float or array of float, shape (m,)
         W of the reference torque, k = 2.
     """
 
@@ -137,7 +137,7 @@ class StaticEvaluation:
     zero_residual_percent: float | None
     indication_deviation_percent: NDArray[np.float64] | None
     resolution_percent: NDArray[np.float64]
-    reference_uncertainty_percent: float
+    reference_uncertainty_percent: float | NDArray[np.float64]
 
     def interpolation(self, degree: int) -> Interpolation:
         """Return the interpolation of a degree.
@@ -234,7 +234,7 @@ def evaluate_static(
     series: Sequence[LoadingSeries],
     *,
     resolution: float,
-    reference_uncertainty_percent: float,
+    reference_uncertainty_percent: float | NDArray[np.float64],
     scale: float | None = None,
 ) -> StaticEvaluation:
     """Evaluate a calibration in steps.
@@ -250,8 +250,8 @@ def evaluate_static(
         In the order in which they were measured.
     resolution : float
         Resolution r, in the unit of the indication.
-    reference_uncertainty_percent : float
-        Expanded uncertainty (k = 2) of the reference torque, in %.
+    reference_uncertainty_percent : float or array of float, shape (m,)
+        Expanded uncertainty (k = 2) of the reference torque, in % of it.
     scale : float, optional
         Fixed indication per N·m: 1 for a scale in N·m. Without it there is no f_q.
 
@@ -349,7 +349,7 @@ def _check(
     torque: NDArray[np.float64],
     series: Sequence[LoadingSeries],
     resolution: float,
-    reference_uncertainty_percent: float,
+    reference_uncertainty_percent: float | NDArray[np.float64],
 ) -> None:
     if torque.size < 2 or not np.all(np.diff(torque, prepend=0.0) > 0):
         raise InputError(
@@ -376,5 +376,5 @@ def _check(
         ("resolution", resolution),
         ("uncertainty of the reference", reference_uncertainty_percent),
     ):
-        if not (np.isfinite(value) and value >= 0):
+        if not np.all(np.isfinite(value) & (np.asarray(value) >= 0)):
             raise InputError(f"{name} {value}", "a finite number, 0 or more")

@@ -1,6 +1,7 @@
 """A calibration's results before and after compensation, side by side."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -82,6 +83,7 @@ def calibration_results(
     *,
     resolution_nm: float,
     reference_uncertainty_percent: float,
+    reference_of_range: bool = False,
     torque_nm: ArrayLike | None = None,
     degree: int = 3,
 ) -> CalibrationResults:
@@ -98,6 +100,8 @@ def calibration_results(
         Resolution of the indication, in N·m.
     reference_uncertainty_percent : float
         Expanded uncertainty (k = 2) of the reference torque, in %.
+    reference_of_range : bool, default False
+        Whether those are % of the range: more of the torque, the smaller the torque is.
     torque_nm : array of float, shape (n,), optional
         Compensated torque at every point.
     degree : int, default 3
@@ -121,6 +125,7 @@ def calibration_results(
     ...  for side in (clockwise.before, clockwise.after)]
     [0.2, 0.0]
     """
+    reference = _Reference(reference_uncertainty_percent, reference_of_range)
     compensated = None
     if torque_nm is not None:
         torque = np.asarray(torque_nm, dtype=np.float64)
@@ -131,9 +136,7 @@ def calibration_results(
         if not np.any(here[data.direction != 0] == sign):
             continue
         sides = [
-            None
-            if points is None
-            else _side(points, sign, resolution_nm, reference_uncertainty_percent, degree)
+            None if points is None else _side(points, sign, resolution_nm, reference, degree)
             for points in (data, compensated)
         ]
         before, after = sides
@@ -148,15 +151,21 @@ def calibration_results(
     )
 
 
+class _Reference(NamedTuple):
+    percent: float
+    of_range: bool
+
+
 def _side(
-    data: CalibrationData, sign: int, resolution_nm: float, reference_percent: float, degree: int
+    data: CalibrationData, sign: int, resolution_nm: float, reference: _Reference, degree: int
 ) -> SideBySide:
     torque, series = loading_series(data, sign, tolerance_percent=None)
+    share = data.range_nm / torque if reference.of_range else 1.0
     evaluation = evaluate_static(
         torque,
         series,
         resolution=resolution_nm,
-        reference_uncertainty_percent=reference_percent,
+        reference_uncertainty_percent=reference.percent * share,
         scale=1.0,
     )
     decreasing = evaluation.reversibility_percent is not None
