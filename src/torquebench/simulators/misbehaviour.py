@@ -3,6 +3,7 @@
 ===============  ============================================================================
 `delay`          each answer comes `amount` seconds late (default 1 s)
 `drop`           no answer
+`cut`            only the first half of the answer comes
 `garble`         bytes of the answer are changed
 `disconnect`     connections are closed, new ones too until it is over
 `freeze`         answers come, and state what was true when it began
@@ -28,7 +29,7 @@ from torquebench.errors import InputError
 
 __all__ = ["KINDS", "Misbehaviour", "MisbehaviourKind", "WireFaults"]
 
-MisbehaviourKind = Literal["delay", "drop", "garble", "disconnect", "freeze", "lie"]
+MisbehaviourKind = Literal["delay", "drop", "cut", "garble", "disconnect", "freeze", "lie"]
 KINDS: tuple[MisbehaviourKind, ...] = get_args(MisbehaviourKind)
 DELAY_S = 1.0
 GARBLED_SHARE = 4
@@ -139,6 +140,8 @@ class WireFaults:
         self.pause()
         if self.dropping():
             return None
+        if self._take("cut") is not None:
+            return data[: len(data) // 2]
         if not self.garbling():
             return data
         spoilt = bytearray(data)

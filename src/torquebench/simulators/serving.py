@@ -113,6 +113,7 @@ class Simulators:
         start: Callable[[WireFaults, str, int], Served],
         *,
         kind: str = "",
+        join: Callable[[Any], None] | None = None,
     ) -> str:
         """Serve an endpoint unless its address is served already; return the true address.
 
@@ -124,18 +125,24 @@ class Simulators:
         start : callable
             Of the endpoint's faults, host and port.
         kind : str
-            Endpoints of one kind with one address are one instrument.
+            Endpoints of one kind with one address are one instrument, or one bus.
+        join : callable
+            Called with what serves the address, to put something onto a bus.
         """
         host, port = split_address(address, lowest=0)
         known = self._places.get((kind, address))
         if port != 0 and known is not None:
             first, true = known
             self.misbehaviour.alias(role, first)
+            if join is not None:
+                join(self._served[true])
             return true
         served = start(self.misbehaviour.endpoint(role), host, port)
         true = f"{host}:{served.port}"
         self._served[true] = served
         self._places[kind, address] = (role, true)
+        if join is not None:
+            join(served)
         return true
 
     @property
@@ -223,7 +230,38 @@ def _scpi(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[st
     return section | {"channels": channels}
 
 
+def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    require_library("canopen", "canopen")
+    from torquebench.simulators.canopen_bus import CanBusSimulator
+    from torquebench.simulators.cia402 import Cia402Node
+
+    bus = dict(section["bus"])
+    if bus.get("interface") != "socketcand":
+        raise InputError(
+            f"driver.{role}.bus.interface = {bus.get('interface')!r} has no simulator",
+            '"socketcand" with host and port',
+            "simulate the drive on a bus over TCP",
+        )
+
+    def join(served: CanBusSimulator) -> None:
+        node = Cia402Node(
+            simulators.plant,
+            "input" if role == "input_drive" else "output",
+            int(section["node"]),
+            int(section.get("master", 126)),
+            float(section.get("velocity_units_per_rpm", 1000.0)),
+            simulators.misbehaviour.endpoint(role),
+        )
+        served.add_node(node.node)
+        node.join(served.network)
+
+    address = f"{bus['host']}:{bus['port']}"
+    true = simulators.serve_at(role, address, CanBusSimulator, kind="canopen", join=join)
+    return section | {"bus": bus | {"port": split_address(true)[1]}}
+
+
 _BUILDERS: dict[str, Callable[[Simulators, str, dict[str, Any]], dict[str, Any]]] = {
     "modbus": _modbus,
     "scpi": _scpi,
+    "canopen": _canopen,
 }

@@ -1,0 +1,403 @@
+"""A CiA 402 servo drive over CANopen (`canopen`): profile torque and profile velocity.
+
+The drive runs its ramps and its heartbeat consumer by itself. Objects that are used are in
+`cia402.eds`; a drive needs no others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from collections.abc import Callable
+from importlib import resources
+from typing import Annotated, Any, TypeVar
+
+from pydantic import ConfigDict, Field
+
+from torquebench.bench.drivers.base import DriveState, Identity, Side
+from torquebench.bench.drivers.links import Link, TimeOut, WireError
+from torquebench.bench.drivers.plugins import (
+    DriverPlugin,
+    InstrumentRequest,
+    Options,
+    require_library,
+)
+from torquebench.errors import BenchError, InputError, LimitError
+
+__all__ = ["PLUGIN", "CanopenLink", "Cia402Drive", "load_dictionary"]
+
+CONTROLWORD, STATUSWORD, ERROR_CODE = 0x6040, 0x6041, 0x603F
+MODE, MODE_DISPLAY = 0x6060, 0x6061
+TARGET_TORQUE, TORQUE_DEMAND, TORQUE_SLOPE = 0x6071, 0x6074, 0x6087
+MAXIMUM_TORQUE, RATED_TORQUE, MAXIMUM_SPEED = 0x6072, 0x6076, 0x6080
+TARGET_VELOCITY, VELOCITY_DEMAND = 0x60FF, 0x606B
+ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION = 0x6083, 0x6084, 0x6085
+ABORT_OPTION, HEARTBEAT_CONSUMER, IDENTITY = 0x6007, 0x1016, 0x1018
+
+PROFILE_VELOCITY, PROFILE_TORQUE = 3, 4
+SHUT_DOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x06, 0x07, 0x0F, 0x80
+DISABLE_VOLTAGE = 0x00
+ABORT_BY_FAULT = 1
+OPERATIONAL = 5
+LARGEST_SLOPE = 2**31 - 1
+HEARTBEAT_ERRORS = (0x8130, 0x8110, 0x8120)
+RPM = 60.0 / (2.0 * math.pi)
+POLL_S = 0.005
+
+STATES = (
+    (0x4F, 0x40, "switch on disabled"),
+    (0x6F, 0x21, "ready to switch on"),
+    (0x6F, 0x23, "switched on"),
+    (0x6F, 0x27, "operation enabled"),
+    (0x6F, 0x07, "quick stop active"),
+    (0x4F, 0x0F, "fault reaction active"),
+    (0x4F, 0x08, "fault"),
+    (0x4F, 0x00, "not ready to switch on"),
+)
+"""Mask, value and name of the states (CiA 402-2, statusword)."""
+
+Result = TypeVar("Result")
+
+
+class BusOptions(Options):
+    """A CAN bus as python-can opens it; further keys of the interface are passed on."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+    host: str | None = None
+    port: int | None = None
+
+
+class Cia402Options(Options):
+    """One drive on a bus.
+
+    `velocity_units_per_rpm` is what the drive's velocity objects count in; `master` is the node
+    number under which this computer sends its heartbeat.
+    """
+
+    bus: BusOptions
+    node: Annotated[int, Field(ge=1, le=127)]
+    master: Annotated[int, Field(ge=1, le=127)] = 126
+    velocity_units_per_rpm: Annotated[float, Field(gt=0.0, le=1e6)] = 1000.0
+    switching_s: Annotated[float, Field(gt=0.0, le=30.0, description="s")] = 2.0
+    timeout_s: TimeOut = 0.3
+
+
+def load_dictionary() -> Any:
+    """Read the object dictionary that driver and simulator share."""
+    canopen = require_library("canopen", "canopen")
+    text = resources.files("torquebench.bench.drivers") / "cia402.eds"
+    with resources.as_file(text) as path:
+        return canopen.import_od(str(path))
+
+
+class CanopenLink(Link[Any]):
+    """One node on a CANopen bus, asked by SDO.
+
+    Parameters
+    ----------
+    name : str
+    options : Cia402Options
+    """
+
+    def __init__(self, name: str, options: Cia402Options) -> None:
+        bus = options.bus
+        address = f"{bus.host}:{bus.port}" if bus.host else f"{bus.interface} {bus.channel}"
+        super().__init__(name, f"node {options.node} on {address}", options.timeout_s)
+        self._options = options
+        self._canopen = require_library("canopen", "canopen")
+        self._can = require_library("can", "canopen")
+        self._dictionary = load_dictionary()
+
+    def _open(self) -> Any:
+        bus = self._options.bus
+        settings = {key: value for key, value in bus.model_dump().items() if value is not None}
+        if bus.host is not None and bus.port is not None:
+            # python-can goes on trying for 10 s where nobody listens.
+            socket.create_connection((bus.host, bus.port), self.timeout_s).close()
+            settings["tcp_tune"] = True
+        network = self._canopen.Network()
+        network.NOTIFIER_CYCLE = 0.05
+        try:
+            network.connect(**settings)
+        except (self._can.CanError, TimeoutError, ValueError) as error:
+            raise WireError(str(error)) from error
+        node = network.add_node(self._options.node, self._dictionary)
+        node.sdo.RESPONSE_TIMEOUT = self.timeout_s
+        node.sdo.RETRY_DELAY = 0.0
+        return network
+
+    def _close(self, connection: Any) -> None:
+        connection.disconnect()
+
+    def exchange(self, ask: Callable[[Any, Any], Result]) -> Result:
+        """Ask something of the network and its node, with this project's errors."""
+
+        def question(network: Any) -> Result:
+            sdo_errors = self._canopen.SdoAbortedError, self._canopen.SdoCommunicationError
+            try:
+                network.check()
+                return ask(network, network[self._options.node])
+            except sdo_errors[0] as error:
+                if error.code == 0x05040000:  # time-out
+                    raise WireError(str(error)) from error
+                raise BenchError(
+                    f"{self.name} at {self.address} refuses: {error}",
+                    "an object and a value that the drive knows",
+                    "compare its object dictionary with cia402.eds",
+                ) from error
+            except (sdo_errors[1], self._can.CanError, ValueError, EOFError) as error:
+                raise WireError(str(error) or type(error).__name__) from error
+
+        return self.call(question)
+
+    def read(self, index: int, subindex: int = 0) -> int:
+        """Read an integer object."""
+        return int(self.exchange(lambda _, node: self._variable(node, index, subindex).raw))
+
+    def read_text(self, index: int) -> str:
+        """Read a text object."""
+        return str(self.exchange(lambda _, node: self._variable(node, index, 0).raw))
+
+    def write(self, index: int, value: int, subindex: int = 0) -> None:
+        """Write an integer object."""
+
+        def ask(network: Any, node: Any) -> None:
+            del network
+            self._variable(node, index, subindex).raw = value
+
+        self.exchange(ask)
+
+    def _variable(self, node: Any, index: int, subindex: int) -> Any:
+        return node.sdo[index][subindex] if subindex else node.sdo[index]
+
+    def beat(self) -> None:
+        """Send this computer's heartbeat once."""
+        can_id = 0x700 + self._options.master
+        self.exchange(lambda network, _: network.send_message(can_id, bytes([OPERATIONAL])))
+
+    def start_node(self) -> None:
+        """Bring the node to the NMT state operational."""
+
+        def ask(network: Any, node: Any) -> None:
+            del network
+            node.nmt.state = "OPERATIONAL"
+
+        self.exchange(ask)
+
+
+class Cia402Drive:
+    """A servo drive after CiA 402 with profile torque and profile velocity.
+
+    Torques are in thousandths of the motor's rated torque (object 0x6076), so they are rounded to
+    that resolution. Either torque or speed is followed, never both.
+
+    Parameters
+    ----------
+    link : CanopenLink
+    side : {"input", "output"}
+    options : Cia402Options
+    watchdog_s : float
+        Without this computer's heartbeat for so long the drive goes to its state fault.
+    """
+
+    def __init__(
+        self, link: CanopenLink, side: Side, options: Cia402Options, watchdog_s: float
+    ) -> None:
+        self._link = link
+        self._side = side
+        self._options = options
+        self._watchdog_s = watchdog_s
+        self._rated_nm = link.read(RATED_TORQUE) / 1e3
+        if self._rated_nm <= 0.0:
+            raise BenchError(
+                f"{link.name}: rated torque {self._rated_nm:g} N·m",
+                "above 0 N·m",
+                "set object 0x6076 of the drive",
+            )
+        self._maximum_nm = link.read(MAXIMUM_TORQUE) * self._rated_nm / 1e3
+        self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM
+
+    def identity(self) -> Identity:
+        """Ask the drive for its identity object."""
+        link = self._link
+        vendor, product, revision, serial = (link.read(IDENTITY, sub) for sub in (1, 2, 3, 4))
+        return Identity(
+            f"{self._side}.drive",
+            f"vendor 0x{vendor:X}",
+            link.read_text(0x1008),
+            str(serial),
+            f"revision 0x{revision:X}",
+            {"product": f"0x{product:X}", "address": link.address},
+        )
+
+    # -- state machine ----------------------------------------------------------------------
+
+    def _status(self) -> str:
+        word = self._link.read(STATUSWORD)
+        return next((name for mask, value, name in STATES if word & mask == value), "unknown")
+
+    def _switch(self, controlword: int, wanted: str) -> None:
+        """Write a controlword and wait until its state is reached."""
+        self._link.write(CONTROLWORD, controlword)
+        deadline = time.monotonic() + self._options.switching_s
+        while (status := self._status()) != wanted:
+            if time.monotonic() > deadline or (status == "fault" and controlword != FAULT_RESET):
+                raise BenchError(
+                    f"{self._link.name} is in the state {status!r}{self._reason(status)}",
+                    f"the state {wanted!r}",
+                    "read the drive's error code and check its supply and safety circuit",
+                )
+            time.sleep(POLL_S)
+
+    def _reason(self, status: str) -> str:
+        if "fault" not in status:
+            return ""
+        code = self._link.read(ERROR_CODE)
+        if code in HEARTBEAT_ERRORS:
+            return f": error 0x{code:04X}, watchdog not fed for {self._watchdog_s:g} s"
+        return f": error 0x{code:04X}"
+
+    def enable(self) -> None:
+        """Reset a fault, arm the heartbeat consumer, go to operation enabled at zero torque."""
+        link = self._link
+        link.start_node()
+        link.beat()
+        milliseconds = round(self._watchdog_s * 1e3)
+        link.write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
+        link.write(ABORT_OPTION, ABORT_BY_FAULT)
+        link.beat()
+        if self._status() in ("fault", "fault reaction active"):
+            self._switch(FAULT_RESET, "switch on disabled")
+        link.write(TARGET_TORQUE, 0)
+        link.write(TARGET_VELOCITY, 0)
+        self._set_mode(PROFILE_TORQUE)
+        self._switch(SHUT_DOWN, "ready to switch on")
+        self._switch(SWITCH_ON, "switched on")
+        self._switch(ENABLE_OPERATION, "operation enabled")
+
+    def disable(self) -> None:
+        """Take the power off the motor."""
+        self._link.write(CONTROLWORD, DISABLE_VOLTAGE)
+
+    def _set_mode(self, mode: int) -> None:
+        if self._link.read(MODE_DISPLAY) == mode:
+            return
+        self._link.write(MODE, mode)
+        deadline = time.monotonic() + self._options.switching_s
+        while (shown := self._link.read(MODE_DISPLAY)) != mode:
+            if time.monotonic() > deadline:
+                raise BenchError(
+                    f"{self._link.name} stays in mode {shown}",
+                    f"mode {mode}",
+                    "check that the drive supports profile torque and profile velocity",
+                )
+            time.sleep(POLL_S)
+
+    def _check_enabled(self) -> None:
+        status = self._status()
+        if status != "operation enabled":
+            raise BenchError(
+                f"{self._link.name} is in the state {status!r}{self._reason(status)}",
+                "commands to an enabled drive",
+                "enable it first",
+            )
+
+    # -- commands ---------------------------------------------------------------------------
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        """Go to a torque at a limited rate and keep it."""
+        _check_within(self._link.name, torque_nm, self._maximum_nm, "N·m")
+        _check_rate(ramp_nm_per_s, "N·m/s")
+        self._check_enabled()
+        self._set_mode(PROFILE_TORQUE)
+        self._link.write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
+        self._link.write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        """Go to a speed at a limited rate and keep it."""
+        _check_within(self._link.name, speed_rad_s, self._maximum_rad_s, "rad/s")
+        _check_rate(ramp_rad_per_s2, "rad/s²")
+        self._check_enabled()
+        self._set_mode(PROFILE_VELOCITY)
+        ramp = self._ramp(ramp_rad_per_s2)
+        for index in (ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION):
+            self._link.write(index, ramp)
+        self._link.write(TARGET_VELOCITY, self._velocity(speed_rad_s))
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Have the drive bring torque or speed to zero by itself."""
+        present = self.state()
+        seconds = max(duration_s, 1e-3)
+        if present.torque_nm is not None:
+            self._link.write(TORQUE_SLOPE, self._slope(abs(present.torque_nm) / seconds))
+        if present.speed_rad_s is not None:
+            self._link.write(DECELERATION, self._ramp(abs(present.speed_rad_s) / seconds))
+        self._link.write(TARGET_TORQUE, 0)
+        self._link.write(TARGET_VELOCITY, 0)
+
+    def _slope(self, rate_nm_per_s: float) -> int:
+        return min(LARGEST_SLOPE, max(1, math.ceil(1e3 * rate_nm_per_s / self._rated_nm)))
+
+    def _ramp(self, rate_rad_per_s2: float) -> int:
+        return min(LARGEST_SLOPE, max(1, abs(self._velocity(rate_rad_per_s2))))
+
+    def _velocity(self, speed_rad_s: float) -> int:
+        return round(speed_rad_s * RPM * self._options.velocity_units_per_rpm)
+
+    def feed_watchdog(self) -> None:
+        """Send the heartbeat that the drive watches."""
+        self._link.beat()
+
+    def state(self) -> DriveState:
+        """Ask for the set point of the active mode and the fault state."""
+        status = self._status()
+        mode = self._link.read(MODE_DISPLAY)
+        torque_nm = speed_rad_s = None
+        if mode == PROFILE_VELOCITY:
+            units = self._link.read(VELOCITY_DEMAND)
+            speed_rad_s = units / self._options.velocity_units_per_rpm / RPM
+        else:
+            torque_nm = self._link.read(TORQUE_DEMAND) * self._rated_nm / 1e3
+        enabled = status == "operation enabled"
+        fault = f"{status}{self._reason(status)}" if "fault" in status else ""
+        return DriveState(enabled, torque_nm, speed_rad_s, fault)
+
+    def close(self) -> None:
+        """Release the drive. A second call does nothing."""
+        with contextlib.suppress(BenchError):
+            self._link.close()
+
+
+def _check_within(name: str, value: float, maximum: float, unit: str) -> None:
+    if not abs(value) <= maximum * (1.0 + 1e-6):
+        raise LimitError(
+            f"{value:g} {unit} asked of {name}",
+            f"±{maximum:g} {unit}, the drive's own limit",
+            "stay within what the drive can do",
+        )
+
+
+def _check_rate(rate: float, unit: str) -> None:
+    if not (rate > 0.0 and math.isfinite(rate)):
+        raise InputError(f"rate {rate:g} {unit}", "a rate above 0")
+
+
+def _drive(request: InstrumentRequest) -> Cia402Drive:
+    assert request.side is not None
+    options: Cia402Options = request.read(Cia402Options)
+    link = CanopenLink(request.section.removeprefix("driver.").replace("_", " "), options)
+    try:
+        watchdog_s = request.description.module(request.side).drive.watchdog_s
+        return Cia402Drive(link, request.side, options, watchdog_s)
+    except BaseException:
+        link.close()
+        raise
+
+
+PLUGIN = DriverPlugin("canopen", {"drive": _drive})
+"""What `protocol = "canopen"` opens."""
