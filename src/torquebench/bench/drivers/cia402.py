@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import socket
 import time
 from collections.abc import Callable
 from importlib import resources
@@ -114,22 +113,24 @@ class CanopenLink(Link[Any]):
         self._dictionary = load_dictionary()
 
     def _open(self) -> Any:
-        bus = self._options.bus
-        settings = {key: value for key, value in bus.model_dump().items() if value is not None}
-        if bus.host is not None and bus.port is not None:
-            # python-can goes on trying for 10 s where nobody listens.
-            socket.create_connection((bus.host, bus.port), self.timeout_s).close()
-            settings["tcp_tune"] = True
-        network = self._canopen.Network()
+        network = self._canopen.Network(self._open_bus())
         network.NOTIFIER_CYCLE = 0.05
-        try:
-            network.connect(**settings)
-        except (self._can.CanError, TimeoutError, ValueError) as error:
-            raise WireError(str(error)) from error
+        network.connect()
         node = network.add_node(self._options.node, self._dictionary)
         node.sdo.RESPONSE_TIMEOUT = self.timeout_s
         node.sdo.RETRY_DELAY = 0.0
         return network
+
+    def _open_bus(self) -> Any:
+        bus = self._options.bus
+        try:
+            if bus.interface == "socketcand" and bus.host is not None and bus.port is not None:
+                module = require_library("torquebench.bench.drivers.socketcand_bus", "canopen")
+                return module.SocketcandBus(bus.channel, bus.host, bus.port, self.timeout_s)
+            settings = {key: value for key, value in bus.model_dump().items() if value is not None}
+            return self._can.Bus(**settings)
+        except (self._can.CanError, ValueError) as error:
+            raise WireError(str(error)) from error
 
     def _close(self, connection: Any) -> None:
         connection.disconnect()
@@ -391,12 +392,9 @@ def _drive(request: InstrumentRequest) -> Cia402Drive:
     assert request.side is not None
     options: Cia402Options = request.read(Cia402Options)
     link = CanopenLink(request.section.removeprefix("driver.").replace("_", " "), options)
-    try:
-        watchdog_s = request.description.module(request.side).drive.watchdog_s
+    watchdog_s = request.description.module(request.side).drive.watchdog_s
+    with link.kept():
         return Cia402Drive(link, request.side, options, watchdog_s)
-    except BaseException:
-        link.close()
-        raise
 
 
 PLUGIN = DriverPlugin("canopen", {"drive": _drive})

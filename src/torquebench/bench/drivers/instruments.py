@@ -37,7 +37,18 @@ from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError, InputError
 
-__all__ = ["InstrumentsOptions", "SimulationOptions", "open_instruments"]
+__all__ = ["InstrumentsOptions", "SimulationOptions", "open_instruments", "open_role"]
+
+_ROLES: dict[str, tuple[Role, Side | None]] = {
+    "counter": ("counter", None),
+    "angles": ("angles", None),
+    "input_drive": ("drive", "input"),
+    "output_drive": ("drive", "output"),
+    "reference": ("reference", None),
+    "temperature": ("temperature", None),
+    "modes": ("modes", None),
+    "clamp": ("clamp", None),
+}
 
 
 class SimulationOptions(BaseModel):
@@ -86,8 +97,8 @@ def open_instruments(description: BenchDescription) -> DriverSet:
     options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
     with contextlib.ExitStack() as opened:
 
-        def open_one(role: Role, key: str, side: Side | None = None) -> Any:
-            instrument = _open(description, role, key, getattr(options, key), side)
+        def open_one(key: str) -> Any:
+            instrument = _open(description, key, getattr(options, key))
             if hasattr(instrument, "close"):
                 opened.callback(instrument.close)
             return instrument
@@ -98,22 +109,22 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             opened.callback(control.close)
             _check_running(control)
         drives = {
-            "input": open_one("drive", "input_drive", "input"),
-            "output": open_one("drive", "output_drive", "output"),
+            "input": open_one("input_drive"),
+            "output": open_one("output_drive"),
         }
-        counter = open_one("counter", "counter")
+        counter = open_one("counter")
         if options.angles is not None:
             window_s = description.counter.window_s
-            counter = with_angles(counter, open_one("angles", "angles"), window_s)
+            counter = with_angles(counter, open_one("angles"), window_s)
         return DriverSet(
             name="instruments",
             counter=counter,
             drives=drives,  # type: ignore[arg-type]
-            modes=open_one("modes", "modes"),
-            clamp=open_one("clamp", "clamp"),
-            temperature=open_one("temperature", "temperature"),
+            modes=open_one("modes"),
+            clamp=open_one("clamp"),
+            temperature=open_one("temperature"),
             operator=DeskOperator(PromptDesk()) if control is None else SimulatedOperator(control),
-            reference=None if options.reference is None else open_one("reference", "reference"),
+            reference=None if options.reference is None else open_one("reference"),
             truth=None if control is None else SimulatedTruth(control),
             certificates={} if control is None else simulated_certificates(control),
             simulated_time=_on_demand(options),
@@ -135,13 +146,31 @@ def _on_demand(options: InstrumentsOptions) -> bool:
     return options.simulation is not None and options.simulation.time == "on-demand"
 
 
-def _open(
-    description: BenchDescription,
-    role: Role,
-    key: str,
-    section: Mapping[str, Any],
-    side: Side | None,
-) -> Any:
+def open_role(description: BenchDescription, key: str) -> Any:
+    """Open one instrument of a bench alone: for `doctor`, and for tests of its driver.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    key : str
+        Its section: "counter", "angles", "input_drive", "output_drive", "reference",
+        "temperature", "modes" or "clamp".
+
+    Raises
+    ------
+    InputError, BenchError
+        Like `open_instruments`.
+    """
+    source = f"{description.name}: driver"
+    options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
+    section = getattr(options, key)
+    if section is None:
+        raise InputError(f"{source}.{key} is missing", "a section", "add it")
+    return _open(description, key, section)
+
+
+def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -> Any:
+    role, side = _ROLES[key]
     values = dict(section)
     name = values.pop("protocol", None)
     if not isinstance(name, str):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Annotated, Generic, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Annotated, Generic, Self, TypeVar
 
 from pydantic import Field, StringConstraints
 
@@ -110,6 +110,15 @@ class Link(ABC, Generic[Connection]):
         if connection is not None:
             with contextlib.suppress(Exception):  # it is gone in any case
                 self._close(connection)
+
+    @contextlib.contextmanager
+    def kept(self) -> Iterator[Self]:
+        """Close the link where the block fails: nobody else will."""
+        try:
+            yield self
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Disconnect for good. A second call does nothing."""

@@ -149,7 +149,8 @@ def _drive(request: InstrumentRequest) -> ModbusDrive:
     assert request.side is not None
     link = _link(request, request.read(ModbusOptions))
     watchdog_s = request.description.module(request.side).drive.watchdog_s
-    return ModbusDrive(link, request.side, watchdog_s)
+    with link.kept():
+        return ModbusDrive(link, request.side, watchdog_s)
 
 
 def _temperature(request: InstrumentRequest) -> ModbusTemperature:
@@ -182,7 +183,8 @@ def _angles(request: InstrumentRequest) -> ModbusAngles:
     options: AnglesOptions = request.read(AnglesOptions)
     described = request.description
     per_revolution = {side: described.module(side).encoder.counts_per_revolution for side in SIDES}
-    return ModbusAngles(_link(request, options), options, per_revolution)
+    with _link(request, options).kept() as link:
+        return ModbusAngles(link, options, per_revolution)
 
 
 PLUGIN = DriverPlugin(

@@ -7,6 +7,7 @@ bench names them; any other package adds its own by an entry point in the group
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module, metadata
@@ -151,13 +152,14 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
 
 
 def require_library(module: str, extra: str) -> ModuleType:
-    """Import the library of a protocol.
+    """Import the library of a protocol, whose own log stays silent unless somebody listens.
 
     Raises
     ------
     InputError
         It isn't installed: names the extra to install.
     """
+    logging.getLogger(module.partition(".")[0]).addHandler(logging.NullHandler())
     try:
         return import_module(module)
     except ImportError as error:

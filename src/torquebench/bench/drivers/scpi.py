@@ -77,7 +77,11 @@ class ScpiCounter:
                 raise InputError(f"channels without {name}", "a counter for each module")
         self._running: frozenset[str] = frozenset()
         self._windows = 0
-        self._serial = self.identity().serial
+        try:
+            self._serial = self.identity().serial
+        except BaseException:
+            self.close()
+            raise
         self._relative_uncertainty = math.sqrt(2.0) * options.single_shot_s / counting.window_s
 
     @property
@@ -238,7 +242,8 @@ def _counter(request: InstrumentRequest) -> ScpiCounter:
 
 def _readout(request: InstrumentRequest) -> ScpiReadout:
     options: ReadoutOptions = request.read(ReadoutOptions)
-    return ScpiReadout(ScpiLink("reference", options.address, options.timeout_s), options)
+    with ScpiLink("reference", options.address, options.timeout_s).kept() as link:
+        return ScpiReadout(link, options)
 
 
 PLUGIN = DriverPlugin("scpi", {"counter": _counter, "reference": _readout})

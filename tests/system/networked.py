@@ -1,0 +1,57 @@
+"""A bench of separate instruments, all simulated, on ports that nobody else has."""
+
+import tomllib
+from importlib import resources
+from typing import Any
+
+from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
+from torquebench.bench.description_errors import validated
+
+ANY_PORT = "127.0.0.1:0"
+TIMEOUT_S = 0.15
+PROBES = {
+    "ambient": 0,
+    "input_transducer": 1,
+    "output_transducer": 2,
+    "reducer": 3,
+    "calibrator": 4,
+}
+CAN_BUS = {"interface": "socketcand", "host": "127.0.0.1", "port": 0, "channel": "can0"}
+
+
+def modbus(**keys: Any) -> dict[str, Any]:
+    return {"protocol": "modbus", "address": ANY_PORT, "timeout_s": TIMEOUT_S, **keys}
+
+
+def scpi(**keys: Any) -> dict[str, Any]:
+    return {"protocol": "scpi", "address": ANY_PORT, "timeout_s": TIMEOUT_S, **keys}
+
+
+def scpi_counter() -> dict[str, Any]:
+    channels = {"input_torque": ANY_PORT, "output_torque": ANY_PORT}
+    return {"protocol": "scpi", "channels": channels, "timeout_s": TIMEOUT_S}
+
+
+def canopen() -> dict[str, Any]:
+    return {"protocol": "canopen", "bus": CAN_BUS, "node": 5, "timeout_s": TIMEOUT_S}
+
+
+def described(**sections: dict[str, Any]) -> BenchDescription:
+    """Describe the simulated bench with an instrument for each role; `sections` replace them."""
+    text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
+    values = tomllib.loads(text)
+    values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
+    values["output"]["drive"]["serial"] = "402005"
+    values["driver"] = {
+        "simulation": {"control": ANY_PORT},
+        "counter": scpi_counter(),
+        "angles": modbus(registers={"input": 0, "output": 2}),
+        "input_drive": modbus(),
+        "output_drive": canopen(),
+        "reference": scpi(),
+        "temperature": modbus(probes=PROBES, interval_s=0.0),
+        "modes": modbus(travel_s=0.3),
+        "clamp": modbus(travel_s=0.3),
+        **sections,
+    }
+    return validated(BenchDescription, values, "networked.toml")

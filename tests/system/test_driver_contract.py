@@ -1,0 +1,378 @@
+"""What every driver does, over real sockets, whatever its protocol and role."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.system.networked import described, modbus
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.drivers.base import CounterCard, Drive, Identified
+from torquebench.bench.drivers.instruments import open_role
+from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.simulators import Simulators
+
+SLOWEST_FAILURE_S = 5.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One driver: where its section is, how it is read, and what a right answer looks like."""
+
+    name: str
+    variant: str
+    key: str
+    read: Callable[[Any], Any]
+    right: Callable[[Any], bool]
+    lossy: bool = False  # an answer that is lost takes readings with it
+    quiet: bool = False  # states that it has nothing instead of raising
+
+
+def _read_block(counter: CounterCard) -> Any:
+    counter.select(frozenset({"input_torque", "output_torque"}))
+    return counter.read_block(0.05)
+
+
+def _has_pulses(block: Any) -> bool:
+    found = block.frequencies["input_torque"]
+    return bool(np.all(np.abs(found.frequency_hz - 60e3) < 600.0)) and found.time_s.size == 5
+
+
+CASES = [
+    Case("modbus-drive", "a", "input_drive", lambda i: i.state(), lambda s: not s.enabled),
+    Case("canopen-drive", "a", "output_drive", lambda i: i.state(), lambda s: not s.enabled),
+    Case(
+        "modbus-temperature",
+        "a",
+        "temperature",
+        lambda i: i.temperatures(),
+        lambda t: len(t) == 5 and all(15.0 < value < 35.0 for value in t.values()),
+        quiet=True,
+    ),
+    Case("modbus-modes", "a", "modes", lambda i: i.mode("input"), lambda m: m == "free"),
+    Case("modbus-clamp", "a", "clamp", lambda i: i.clamped(), lambda c: c is False),
+    Case(
+        "modbus-angles",
+        "a",
+        "angles",
+        lambda i: i.counts(),
+        lambda c: set(c) == {"input", "output"},
+    ),
+    Case(
+        "scpi-readout",
+        "a",
+        "reference",
+        lambda i: i.read("input", 1.0),
+        lambda s: s.time_s.shape == s.torque_nm.shape,
+    ),
+    Case(
+        "modbus-readout",
+        "b",
+        "reference",
+        lambda i: i.read("input", 1.0),
+        lambda s: s.time_s.shape == s.torque_nm.shape,
+    ),
+    Case("scpi-counter", "a", "counter", _read_block, _has_pulses, lossy=True),
+]
+
+
+@pytest.fixture(scope="module")
+def simulated() -> Iterator[dict[str, Simulators]]:
+    with Simulators(described()) as first, Simulators(described(reference=modbus())) as second:
+        yield {"a": first, "b": second}
+
+
+@pytest.fixture(params=CASES, ids=lambda case: case.name)
+def case(request: pytest.FixtureRequest) -> Case:
+    found: Case = request.param
+    return found
+
+
+@pytest.fixture
+def simulators(case: Case, simulated: dict[str, Simulators]) -> Iterator[Simulators]:
+    chosen = simulated[case.variant]
+    yield chosen
+    chosen.misbehaviour.heal()
+
+
+@pytest.fixture
+def instrument(case: Case, simulators: Simulators) -> Iterator[Any]:
+    opened = open_role(simulators.description, case.key)
+    yield opened
+    opened.close()
+
+
+def failing(case: Case, instrument: Any) -> BenchError | None:
+    """Read and return the failure that this driver has to state; None where it states nothing."""
+    started = time.monotonic()
+    try:
+        if case.quiet:
+            assert case.read(instrument) == {}
+            return None
+        with pytest.raises(BenchError) as caught:
+            case.read(instrument)
+        return caught.value
+    finally:
+        assert time.monotonic() - started < SLOWEST_FAILURE_S
+
+
+def test_it_says_who_it_is(case: Case, simulators: Simulators, instrument: Any) -> None:
+    if not isinstance(instrument, Identified):
+        pytest.fail("no identity") if case.key != "angles" else None
+        return
+    identity = instrument.identity()
+    assert identity.manufacturer
+    assert identity.model
+    described_serial = simulators.description.serials.get(identity.role)
+    assert described_serial in (None, identity.serial)
+
+
+def test_it_reads(case: Case, instrument: Any) -> None:
+    assert case.right(case.read(instrument))
+    assert case.right(case.read(instrument))
+
+
+def test_nobody_at_its_address_is_an_error_that_names_it(
+    case: Case, simulators: Simulators
+) -> None:
+    broken = _elsewhere(simulators.description, case.key)
+    try:
+        opened = open_role(broken, case.key)
+    except BenchError as error:
+        assert f"driver.{case.key}" in error.found  # noqa: PT017 - may also fail when it reads
+        return
+    try:
+        failure = failing(case, opened)
+        assert failure is None or "127.0.0.1:9" in failure.found
+    finally:
+        opened.close()
+
+
+def _elsewhere(description: BenchDescription, key: str) -> BenchDescription:
+    """Return the description with an address where nobody listens: the discard port."""
+    section = dict(description.driver[key])
+    if "bus" in section:
+        section["bus"] = section["bus"] | {"port": 9}
+    elif "channels" in section:
+        section["channels"] = dict.fromkeys(section["channels"], "127.0.0.1:9")
+    else:
+        section["address"] = "127.0.0.1:9"
+    driver = dict(description.driver) | {key: section}
+    return description.model_copy(update={"driver": driver})
+
+
+def test_silence_is_a_time_out(case: Case, simulators: Simulators, instrument: Any) -> None:
+    case.read(instrument)
+    simulators.misbehaviour.start(case.key, "drop")
+    failure = failing(case, instrument)
+    assert failure is None or failure.remedy
+
+
+def test_it_recovers_from_silence(case: Case, simulators: Simulators, instrument: Any) -> None:
+    case.read(instrument)
+    simulators.misbehaviour.start(case.key, "drop", replies=1)
+    if case.lossy:
+        failing(case, instrument)
+        return
+    assert case.right(case.read(instrument))
+
+
+@pytest.mark.parametrize("kind", ["cut", "delay"])
+def test_an_answer_that_comes_in_part_or_late_is_asked_for_again(
+    case: Case, simulators: Simulators, instrument: Any, kind: Any
+) -> None:
+    case.read(instrument)
+    simulators.misbehaviour.start(case.key, kind, replies=1, amount=0.2)
+    if case.lossy:
+        failing(case, instrument)
+        return
+    assert case.right(case.read(instrument))
+    assert case.right(case.read(instrument))  # nor is the late one taken for another's answer
+
+
+def test_it_connects_again(case: Case, simulators: Simulators, instrument: Any) -> None:
+    case.read(instrument)
+    simulators.misbehaviour.start(case.key, "disconnect")
+    if case.lossy:
+        failing(case, instrument)
+        return
+    assert case.right(case.read(instrument))
+
+
+def test_no_connection_at_all_is_an_error(
+    case: Case, simulators: Simulators, instrument: Any
+) -> None:
+    case.read(instrument)
+    simulators.misbehaviour.start(case.key, "disconnect", duration_s=60.0)
+    failing(case, instrument)
+
+
+def test_nonsense_is_an_error_or_asked_for_again_and_never_another_exception(
+    case: Case, simulators: Simulators, instrument: Any
+) -> None:
+    case.read(instrument)
+    for _ in range(4):
+        simulators.misbehaviour.start(case.key, "garble", replies=1)
+        try:
+            case.read(instrument)
+        except BenchError:  # Modbus has no checksum: a wrong number may also pass
+            if case.lossy:
+                return
+
+
+def test_many_callers_get_their_own_answers(case: Case, instrument: Any) -> None:
+    wrong: list[Any] = []
+
+    def ask() -> None:
+        try:
+            for _ in range(10):
+                answer = case.read(instrument)
+                if not case.right(answer):
+                    wrong.append(answer)
+        except Exception as error:
+            wrong.append(error)
+
+    if case.lossy:  # a stream has one reader
+        return
+    callers = [threading.Thread(target=ask) for _ in range(6)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join()
+    assert wrong == []
+
+
+def test_it_closes_twice_and_answers_nobody_afterwards(case: Case, simulators: Simulators) -> None:
+    opened = open_role(simulators.description, case.key)
+    opened.close()
+    opened.close()
+    failing(case, opened)
+
+
+def test_a_misspelt_key_is_named(case: Case, simulators: Simulators) -> None:
+    section = dict(simulators.description.driver[case.key]) | {"adress": "127.0.0.1:1"}
+    driver = dict(simulators.description.driver) | {case.key: section}
+    with pytest.raises(InputError, match=f"driver.{case.key}: adress"):
+        open_role(simulators.description.model_copy(update={"driver": driver}), case.key)
+
+
+# -- drives -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["input_drive", "output_drive"])
+def drive(request: pytest.FixtureRequest, simulated: dict[str, Simulators]) -> Iterator[Drive]:
+    opened: Drive = open_role(simulated["a"].description, request.param)
+    yield opened
+    opened.disable()
+    opened.close()
+
+
+@pytest.fixture
+def go_on(simulated: dict[str, Simulators]) -> Callable[[float], None]:
+    plant = simulated["a"].plant
+
+    def advance(duration_s: float) -> None:
+        assert plant.require(plant.now_s + duration_s, 5.0)
+
+    return advance
+
+
+def feed(drive: Drive, go_on: Callable[[float], None], duration_s: float) -> None:
+    for _ in range(round(duration_s / 0.1)):
+        drive.feed_watchdog()
+        go_on(0.1)
+
+
+def test_a_drive_ramps_to_its_torque_and_to_zero_by_itself(
+    drive: Drive, go_on: Callable[[float], None]
+) -> None:
+    drive.enable()
+    assert drive.state().enabled
+    drive.command_torque(20.0, 100.0)
+    feed(drive, go_on, 0.1)
+    torque = drive.state().torque_nm
+    assert torque is not None
+    assert 5.0 < torque < 15.0
+    feed(drive, go_on, 0.2)
+    assert drive.state().torque_nm == pytest.approx(20.0, abs=0.5)
+    drive.ramp_to_zero(0.2)
+    feed(drive, go_on, 0.3)
+    assert drive.state().torque_nm == 0.0
+    drive.disable()
+    assert not drive.state().enabled
+
+
+def test_a_drive_ramps_to_its_speed(drive: Drive, go_on: Callable[[float], None]) -> None:
+    drive.enable()
+    drive.command_speed(1.5, 5.0)
+    feed(drive, go_on, 0.5)
+    assert drive.state().speed_rad_s == pytest.approx(1.5, abs=1e-3)
+    drive.ramp_to_zero(0.2)
+    feed(drive, go_on, 0.3)
+    assert drive.state().speed_rad_s == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_drive_refuses_what_it_can_not_do(drive: Drive) -> None:
+    drive.enable()
+    with pytest.raises(LimitError, match="own limit"):
+        drive.command_torque(1e5, 100.0)
+    with pytest.raises(LimitError, match="own limit"):
+        drive.command_speed(1e4, 100.0)
+    with pytest.raises(InputError, match="rate"):
+        drive.command_torque(1.0, 0.0)
+    with pytest.raises(LimitError):
+        drive.command_torque(float("nan"), 100.0)
+
+
+def test_a_drive_that_is_off_refuses_commands(drive: Drive) -> None:
+    with pytest.raises(BenchError, match="enable"):
+        drive.command_torque(1.0, 100.0)
+
+
+def test_an_unfed_drive_stops_by_itself_and_can_be_enabled_again(
+    drive: Drive, go_on: Callable[[float], None]
+) -> None:
+    drive.enable()
+    drive.command_torque(5.0, 100.0)
+    go_on(1.0)
+    state = drive.state()
+    assert not state.enabled
+    assert "watchdog" in state.fault
+    drive.enable()
+    assert drive.state().enabled
+    assert drive.state().fault == ""
+
+
+def test_a_lying_drive_is_off_for_all_that_it_says(
+    drive: Drive, simulated: dict[str, Simulators]
+) -> None:
+    drive.enable()
+    orders = simulated["a"].misbehaviour
+    try:
+        for name in ("input_drive", "output_drive"):
+            orders.start(name, "lie")
+        assert not drive.state().enabled
+    finally:
+        orders.heal()
+    assert drive.state().enabled
+
+
+def test_a_frozen_drive_states_what_was(
+    drive: Drive, simulated: dict[str, Simulators], go_on: Callable[[float], None]
+) -> None:
+    drive.enable()
+    orders = simulated["a"].misbehaviour
+    try:
+        for name in ("input_drive", "output_drive"):
+            orders.start(name, "freeze")
+        before = drive.state()
+        drive.command_torque(10.0, 1000.0)
+        feed(drive, go_on, 0.2)
+        assert drive.state() == before
+    finally:
+        orders.heal()
+    assert drive.state().torque_nm == pytest.approx(10.0, abs=0.5)
