@@ -15,6 +15,7 @@ from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Placement, Profile, Step, check_limits
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
+from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.staircase import Row, load_staircase
 
@@ -189,7 +190,9 @@ def _staircase(
         metadata["standard_serial"] = devices.context.interlocks.standard_serial()
         yield from bpp.run_wrapper(load(), md=metadata)
 
-    yield from unloaded_after(devices, in_bench)
+    largest_nm = max(abs(step.target_nm) for step in steps)
+    limits = loading_limits(devices, setup.side, largest_nm)
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
     if not table.rows:
         raise BenchError("a staircase that recorded no point", "at least one point")
     return table.result(devices, setup.side, str(metadata["standard_serial"]))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
+from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, take
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.zeroing import zero
@@ -191,7 +192,8 @@ def friction_sweep(
         yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
         yield from bpp.run_wrapper(_sweep(devices, settings, points, rows), md=metadata)
 
-    yield from unloaded_after(devices, in_bench)
+    limits = turning_limits("input", settings.speeds_rpm[-1])
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
     return _result(points, rows)
 
 

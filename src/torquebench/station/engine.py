@@ -89,6 +89,8 @@ class BenchEngine:
         self._engine.register_command("sleep", self._sleep)
         self._engine.register_command("hold", self._hold)
         self._engine.register_command("progress", self._report)
+        self._engine.register_command("tighten", self._tighten)
+        self._engine.register_command("loosen", self._loosen)
 
     @property
     def run_engine(self) -> RunEngine:
@@ -183,6 +185,14 @@ class BenchEngine:
         """Report progress to whoever watches."""
         if self.progress is not None:
             self.progress(Progress(*message.args))
+
+    async def _tighten(self, message: Msg) -> tuple[int, ...]:
+        """Put narrower limits in force."""
+        return self._supervisor.limits.tighten(*message.args)
+
+    async def _loosen(self, message: Msg) -> None:
+        """Take narrower limits back."""
+        self._supervisor.limits.loosen(message.args[0])
 
     async def _hold(self, message: Msg) -> None:
         """Hold at zero torque while a pause is wanted."""

@@ -1,0 +1,79 @@
+"""Limits of a procedure's own: as long as it runs, the supervisor allows no more than it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import Any, TypeVar
+
+import bluesky.preprocessors as bpp
+from bluesky.utils import Msg
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.drivers.base import Side
+from torquebench.bench.safety_limits import StepLimits
+
+__all__ = ["StepLimits", "guarded", "loading_limits", "turning_limits"]
+
+Result = TypeVar("Result")
+
+TORQUE_MARGIN = 1.05
+"""How far a reading may go beyond the largest torque that will be asked for."""
+ZERO_MARGIN = 0.02
+"""What may be added by a zero that wasn't measured yet, of the range."""
+STANDING_RPM = 5.0
+STANDING_DEG = 5.0
+"""How fast and how far a clamped side may turn: wind-up and play, but no slipping."""
+RATE_MARGIN = 4.0
+"""How much faster than the drive's own rate a torque may change."""
+SPEED_MARGIN = 1.05
+SPEED_MARGIN_RPM = 10.0
+
+
+def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
+    """Return what loading a clamped side up to a torque needs.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    side : {"input", "output"}
+        The driven module.
+    largest_nm : float
+        Largest magnitude that will be asked for, N·m.
+    """
+    module = devices.context.description.module(side)
+    return StepLimits(
+        side,
+        torque_nm=TORQUE_MARGIN * abs(largest_nm) + ZERO_MARGIN * module.range_nm,
+        speed_rpm=STANDING_RPM,
+        angle_deg=STANDING_DEG,
+        torque_rate_nm_per_s=RATE_MARGIN * module.drive.torque_rate_nm_per_s,
+    )
+
+
+def turning_limits(side: Side, largest_rpm: float) -> StepLimits:
+    """Return what turning a side up to a speed needs, rpm."""
+    return StepLimits(side, speed_rpm=SPEED_MARGIN * abs(largest_rpm) + SPEED_MARGIN_RPM)
+
+
+def guarded(
+    plan: Callable[[], Generator[Msg, Any, Result]], *limits: StepLimits
+) -> Generator[Msg, Any, Result]:
+    """Run a plan, or one step of it, under narrower limits than the bench's own.
+
+    They are taken back however the plan ends; an engine that hangs doesn't matter, since the
+    station takes back what is left when the run is over.
+
+    Parameters
+    ----------
+    plan : callable
+        Returns the plan.
+    *limits : StepLimits
+        A limit that is wider than the one in force changes nothing.
+    """
+    numbers = yield Msg("tighten", None, *limits)
+
+    def loosen() -> Generator[Msg, Any, None]:
+        yield Msg("loosen", None, numbers)
+
+    result: Result = yield from bpp.finalize_wrapper(plan(), loosen)
+    return result
