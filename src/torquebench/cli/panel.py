@@ -57,6 +57,9 @@ def panel(
 
         def ready(url: str) -> None:
             say(f"Panel: {url}")
+            code = service.people.setup_code
+            if code is not None:
+                say(f"Set up the administrator there with the code {code}")
             note("Ctrl-C ends it.")
 
         serve(service, address, ready)

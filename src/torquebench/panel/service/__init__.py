@@ -16,29 +16,38 @@ People (`people`): roles "operator" < "metrologist" < "administrator"
       address)` -> token; `sign_in(name, password, address)` -> token; `sign_out(token)`;
       `actor(token)` -> `Actor(name, role, session_id, ...)` or raises `NotSignedInError`.
     - `confirm_password(actor, password)`: before signing; `change_password(actor, old, new)`.
+    - `actor(token, touch=False)` for whatever repaints itself: it doesn't keep a session alive.
     - `users(actor)`, `add_user(actor, name, role, password)`, `change_user(actor, name, role=None,
-      active=None, password=None)`; `clients(actor)`, `add_client(actor, name, role)` -> token shown
-      once, `revoke_client(actor, name)`.
+      active=None, password=None)`, `change_password(actor, old, new)`.
+
+Clients (`clients`): programs with a token of their own
+    - `add(actor, name, role)` -> (`Client`, token shown once), `list(actor)`, `revoke(actor, id)`,
+      `actor(token)`.
 
 Command lease (`lease`): one session commands, others watch
-    - `state()` -> `LeaseState(holder, since, idle_s, ...)`, `take(actor, force=False)`,
-      `give_back(actor)`, `may_take(actor)` -> (bool, reason). Commands keep it alive.
+    - `state()` -> `LeaseState(holder, session_id, since_s, idle_s)`, `holds(actor)`, `take(actor,
+      force=False)`, `give_back(actor)`, `may_take(actor)` -> (bool, reason). Commands keep it
+      alive; a command while nobody has it takes it.
 
 Work (`jobs`): one at a time, each needs the lease
     - `jobs.preview(kind, request)` -> `JobPreview` (steps, duration, limits; nothing moves).
     - `jobs.start(actor, kind, request)` -> `JobView`; kinds and their requests (pydantic) are in
-      `JOB_KINDS`: "calibrate", "compare-models", "verify", "zero", "check", "reducer-test",
-      "certificate".
-    - `jobs.current` / `jobs.get(job_id)` -> `JobView` (state, stages, progress, prompt, error,
-      result); `jobs.points(job_id, since=0)` -> points as they come, with reading, standard, error.
-    - `jobs.pause(actor, job_id)`, `resume`, `abort(actor, job_id, reason)`;
-      `jobs.answer(actor, prompt_number, done)`.
-    - `activate(actor, model_id, reason)`, `sign_off(actor, calibration_id, password, accepted,
-      remark)`.
+      `JOB_KINDS`: "calibrate", "compare-models", "fit", "verify", "zero", "check", "reducer-test".
+      What `JobView.result.details` holds is said in the modules job_calibrations and job_checks.
+    - `jobs.current` / `jobs.get(job_id)` / `jobs.recent()` -> `JobView` (state, stages, progress,
+      problem, result); `jobs.points(job_id, since=0)` -> list of `JobPoint` as they come, with
+      `values["reading_nm"]`, `["standard_nm"]`, `["error_nm"]`, `["series"]`, `["branch"]`.
+    - `jobs.pause(actor, job_id)`, `resume`, `abort(actor, job_id, reason)`.
+    - `jobs.prompt` -> `PendingPrompt(number, text)` or None; `jobs.answer(actor, number, done)`.
+    - `activate(actor, model_id, reason)`, `deactivate(actor, side, reason)`, `sign_off(actor,
+      calibration_id, password, accepted=True, remark="")`, `issue_certificate(actor, request,
+      password)` -> `JobView` of kind "certificate".
+    - `log(limit, before)` -> what people did, newest first.
 
 Alarms and stop
-    - `alarms()` -> list of `AlarmView` (number, level, found, allowed, remedy, who acknowledged);
-      `acknowledge(actor)`; `stop(actor, reason)` and `stop_here(reason)` (no lease needed).
+    - `alarms(standing=False)` -> list of `AlarmView` (number, level, found, allowed, remedy, who
+      acknowledged); `acknowledge(actor)`; `stop(actor, reason)` -> `StopReport(seconds)` and
+      `stop_here(reason)`: no lease needed.
 
 Records (`records`): `search`, `run`, `calibrations`, `calibration`, `models`, `compare`, `drift`,
 `certificates`, `certificate_file`, `export_zip`, `figure data`: ids in, values out.
@@ -47,7 +56,20 @@ Settings (`settings`): `sections()`, `get(section)`, `preview(section, document)
 `change(actor, section, document, reason)`, `history()`, `undo(actor, change_id)`.
 """
 
-from torquebench.panel.service.bench_service import BenchService
+from torquebench.panel.service.actors import ROLES, Actor, Role, allows
+from torquebench.panel.service.alarm_views import AlarmView, StopReport
+from torquebench.panel.service.bench_service import JOB_KINDS, BenchService
+from torquebench.panel.service.clients import Client
+from torquebench.panel.service.job_values import (
+    JobPoint,
+    JobPreview,
+    JobResult,
+    JobStage,
+    JobView,
+    PendingPrompt,
+    Problem,
+)
+from torquebench.panel.service.lease import LeaseState
 from torquebench.panel.service.live import (
     SIGNALS,
     STALE_AFTER_S,
@@ -57,6 +79,7 @@ from torquebench.panel.service.live import (
     LiveTrend,
     Signal,
 )
+from torquebench.panel.service.people import User
 from torquebench.panel.service.problems import (
     BusyError,
     LeaseError,
@@ -67,24 +90,43 @@ from torquebench.panel.service.problems import (
     SignInError,
 )
 from torquebench.panel.service.snapshot import BenchSnapshot, CompensationState, SideSnapshot
+from torquebench.panel.service.store import Event
 
 __all__ = [
+    "JOB_KINDS",
+    "ROLES",
     "SIGNALS",
     "STALE_AFTER_S",
+    "Actor",
+    "AlarmView",
     "BenchService",
     "BenchSnapshot",
     "BusyError",
+    "Client",
     "CompensationState",
+    "Event",
+    "JobPoint",
+    "JobPreview",
+    "JobResult",
+    "JobStage",
+    "JobView",
     "LatestValue",
     "LeaseError",
+    "LeaseState",
     "LiveHub",
     "LiveIncrement",
     "LiveTrend",
     "LockedOutError",
     "NotFoundError",
     "NotSignedInError",
+    "PendingPrompt",
     "PermissionDeniedError",
+    "Problem",
+    "Role",
     "SideSnapshot",
     "SignInError",
     "Signal",
+    "StopReport",
+    "User",
+    "allows",
 ]

@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import SIDES, Side
-from torquebench.errors import ModelMismatchError, RecordError
+from torquebench.errors import InterlockError, ModelMismatchError, RecordError
+from torquebench.panel.service.actors import SERVER, Actor, require
+from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view
+from torquebench.panel.service.clients import Clients
+from torquebench.panel.service.job_calibrations import CALIBRATION_KINDS
+from torquebench.panel.service.job_checks import CERTIFICATE_KIND, CHECK_KINDS
+from torquebench.panel.service.job_values import JobView
+from torquebench.panel.service.jobs import JobDesk, JobKind
+from torquebench.panel.service.lease import CommandLease
 from torquebench.panel.service.live import STALE_AFTER_S, Connection, LiveHub
+from torquebench.panel.service.people import People
 from torquebench.panel.service.snapshot import (
     BenchSnapshot,
     CompensationState,
     compensation_state,
     side_snapshots,
 )
+from torquebench.panel.service.store import Event, PanelStore
 from torquebench.station import Station, data_directory
 
-__all__ = ["BenchService"]
+__all__ = ["JOB_KINDS", "BenchService"]
+
+JOB_KINDS: Mapping[str, JobKind] = {kind.name: kind for kind in (*CALIBRATION_KINDS, *CHECK_KINDS)}
+"""What `jobs.start` can start."""
 
 LIVE_BLOCK_S = 0.03
 """Longest block of a live bench: thirty-three updates a second, s."""
@@ -38,14 +53,22 @@ class BenchService:
     station : Station
         The open bench. Doors must not touch it: it is here for the service's own parts.
     live : LiveHub
-    prompts : PromptDesk
-        Questions to the person at the bench.
+    people : People
+    clients : Clients
+    lease : CommandLease
+    jobs : JobDesk
     """
 
     def __init__(self, station: Station, prompts: PromptDesk) -> None:
         self.station = station
-        self.prompts = prompts
         self._closed = threading.Event()
+        self._store = PanelStore(station.data_dir)
+        self.people = People(self._store)
+        self.clients = Clients(self._store)
+        self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
+        self.jobs = JobDesk(
+            station, self.lease, prompts, JOB_KINDS, self.note, on_end=self._job_ended
+        )
         self._viewer = station.acquisition.add_viewer(maximum=400)
         self.live = LiveHub(
             station.description, station.clock, self._viewer, station.drivers.operator.mounted
@@ -110,11 +133,14 @@ class BenchService:
         if self._closed.is_set():
             return
         self._closed.set()
+        self.jobs.close()
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
         self.station.acquisition.remove_viewer(self._viewer)
         self.station.close()
+        self.people.close()
+        self._store.close()
 
     def _keep_time(self) -> None:
         """Let a fast bench follow the wall while no procedure asks for more."""
@@ -141,6 +167,7 @@ class BenchService:
         """Return the bench at this moment; cheap enough for every repaint of every page."""
         station = self.station
         connection, problem = self.connection
+        job = self.jobs.current
         return BenchSnapshot(
             bench_name=station.description.name,
             simulated=station.description.simulated,
@@ -154,8 +181,8 @@ class BenchService:
             efficiency=self.live.latest()["efficiency_percent"],
             alarms=len(station.supervisor.alarms),
             stopped=station.supervisor.alarm is not None,
-            job_id=None,
-            commanded_by=None,
+            job_id=None if job is None else job.job_id,
+            commanded_by=self.lease.state().holder,
         )
 
     def refresh_compensation(self, side: Side) -> None:
@@ -170,6 +197,139 @@ class BenchService:
         today = datetime.now(UTC).date()
         state = compensation_state(station.registry, int(active.model_id), today)
         self._compensation[side] = (state, "")
+
+    # -- what is done -----------------------------------------------------------------------
+
+    def note(self, actor: Actor, what: str, **details: Any) -> None:
+        """Enter what somebody did into the panel's log."""
+        self._store.note(actor.label, what, **details)
+
+    def log(self, limit: int = 100, before: int | None = None) -> list[Event]:
+        """Return what was done, the newest first; `before` is an event's number."""
+        return self._store.events(min(max(limit, 1), 1000), before)
+
+    def _lives(self, actor: Actor) -> bool:
+        return actor.kind != "person" or self.people.signed_in(actor.session_id)
+
+    def _job_ended(self, view: JobView) -> None:
+        if view.kind in ("calibrate", "fit"):
+            for side in SIDES:
+                self.refresh_compensation(side)
+
+    def activate(self, actor: Actor, model_id: int, reason: str = "") -> None:
+        """Put a model into use, on its chain.
+
+        Raises
+        ------
+        PermissionDeniedError, LeaseError
+            A metrologist who commands may.
+        RecordError
+            There is no such model, or its file was changed.
+        BusyError
+            A job is under way.
+        """
+        require(actor, "metrologist")
+        self.jobs.command(actor)
+        model = self.station.registry.model(model_id)
+        model.check_file()
+        self.station.registry.activate(model_id, operator=actor.label, reason=reason)
+        self.note(actor, "activated a model", model_id=model_id, reason=reason)
+        for side in SIDES:
+            self.refresh_compensation(side)
+
+    def deactivate(self, actor: Actor, side: Side, reason: str = "") -> None:
+        """Take the compensation of a side out of use; raises like `activate`."""
+        require(actor, "metrologist")
+        self.jobs.command(actor)
+        serial = self.station.description.module(side).transducer.serial
+        counter = self.station.drivers.counter.clock_identity
+        self.station.registry.deactivate(serial, counter, operator=actor.label, reason=reason)
+        self.note(actor, "deactivated compensation", side=side, reason=reason)
+        self.refresh_compensation(side)
+
+    def sign_off(
+        self,
+        actor: Actor,
+        calibration_id: int,
+        password: str,
+        *,
+        accepted: bool = True,
+        remark: str = "",
+    ) -> None:
+        """Enter that a calibration was looked over, signed with the password.
+
+        Raises
+        ------
+        PermissionDeniedError
+            A metrologist signs, and no client.
+        SignInError, LockedOutError
+            The password is wrong.
+        RecordError
+            There is no such calibration.
+        """
+        require(actor, "metrologist")
+        self.people.confirm_password(actor, password)
+        self.station.registry.calibration(calibration_id)
+        self.station.registry.review(
+            "calibrations", calibration_id, checked_by=actor.name, accepted=accepted, remark=remark
+        )
+        self.note(actor, "signed a calibration", calibration_id=calibration_id, accepted=accepted)
+
+    def issue_certificate(self, actor: Actor, request: Mapping[str, Any], password: str) -> JobView:
+        """Issue a certificate as a job, signed with the password; raises like `sign_off`."""
+        require(actor, "metrologist")
+        self.people.confirm_password(actor, password)
+        return self.jobs.start_kind(actor, CERTIFICATE_KIND, request)
+
+    # -- alarms and stop --------------------------------------------------------------------
+
+    def alarms(self, *, standing: bool = False) -> list[AlarmView]:
+        """Return alarms and warnings since the bench was opened, the newest first.
+
+        Parameters
+        ----------
+        standing : bool
+            Only those that still concern the bench, the worst first.
+        """
+        supervisor = self.station.supervisor
+        if standing:
+            return [alarm_view(entry) for entry in supervisor.alarms]
+        return [alarm_view(entry) for entry in reversed(supervisor.entries)]
+
+    def acknowledge(self, actor: Actor) -> AlarmView | None:
+        """Clear the latched alarm by name, once its cause is gone; return what was cleared.
+
+        Raises
+        ------
+        InterlockError
+            The bench isn't in its safe state yet.
+        """
+        if self.jobs.busy:
+            raise InterlockError(
+                "acknowledgement while a job ends", "an ended job", "wait a moment"
+            )
+        cleared = self.station.acknowledge_alarm(actor.label)
+        if cleared is None:
+            return None
+        self.note(actor, "acknowledged an alarm", number=cleared.number, found=cleared.found)
+        entries = self.station.supervisor.entries
+        return next(alarm_view(entry) for entry in entries if entry.alarm.number == cleared.number)
+
+    def stop(self, actor: Actor, reason: str = "") -> StopReport:
+        """Bring the bench to its safe state at once; anybody signed in may, without the lease.
+
+        This is no emergency stop in the sense of machine safety: that one is a red button.
+        """
+        started = time.perf_counter()
+        said = reason.strip()[:200] or "stop button"
+        alarm = self.station.emergency_stop(f"{said}, by {actor.label}")
+        seconds = time.perf_counter() - started
+        self.note(actor, "stopped the bench", reason=said, seconds=round(seconds, 4))
+        return StopReport(alarm.number, seconds)
+
+    def stop_here(self, reason: str = "stop on the server") -> StopReport:
+        """Stop on behalf of whoever sits at the server."""
+        return self.stop(SERVER, reason)
 
 
 def _live_paced(description: BenchDescription) -> BenchDescription:

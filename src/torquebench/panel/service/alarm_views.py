@@ -1,0 +1,83 @@
+"""Alarms as pages and clients show them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from torquebench.bench.safety import StandingAlarm
+
+__all__ = ["AlarmView", "StopReport", "alarm_view"]
+
+
+@dataclass(frozen=True)
+class AlarmView:
+    """An alarm: its cause, what to do, and what has become of it.
+
+    Parameters
+    ----------
+    number : int
+        Counts from 1 since the bench was opened.
+    level : str
+        "warning" or "critical": the latter has stopped the bench.
+    kind, source : str
+    found, allowed, remedy : str
+        Cause with value and unit, the limit, and what to do.
+    bench_time_s : float
+    raised : datetime.datetime
+    stands : bool
+        Whether it still concerns the bench.
+    cleared : datetime.datetime or None
+    acknowledged : datetime.datetime or None
+    acknowledged_by : str
+    """
+
+    number: int
+    level: str
+    kind: str
+    source: str
+    found: str
+    allowed: str
+    remedy: str
+    bench_time_s: float
+    raised: datetime
+    stands: bool
+    cleared: datetime | None
+    acknowledged: datetime | None
+    acknowledged_by: str
+
+
+@dataclass(frozen=True)
+class StopReport:
+    """What a stop did.
+
+    Parameters
+    ----------
+    alarm_number : int
+        Of the alarm that it latched, or added to the one that is.
+    seconds : float
+        From the request to both drives' zero command, s of wall time.
+    """
+
+    alarm_number: int
+    seconds: float
+
+
+def alarm_view(entry: StandingAlarm) -> AlarmView:
+    """Return an alarm as a value without behaviour."""
+    alarm = entry.alarm
+    return AlarmView(
+        number=alarm.number,
+        level=alarm.level.name.lower(),
+        kind=alarm.kind.value,
+        source=alarm.source,
+        found=alarm.found,
+        allowed=alarm.allowed,
+        remedy=alarm.remedy,
+        bench_time_s=alarm.time_s,
+        raised=alarm.raised,
+        stands=entry.stands,
+        cleared=entry.cleared,
+        acknowledged=entry.acknowledged,
+        acknowledged_by=entry.acknowledged_by,
+    )

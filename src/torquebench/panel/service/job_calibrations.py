@@ -1,0 +1,441 @@
+"""Jobs about compensation: calibrate, compare models, fit another one, verify.
+
+Details of their results, all as JSON:
+
+- "calibrate": `side`, `range_nm`, `points` (`reading_nm`, `standard_nm`, `branch`, `series`),
+  `models`: for each fitted model `title`, `kind`, `torque_nm` at the points, `summary` (errors on
+  its own points) and `remarks`; `raw`: the summary without compensation; `unsettled`.
+- "compare-models": `scores` (one row a model), `selected`, `sentence`, `refused`, `noise_nm`.
+- "fit": as "calibrate", with the one new model.
+- "verify": `models`: for each, and "raw", `title`, `against_standard`, `averaged`, `groups`,
+  `error_nm` at the points; `standard_nm`, `group`; `verdict` and `tolerance_percent_fs`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from torquebench.bench.roles import Side
+from torquebench.calibration import CalibrationData, Profile, load_profile, summarise_errors, verify
+from torquebench.campaign.checking import SEVERITY, judge_check
+from torquebench.campaign.fitting import (
+    COMPARED_COLUMNS,
+    FittedModel,
+    ModelChoice,
+    feature_columns,
+    fit_models,
+    model_title,
+)
+from torquebench.campaign.measuring import (
+    measure_calibration,
+    measure_verification,
+    rehearse_calibration,
+)
+from torquebench.campaign.modules import (
+    RegisteredCalibration,
+    fit_metrics,
+    register_calibration,
+    register_verification,
+    store_model,
+)
+from torquebench.compensation import (
+    RECOMMENDED,
+    Comparison,
+    CompensationModel,
+    compare,
+    load_model,
+    make_model,
+)
+from torquebench.errors import InputError, RecordError
+from torquebench.panel.service.aside import run_aside
+from torquebench.panel.service.job_values import JobPreview, JobResult
+from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest
+from torquebench.panel.service.previews import confirm_clear, staircase_preview
+from torquebench.procedures import rehearse
+from torquebench.procedures import verify as verify_plan
+from torquebench.records import CalibrationEntry, RunFolder, json_text
+from torquebench.reports.certificate import run_data
+from torquebench.station import Station
+
+__all__ = [
+    "CALIBRATION_KINDS",
+    "CalibrateRequest",
+    "CompareRequest",
+    "FitRequest",
+    "VerifyRequest",
+    "calibration_data",
+]
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")]
+Percent = Annotated[float, Field(ge=0.1, le=100.0)]
+
+
+class CalibrateRequest(JobRequest):
+    """Calibrate one module against the calibrator and fit models; none is activated.
+
+    `bench_clear` has to be true on a real bench: whoever starts it confirms that it may be loaded.
+    """
+
+    side: Side
+    profile: Name = "rapid-in-situ"
+    rising_only: bool | None = None
+    repeats: Annotated[int, Field(ge=1, le=50)] | None = None
+    step_percent: Percent | None = None
+    models: tuple[Name, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    bench_clear: bool = False
+
+
+class CompareRequest(JobRequest):
+    """Compare all kinds of model on a calibration by cross-validation."""
+
+    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
+
+
+class FitRequest(JobRequest):
+    """Fit one more model to a calibration and register it."""
+
+    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
+    model: Name
+
+
+class VerifyRequest(JobRequest):
+    """Verify the models of a calibration at fresh points against the verification standard."""
+
+    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
+    profile: Name = "verification"
+    groups: Annotated[int, Field(ge=1, le=50)] | None = None
+    points: Annotated[int, Field(ge=4, le=1000)] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] | None = None
+    tolerance_percent_fs: Annotated[float, Field(gt=0, le=100.0)] = 0.1
+    bench_clear: bool = False
+
+
+# -- calibrate ------------------------------------------------------------------------------
+
+
+def _calibration_profile(request: CalibrateRequest) -> Profile:
+    profile = packaged_profile(request.profile).with_options(
+        rising_only=request.rising_only,
+        repeats=request.repeats,
+        step_percent=request.step_percent,
+    )
+    if profile.loading.pattern == "random":
+        raise InputError(
+            f"profile {profile.name} for a calibration", "a profile of steps", "take another one"
+        )
+    return profile
+
+
+def packaged_profile(name: str) -> Profile:
+    """Return a profile by its name; never by a path."""
+    if "/" in name or "\\" in name or name.endswith(".toml"):
+        raise InputError(f"profile {name[:80]!r}", "a profile's name")
+    return load_profile(name)
+
+
+def preview_calibration(station: Station, request: CalibrateRequest) -> JobPreview:
+    """Rehearse the very plan that would run."""
+    profile = _calibration_profile(request)
+    rehearsal = rehearse_calibration(station, request.side, profile)
+    return staircase_preview(
+        station.description, request.side, "calibrate", _calibrate_title(request), rehearsal
+    )
+
+
+def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult:
+    """Measure, fit and register; which model is used stays open."""
+    station, job = context.station, context.job
+    confirm_clear(station.description, request.bench_clear)
+    profile = _calibration_profile(request)
+    choices = [ModelChoice(name) for name in dict.fromkeys(request.models)]
+    for choice in choices:
+        make_model(choice.name)
+    measured = measure_calibration(station, request.side, profile, progress=job)
+    context.check()
+    data = measured.result.data
+    fitted = fit_models(data, choices, job, title="Fitting models")
+    registered = register_calibration(station, measured, profile, fitted, active=None)
+    best = min(fitted, key=lambda item: _errors(item, data).worst_percent_fs, default=None)
+    found = "" if best is None else f"; {best.title} leaves {_errors(best, data).worst_nm:.3g} N·m"
+    raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
+    return JobResult(
+        headline=f"{len(data)} points; the raw reading is wrong by up to "
+        f"{raw.worst_nm:.3g} N·m{found}.",
+        simulated=data.simulated,
+        run_ids=(measured.record.run_id,),
+        calibration_id=registered.calibration.calibration_id,
+        model_ids={name: entry.model_id for name, entry in registered.models.items()},
+        details=_fit_details(data, fitted) | {"unsettled": measured.result.unsettled},
+    )
+
+
+def _errors(item: FittedModel, data: CalibrationData) -> Any:
+    torque = item.model.predict(data.features(feature_columns(item.model)))
+    return summarise_errors(torque, data.standard_nm, data.range_nm)
+
+
+def _fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[str, Any]:
+    models = {
+        item.name: {
+            "title": item.title,
+            "kind": item.model.kind,
+            "torque_nm": item.model.predict(data.features(feature_columns(item.model))),
+            "summary": _errors(item, data),
+            "remarks": item.remarks,
+        }
+        for item in fitted
+    }
+    return as_details(
+        {
+            "side": data.side,
+            "range_nm": data.range_nm,
+            "points": {
+                "reading_nm": data.reading_nm,
+                "standard_nm": data.standard_nm,
+                "branch": data.branch,
+                "series": data.series,
+            },
+            "raw": summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+            "models": models,
+        }
+    )
+
+
+def as_details(value: Any) -> dict[str, Any]:
+    """Return a value as JSON with plain lists and numbers."""
+    found: dict[str, Any] = json.loads(json_text(value))
+    return found
+
+
+def calibration_data(station: Station, calibration_id: int) -> tuple[CalibrationEntry, Any]:
+    """Return a calibration and its points.
+
+    Raises
+    ------
+    RecordError
+        It isn't registered, has no run, or its run was changed.
+    """
+    entry = station.registry.calibration(calibration_id)
+    if entry.run_id is None:
+        raise RecordError(
+            f"calibration {calibration_id} comes from a table", "a calibration of this bench"
+        )
+    data = run_data(RunFolder(station.registry.run(entry.run_id).folder))
+    if data.sha256() != entry.data_sha256:
+        raise RecordError(f"the points of calibration {calibration_id} were changed", "as recorded")
+    return entry, data
+
+
+# -- compare and fit ------------------------------------------------------------------------
+
+
+def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
+    """Compare in a process of its own, so that the bench keeps its time."""
+    entry, data = calibration_data(context.station, request.calibration_id)
+    job = context.job
+    job.start("Comparing models", 100)
+    found = run_aside(
+        compare_points,
+        data.features(COMPARED_COLUMNS),
+        data.standard_nm,
+        data.range_nm,
+        on_progress=job.fraction,
+        cancelled=job.cancelled.is_set,
+    )
+    chosen = found["selected"]
+    return JobResult(
+        headline=found["sentence"],
+        simulated=data.simulated,
+        run_ids=(str(entry.run_id),),
+        calibration_id=entry.calibration_id,
+        details=found | {"selected_title": model_title(chosen)},
+    )
+
+
+def compare_points(
+    X: Any, y: Any, range_nm: float, progress: Callable[[float, str], None]
+) -> dict[str, Any]:
+    """Compare all candidates on some points; return the table as JSON."""
+    found: Comparison = compare(X, y, range_nm=range_nm, progress=progress)
+    scores = [as_details(score) | {"title": model_title(score.name)} for score in found.scores]
+    reason = found.score(found.selected).reason
+    return {
+        "scores": scores,
+        "selected": found.selected,
+        "sentence": f"Recommended: {model_title(found.selected)}, {reason}.",
+        "refused": dict(found.refused),
+        "noise": None if found.noise is None else as_details(found.noise),
+        "selected_rms_nm": float(found.selected_rms_nm),
+        "steps": found.steps,
+        "folds": found.folds,
+    }
+
+
+def run_fit(context: JobContext, request: FitRequest) -> JobResult:
+    """Fit one model to the points of a calibration and register it beside the others."""
+    station = context.station
+    entry, data = calibration_data(station, request.calibration_id)
+    make_model(request.model)
+    (item,) = fit_models(data, [ModelChoice(request.model)], context.job, title="Fitting")
+    metrics = fit_metrics(item, data)
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+    path = station.data_dir / "models" / f"{entry.run_id}-{item.name}-{stamp}.json"
+    store_model(path, item.model, data, metrics)
+    model = station.registry.add_model(
+        entry, kind=item.model.kind, file=path, side=data.side, metrics=metrics
+    )
+    return JobResult(
+        headline=f"{item.title} leaves {_errors(item, data).worst_nm:.3g} N·m on its own points.",
+        simulated=data.simulated,
+        run_ids=(str(entry.run_id),),
+        calibration_id=entry.calibration_id,
+        model_ids={item.name: model.model_id},
+        details=_fit_details(data, [item]),
+    )
+
+
+# -- verify ---------------------------------------------------------------------------------
+
+
+def _verification_profile(request: VerifyRequest) -> Profile:
+    profile = packaged_profile(request.profile).with_options(
+        groups=request.groups, points=request.points
+    )
+    if profile.loading.pattern != "random":
+        raise InputError(f"profile {profile.name} for a verification", "a profile of random points")
+    return profile
+
+
+def _side_of(station: Station, entry: CalibrationEntry) -> Side:
+    for side in ("input", "output"):
+        transducer = station.description.module(side).transducer.serial
+        if transducer == entry.transducer_serial:
+            return side
+    raise InputError(
+        f"calibration {entry.calibration_id} is of transducer {entry.transducer_serial}",
+        "one of this bench's transducers",
+    )
+
+
+def preview_verification(station: Station, request: VerifyRequest) -> JobPreview:
+    """Rehearse a verification with some seed."""
+    side = _side_of(station, station.registry.calibration(request.calibration_id))
+    profile = _verification_profile(request)
+    steps = profile.staircase(
+        station.description.module(side).range_nm, np.random.default_rng(request.seed or 0)
+    )
+    rehearsal = rehearse(station.devices, verify_plan(station.devices, side, profile, steps))
+    title = f"Verify the {side} module"
+    return staircase_preview(station.description, side, "verify", title, rehearsal)
+
+
+def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
+    """Measure fresh points, judge every model of the calibration and register the outcome."""
+    station = context.station
+    confirm_clear(station.description, request.bench_clear)
+    entry = station.registry.calibration(request.calibration_id)
+    side = _side_of(station, entry)
+    models = {
+        f"model-{model.model_id}": model
+        for model in station.registry.models(entry.transducer_serial)
+        if model.calibration_id == entry.calibration_id
+    }
+    if not models:
+        raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
+    loaded = {name: load_model(model.check_file()).model for name, model in models.items()}
+    seed = request.seed
+    if seed is None:  # drawn anew for every verification, and kept with its points
+        seed = int(np.random.default_rng().integers(2**32))
+    measured = measure_verification(
+        station, side, _verification_profile(request), seed, progress=context.job
+    )
+    data = measured.result.data
+    result = verify(data, loaded)
+    run_id = measured.record.run_id
+    register_verification(station, RegisteredCalibration(entry, models), result, run_id)
+    standard = station.description.verification_standard.expanded_uncertainty_percent
+    details: dict[str, Any] = {}
+    verdicts = {}
+    for name in ("raw", *models):
+        torque, expanded, decisions = judge_check(
+            data,
+            loaded.get(name),
+            standard_uncertainty_percent=standard,
+            tolerance_percent_fs=request.tolerance_percent_fs,
+        )
+        verdicts[name] = max((each.verdict for each in decisions), key=SEVERITY.index)
+        details[name] = {
+            "title": _title(loaded.get(name)),
+            "verdict": verdicts[name].value,
+            "result": result.of(name),
+            "error_nm": torque - data.standard_nm,
+            "expanded_uncertainty_nm": expanded,
+        }
+    best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
+    worst = result.of(best).against_standard
+    return JobResult(
+        headline=f"{len(data)} fresh points: {details[best]['title']} is within "
+        f"{worst.worst_nm:.3g} N·m ({worst.worst_percent_fs:.3g} % FS).",
+        verdict=verdicts[best].value,
+        simulated=data.simulated,
+        run_ids=(run_id,),
+        calibration_id=entry.calibration_id,
+        model_ids={name: model.model_id for name, model in models.items()},
+        details=as_details(
+            {
+                "side": side,
+                "range_nm": data.range_nm,
+                "tolerance_percent_fs": request.tolerance_percent_fs,
+                "seed": seed,
+                "standard_nm": data.standard_nm,
+                "group": data.series,
+                "best": best,
+                "models": details,
+            }
+        ),
+    )
+
+
+def _title(model: CompensationModel | None) -> str:
+    if model is None:
+        return model_title("raw")
+    return model_title(model.kind, model.get_params(deep=False))
+
+
+def _calibrate_title(request: CalibrateRequest) -> str:
+    return f"Calibrate the {request.side} module"
+
+
+CALIBRATION_KINDS: tuple[JobKind, ...] = (
+    JobKind("calibrate", _calibrate_title, CalibrateRequest, run_calibration, preview_calibration),
+    JobKind(
+        "compare-models",
+        lambda asked: f"Compare models of calibration {asked.calibration_id}",
+        CompareRequest,
+        run_comparison,
+        moves=False,
+        can_pause=False,
+    ),
+    JobKind(
+        "fit",
+        lambda asked: f"Fit {asked.model} to calibration {asked.calibration_id}",
+        FitRequest,
+        run_fit,
+        role="metrologist",
+        moves=False,
+        can_pause=False,
+    ),
+    JobKind(
+        "verify",
+        lambda asked: f"Verify calibration {asked.calibration_id}",
+        VerifyRequest,
+        run_verification,
+        preview_verification,
+    ),
+)

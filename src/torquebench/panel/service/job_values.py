@@ -1,0 +1,208 @@
+"""What the panel shows of a job: values only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Any, Literal
+
+from torquebench.errors import TorquebenchError
+
+__all__ = [
+    "JobPoint",
+    "JobPreview",
+    "JobResult",
+    "JobStage",
+    "JobState",
+    "JobView",
+    "PendingPrompt",
+    "Problem",
+]
+
+JobState = Literal["running", "pausing", "paused", "aborting", "done", "failed", "aborted"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why something was refused or failed.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the error's class, for programs.
+    found, allowed, remedy : str
+    """
+
+    kind: str
+    found: str
+    allowed: str = ""
+    remedy: str = ""
+
+    @classmethod
+    def of(cls, error: BaseException) -> Problem:
+        """Put an error into words.
+
+        Examples
+        --------
+        >>> Problem.of(TorquebenchError("2500 N·m", "2000 N·m", "load less")).allowed
+        '2000 N·m'
+        """
+        if isinstance(error, TorquebenchError):
+            return cls(type(error).__name__, error.found, error.allowed, error.remedy)
+        return cls(type(error).__name__, f"unforeseen: {error}", "", "report it with the log")
+
+
+@dataclass(frozen=True)
+class JobStage:
+    """A part of a job that is over: its title and what came out, in words."""
+
+    title: str
+    detail: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class JobPoint:
+    """One recorded point, as soon as it is recorded.
+
+    Parameters
+    ----------
+    number : int
+        Counts from 1 within the job.
+    stream : str
+        Such as "points" or "zero_output".
+    values : mapping of str to float
+        Measured fields and the point's stamp (`series`, `branch`, `target_nm`, …); with a
+        standard mounted also `error_nm`, reading minus standard.
+    """
+
+    number: int
+    stream: str
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class PendingPrompt:
+    """What a person at the bench is asked to do."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True)
+class JobPreview:
+    """What a job would do, checked against limits and interlocks; nothing has moved.
+
+    Parameters
+    ----------
+    kind, title : str
+    duration_s : float
+        Bench time without waiting longer for settling or warming up, s.
+    points : int
+    largest_torque_nm, limit_torque_nm : mapping of side to float
+        What is asked for at most, and what the bench allows.
+    largest_speed_rpm, limit_speed_rpm : mapping of side to float
+    time_s, target_nm : tuple of float
+        The torque commanded to the loaded side over time, for a staircase; empty otherwise.
+    mounts : tuple of str
+        What the person at the bench will have to mount, in order.
+    remarks : tuple of str
+    """
+
+    kind: str
+    title: str
+    duration_s: float
+    points: int
+    largest_torque_nm: Mapping[str, float] = field(default_factory=dict)
+    limit_torque_nm: Mapping[str, float] = field(default_factory=dict)
+    largest_speed_rpm: Mapping[str, float] = field(default_factory=dict)
+    limit_speed_rpm: Mapping[str, float] = field(default_factory=dict)
+    time_s: tuple[float, ...] = ()
+    target_nm: tuple[float, ...] = ()
+    mounts: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """What came out of a job.
+
+    Parameters
+    ----------
+    headline : str
+        One sentence.
+    verdict : str
+        "pass", "conditionalPass", "conditionalFail", "fail", or empty where nothing was judged.
+    simulated : bool
+        Whether every figure has to say so.
+    run_ids : tuple of str
+    calibration_id : int or None
+    model_ids : mapping of model name to int
+    certificate : str or None
+        Number of the certificate that was issued.
+    details : mapping
+        Tables and curves as JSON; their keys are documented with each kind of job.
+    """
+
+    headline: str
+    verdict: str = ""
+    simulated: bool = False
+    run_ids: tuple[str, ...] = ()
+    calibration_id: int | None = None
+    model_ids: Mapping[str, int] = field(default_factory=dict)
+    certificate: str | None = None
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class JobView:
+    """A job as it is right now.
+
+    Parameters
+    ----------
+    job_id, kind, title : str
+    request : mapping
+        What was asked for, as JSON.
+    started_by : str
+    state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted"}
+    can_pause : bool
+    stage : str
+        What is at work.
+    done, total : int, int or None
+        Steps of the stage; None where nobody can tell.
+    detail : str
+    stages : tuple of JobStage
+        What is over.
+    points : int
+        How many points `jobs.points` has.
+    started, finished : datetime.datetime
+        UTC; `finished` is None while it is open.
+    problem : Problem or None
+        Why it failed or was aborted.
+    result : JobResult or None
+        Once it is done.
+    """
+
+    job_id: str
+    kind: str
+    title: str
+    request: Mapping[str, Any]
+    started_by: str
+    state: JobState
+    can_pause: bool
+    stage: str
+    done: int
+    total: int | None
+    detail: str
+    stages: tuple[JobStage, ...]
+    points: int
+    started: datetime
+    finished: datetime | None = None
+    problem: Problem | None = None
+    result: JobResult | None = None
+
+    @property
+    def open(self) -> bool:
+        """Whether it is still under way."""
+        return self.finished is None
