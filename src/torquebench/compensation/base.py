@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -18,6 +19,7 @@ from threadpoolctl import ThreadpoolController
 
 from torquebench.compensation.checks import (
     CalibrationPoints,
+    PointsReducedWarning,
     WildPoint,
     check_points,
     point_weights,
@@ -30,7 +32,8 @@ from torquebench.compensation.columns import (
     feature_column,
     features,
 )
-from torquebench.compensation.misfit import Misfit, estimate_misfit
+from torquebench.compensation.curve_uncertainty import CurveUncertainty
+from torquebench.compensation.judging import judge
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 
@@ -65,7 +68,8 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-_MISFIT_POINTS = 120  # enough to tell neighbours' common residual from noise, in milliseconds
+_FEWEST_JUDGED = 8  # fewer say nothing of what a form can't follow
+_JUDGED_POINTS = 200  # more are averaged: a posterior in some fifty milliseconds
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
 
 
@@ -111,16 +115,16 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     degrees_of_freedom_ : float
         Those of `noise_nm_`: points (after averaging in bins) minus effective parameters.
 
-    misfit_ : Misfit
-        What the model's form can't follow, as fractions of full scale; with `counts_misfit`.
+    uncertainty_ : CurveUncertainty or None
+        Standard uncertainty of the curve; None for fewer than eight points, where the model's own
+        covariance stands.
 
     Notes
     -----
-    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve: parameters
-    and interpolation, with the noise estimated from the data, and the misfit that neighbouring
-    residuals show. The scatter of the single reading
-    that is compensated isn't in it; its estimate is `noise_nm_`, and `single_reading_std` adds
-    both.
+    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve: what the
+    data leave open and what the model's form can't follow, by comparison with the posterior of
+    the truth (see `curve_uncertainty`). The scatter of the single reading that is compensated isn't
+    in it; its estimate is `noise_nm_`, and `single_reading_std` adds both.
     """
 
     range_nm: float | None
@@ -136,11 +140,11 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
     """Columns that the model looks at; others are ignored."""
 
-    counts_misfit: ClassVar[bool] = True
-    """Whether what the model's form can't follow is added to its uncertainty here (`misfit`); a
-    model that follows any form, and knows how well, counts it itself."""
+    judged: ClassVar[bool] = True
+    """Whether the uncertainty comes from a comparison with the hybrid's posterior (`judging`); a
+    model that follows any form, and knows how well, tabulates its own as `uncertainty_`."""
 
-    misfit_: Misfit
+    uncertainty_: CurveUncertainty | None
     wild_points_: list[WildPoint]
     full_scale_nm_: float
     reading_low_nm_: float
@@ -197,6 +201,32 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
             NaN, too few points, a constant reading, contradictory duplicates, readings beyond
             `range_nm`, a wild point (with ``outliers="refuse"``), a parameter out of its limits.
         """
+        points, weights = self._fit_values(X, y, progress)
+        if self.judged:
+            with single_blas_thread():
+                self.uncertainty_ = self._judge(points, weights)
+        return self
+
+    def fit_values(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Fit without an uncertainty, for comparisons that only ask for values.
+
+        Parameters
+        ----------
+        X, y
+            As for `fit`.
+
+        Returns
+        -------
+        self
+        """
+        self._fit_values(X, y, None)
+        return self
+
+    def _fit_values(
+        self, X: ArrayLike, y: ArrayLike, progress: Progress | None
+    ) -> tuple[CalibrationPoints, FloatArray]:
+        """Check and fit; return the points and weights that were used."""
+        self.uncertainty_ = None
         self._check_parameters()
         X_checked, y_checked = self._validated(X, y)
         self.points_ = int(y_checked.size)
@@ -217,22 +247,41 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 "check units and columns, or take a simpler model",
             ) from problem
         self.degrees_of_freedom_ = max(points.y.size - self.effective_parameters_, 1.0)
-        if self.counts_misfit:
-            self.misfit_ = self._misfit(points, weights)
-        return self
+        return points, weights
 
-    def _misfit(self, points: CalibrationPoints, weights: FloatArray) -> Misfit:
-        """Estimate what the form can't follow, from the residuals of some hundred points."""
-        some = np.linspace(0, points.y.size - 1, min(points.y.size, _MISFIT_POINTS)).astype(np.intp)
-        with single_blas_thread():
-            torque, _ = self._predict(points.X[some], return_std=False)
-            return estimate_misfit(
-                points.reading[some] / self.full_scale_nm_,
-                feature_column(points.X[some], "branch"),
-                (points.y[some] - torque) / self.full_scale_nm_,
-                weights[some],
-                self.effective_parameters_ * some.size / points.y.size,
+    def _judge(self, points: CalibrationPoints, weights: FloatArray) -> CurveUncertainty | None:
+        """Compare the curve with the posterior of the truth that the same points give."""
+        if points.y.size < _FEWEST_JUDGED:
+            return None
+        reference = MODELS["hybrid"](range_nm=self.full_scale_nm_, range_margin=self.range_margin)
+        for limit in ("full_scale_nm_", "reading_low_nm_", "reading_high_nm_"):
+            setattr(reference, limit, getattr(self, limit))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PointsReducedWarning)
+            points, weights = reduce_points(
+                points, weights, _JUDGED_POINTS, reference.used_features
             )
+        reference._fit(points.X, points.y, weights, None)
+        scale, width = self.full_scale_nm_, points.X.shape[1]
+
+        def rows(u: FloatArray, branch: FloatArray) -> FloatArray:
+            return features(scale * u, branch, points.X[0, 2] if width > 2 else 0.0)
+
+        def values(u: FloatArray, branch: FloatArray) -> FloatArray:
+            return self._predict(rows(u, branch)[:, :width], return_std=False)[0] / scale - u
+
+        def posterior(u: FloatArray, branch: FloatArray) -> tuple[FloatArray, FloatArray]:
+            torque, std = reference._predict(rows(u, branch), return_std=True)
+            return torque / scale - u, np.asarray(std) / scale
+
+        branches = np.unique(np.sign(feature_column(points.X, "branch")))
+        return judge(
+            values,
+            posterior,
+            (self.reading_low_nm_ / scale, self.reading_high_nm_ / scale),
+            branch_aware="branch" in self.used_features,
+            branches=frozenset(branches[branches != 0.0].tolist()),
+        )
 
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> FloatArray: ...
@@ -268,15 +317,17 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         X_checked = self._validated_rows(X)
         self._refuse_outside_range(X_checked[:, 0])
         torque, std = np.empty(X_checked.shape[0]), np.empty(X_checked.shape[0])
+        curve = self.uncertainty_ if return_std else None
+        own_std = return_std and curve is None
         with single_blas_thread():
             for start in range(0, torque.size, _ROWS_AT_ONCE):
                 rows = slice(start, start + _ROWS_AT_ONCE)
-                torque[rows], of_rows = self._predict(X_checked[rows], return_std)
+                torque[rows], of_rows = self._predict(X_checked[rows], own_std)
                 if of_rows is not None:
                     std[rows] = of_rows
-        if return_std and self.counts_misfit:
-            misfit2 = self.misfit_.variance(X_checked[:, 0] / self.full_scale_nm_)
-            std = np.hypot(std, self.full_scale_nm_ * np.sqrt(misfit2))
+        if curve is not None:
+            u, branch = X_checked[:, 0] / self.full_scale_nm_, feature_column(X_checked, "branch")
+            std = self.full_scale_nm_ * curve.at(u, branch)
         return (torque, std) if return_std else torque
 
     def additional_torque(self, X: ArrayLike) -> FloatArray:

@@ -16,6 +16,7 @@ from torquebench.compensation.base import (
     feature_column,
     register,
 )
+from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.hybrid_effects import path_clocks
 from torquebench.compensation.kernels import (
     PRIOR_MEAN,
@@ -33,9 +34,6 @@ _BOUNDS = [
     (mean - 4 * std, mean + 4 * std) for mean, std in zip(PRIOR_MEAN, PRIOR_STD, strict=True)
 ]
 _LARGEST_STEP = 1.5  # no direction of the hyper-parameters is explored further than its prior's std
-_WIDENING = 1.07
-"""Factor on the uncertainty for what seven hyper-parameters can't describe, from chains with known
-truth (`benchmarks`) other than those that coverage is tested on."""
 _JITTER = 1e-14
 
 
@@ -130,7 +128,7 @@ class GaussianProcessModel(CompensationModel):
     complexity: ClassVar[int] = 45
     maximum_points: ClassVar[int | None] = 600
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
-    counts_misfit: ClassVar[bool] = False
+    judged: ClassVar[bool] = False
 
     thetas_: FloatArray
     shares_: FloatArray
@@ -180,6 +178,22 @@ class GaussianProcessModel(CompensationModel):
             noise2 = np.exp(2 * theta[-1]) / weights
             traces.append(target.size - float(np.sum(noise2 * np.diag(inverse))))
         self.effective_parameters_ = float(self.shares_ @ traces)
+        self.uncertainty_ = self._tabulated_uncertainty()
+
+    def _tabulated_uncertainty(self) -> CurveUncertainty:
+        """Evaluate the uncertainty once, close-set round the reversal: all members cost time."""
+        near = np.geomspace(5e-4, 0.03, 8)
+        far = np.linspace(0.03, 1.0 + self.range_margin, 60)[1:]
+        nodes = np.concatenate([-far[::-1], -near[::-1], near, far])
+        rows = np.zeros((nodes.size, 2))
+        rows[:, 0] = self.full_scale_nm_ * nodes
+        widening = student_widening(self.train_u_.size - self.effective_parameters_)
+        curves = []
+        for branch in (1.0, -1.0, 0.0):
+            rows[:, 1] = branch
+            _, std = self._predict(rows, return_std=True)
+            curves.append(widening * np.asarray(std) / self.full_scale_nm_)
+        return CurveUncertainty(nodes, *curves)
 
     def _after_restore(self) -> None:
         points = self._train_points()
@@ -214,7 +228,7 @@ class GaussianProcessModel(CompensationModel):
         torque = X[:, 0] + unit * mean
         if not return_std:
             return torque, None
-        return torque, _WIDENING * unit * np.sqrt(np.maximum(second - mean**2, 0.0))
+        return torque, unit * np.sqrt(np.maximum(second - mean**2, 0.0))
 
 
 def _find_mode(data: _Data) -> FloatArray:

@@ -13,6 +13,7 @@ from torquebench.compensation.base import (
     feature_column,
     register,
 )
+from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.hybrid_effects import (
     Dictionary,
     EffectPoints,
@@ -65,8 +66,6 @@ class HybridModel(CompensationModel):
         Posterior means of the coefficients of every kind of effect.
     present_ : dict of str to float
         Posterior probability that the chain shows a kind of effect at all.
-    std_nodes_, std_up_, std_down_ : float64 array
-        Standard uncertainty of the curve on each branch (fractions of full scale) over u.
 
     Notes
     -----
@@ -86,7 +85,7 @@ class HybridModel(CompensationModel):
     complexity: ClassVar[int] = 40
     maximum_points: ClassVar[int | None] = 400
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
-    counts_misfit: ClassVar[bool] = False
+    judged: ClassVar[bool] = False
 
     dictionary_: Dictionary
     main_: FloatArray
@@ -94,9 +93,6 @@ class HybridModel(CompensationModel):
     effects_: list[FloatArray]
     train_u_: FloatArray
     present_: dict[str, float]
-    std_nodes_: FloatArray
-    std_up_: FloatArray
-    std_down_: FloatArray
 
     def __init__(
         self,
@@ -164,30 +160,30 @@ class HybridModel(CompensationModel):
         near = np.geomspace(5e-4, 0.03, 8)
         far = np.linspace(0.03, 1.0 + self.range_margin, 40)[1:]
         positive = np.concatenate([near, far])
-        self.std_nodes_ = np.concatenate([-positive[::-1], positive])
-        up, down = curve_variance(problem, members, shares, self.std_nodes_)
-        widening = _widening(problem.target.size)
-        self.std_up_, self.std_down_ = widening * np.sqrt(up), widening * np.sqrt(down)
+        nodes = np.concatenate([-positive[::-1], positive])
+        widening = student_widening(problem.target.size - self.effective_parameters_)
+        up2, down2 = (widening**2 * v for v in curve_variance(problem, members, shares, nodes))
+        half = self._mean(nodes, np.ones(nodes.size)) - self._mean(nodes, np.zeros(nodes.size))
+        unknown = np.sqrt(0.5 * (up2 + down2) + half**2)
+        if not np.any(problem.points.branch):
+            # A loop that was never looked for may be there; the curve in its middle is known.
+            middle2, _ = curve_variance(problem, members, shares, nodes, 0.0)
+            up2 = down2 = widening**2 * middle2
+        self.uncertainty_ = CurveUncertainty(nodes, np.sqrt(up2), np.sqrt(down2), unknown)
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
         torque = X[:, 0] + self.full_scale_nm_ * self._mean(u, branch)
-        if not return_std:
+        if not return_std or self.uncertainty_ is None:
             return torque, None
-        up, down = (np.interp(u, self.std_nodes_, std) for std in (self.std_up_, self.std_down_))
-        std = np.where(branch > 0, up, down)
-        unknown = branch == 0.0
-        if np.any(unknown):
-            some = u[unknown]
-            half = self._mean(some, np.ones(some.size)) - self._mean(some, np.zeros(some.size))
-            std[unknown] = np.sqrt(0.5 * (up[unknown] ** 2 + down[unknown] ** 2) + half**2)
-        return torque, self.full_scale_nm_ * std
+        return torque, self.full_scale_nm_ * self.uncertainty_.at(u, branch)
 
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the mean additional torque as a fraction of full scale."""
         mean = main_columns(u) @ self.main_ + deviation_kernel(u, self.train_u_) @ self.deviation_
         columns = all_columns(at_zero_time(u, branch), self.dictionary_)
-        for new, means in zip(columns, self.effects_, strict=True):
+        # without waves, their columns are empty and the last
+        for new, means in zip(columns, self.effects_, strict=False):
             mean += np.einsum("jqn,jq->n", new, means)
         return np.asarray(mean)
 
@@ -199,32 +195,25 @@ def _spread_about_main(u: FloatArray, target: FloatArray, weights: FloatArray) -
     return float(np.sqrt(np.mean(weights * (target - columns @ solution) ** 2)))
 
 
-def _widening(points: int) -> float:
-    """Return the factor on the uncertainty for what the inference leaves out.
-
-    The factorised posterior lacks correlations between effects, and no dictionary holds every
-    shape; the latter counts the more, the less the noise hides. From chains with known truth
-    (`benchmarks`), other than those that coverage is tested on: 4 % at 50 points, 8 % at 200.
-    """
-    return float(1.0 + 0.02 * np.log2(np.clip(points / 12.5, 1.0, 32.0)))
-
-
 def _without_negligible(
     problem: Problem, effects: list[FloatArray]
 ) -> tuple[Dictionary, list[FloatArray]]:
     """Leave out ripple and bumps whose coefficients add up to nothing that could be measured."""
-    loop, step, ripple, bump, offset = effects
-    frequencies, bumps = (_worth_keeping(means) for means in (ripple, bump))
+    loop, step, ripple, bump, offset, *wave = effects
+    waves = wave[0] if wave else np.zeros((0, 1))
+    frequencies, wandering, bumps = (_worth_keeping(means) for means in (ripple, waves, bump))
     whole = problem.dictionary
     dictionary = Dictionary(
         whole.step_widths,
         whole.loop_shapes,
         whole.frequencies[frequencies],
+        whole.wave_frequencies[wandering],
         whole.bump_centres[bumps],
         whole.bump_widths[bumps],
     )
     loop = merge_clocks(loop, len(whole.loop_shapes))
-    return dictionary, [loop, step, ripple[frequencies], bump[bumps], offset]
+    kept = [loop, step, ripple[frequencies], bump[bumps], offset]
+    return dictionary, kept + [means[wandering] for means in wave]
 
 
 def _worth_keeping(means: FloatArray) -> FloatArray:

@@ -16,6 +16,9 @@ Where the shapes come from
                 the calibration, not of the compensation.
     ripple      engagement of splines and teeth: a sine of unknown period whose amplitude and
                 frequency may change linearly over the range (columns c, s, u c, u s).
+    wave        ripple whose amplitude and phase wander over the range, as of an engagement that
+                changes with the load: a sine under each of six overlapping windows. Only looked for
+                where the torques are close-set enough.
     bump        one local engagement error.
     offset      a zero that was taken wrongly, beyond what the main form allows for.
 """
@@ -36,17 +39,25 @@ _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
-_DRIFT_SCALE = 2.5e-4
+_LOOP_SHARES = (0.12, 0.2, 0.06, 0.45, 0.17)
+"""None, odd loop, even loop, odd loop with drift, drift alone: a zero that doesn't creep by some
+hundredths of a per cent while a calibration lasts is the exception."""
+_DRIFT_SCALES = (0.6e-4, 3e-4)
+_CLOCK_SHARES = (0.2, 0.8)  # a zero is taken anew for a series, or once for all of them
 _SIDELESS = 5e-4
 _SAME_LEVEL = 0.003
 _SCALES = {
     "loop": (1e-4, 4e-4, 3e-3),
     "step": (1.5e-4, 6e-4, 4e-3),
     "ripple": (1.5e-4,),
+    "wave": (0.7e-4, 2e-4),
     "bump": (1e-4, 4e-4, 3e-3),
     "offset": (3e-4, 3e-3),
 }
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
+_WAVE_CENTRES = np.linspace(-1.0, 1.0, 6)
+_WAVE_REACH = 0.24  # standard deviation of the windows
+_FEWEST_LEVELS_FOR_WAVES = 16
 _LOOP_DIFFERENCE = 0.2  # how much loops of both directions differ
 
 
@@ -83,6 +94,8 @@ class Dictionary:
         Exponents r and q of hysteresis loops.
     frequencies : float64 array
         Cycles of ripple per full scale.
+    wave_frequencies : float64 array
+        The same for waves; empty where the torques are too few.
     bump_centres, bump_widths : float64 array of shape (b,)
         Local bumps.
     """
@@ -90,6 +103,7 @@ class Dictionary:
     step_widths: FloatArray
     loop_shapes: FloatArray
     frequencies: FloatArray
+    wave_frequencies: FloatArray
     bump_centres: FloatArray
     bump_widths: FloatArray
 
@@ -150,10 +164,13 @@ def make_dictionary(levels: int) -> Dictionary:
     widths = np.geomspace(narrowest, _WIDEST_BUMP, count)
     centres = [np.arange(-1.0, 1.0 + 1e-9, 0.8 * width) for width in widths]
     highest = float(np.clip(0.75 * levels, 3.0, 25.0))
+    frequencies = np.arange(1.5, highest, _FREQUENCY_STEP)
     return Dictionary(
         _STEP_WIDTHS,
         _LOOP_SHAPES,
-        np.arange(1.5, highest, _FREQUENCY_STEP),
+        frequencies,
+        # from three cycles per full scale, and three times as far apart: windows are not sharp
+        frequencies[9::3] if levels >= _FEWEST_LEVELS_FOR_WAVES else np.zeros(0),
         np.concatenate(centres),
         np.repeat(widths, [centre.size for centre in centres]),
     )
@@ -227,6 +244,16 @@ def ripple_columns(points: EffectPoints, frequencies: FloatArray) -> FloatArray:
     return np.stack([cosine, sine, slope * cosine, slope * sine], axis=1)
 
 
+def wave_columns(points: EffectPoints, frequencies: FloatArray) -> FloatArray:
+    """Return windowed sines, shape (k, 12, n)."""
+    angle = 2 * np.pi * frequencies[:, None] * points.u
+    distance = (points.u[None, :] - _WAVE_CENTRES[:, None]) / _WAVE_REACH
+    window = np.exp(-0.5 * distance**2)
+    return np.concatenate(
+        [np.cos(angle)[:, None, :] * window, np.sin(angle)[:, None, :] * window], axis=1
+    )
+
+
 def bump_columns(points: EffectPoints, centres: FloatArray, widths: FloatArray) -> FloatArray:
     """Return local bumps, shape (b, 1, n)."""
     distance = (points.u[None, :] - centres[:, None]) / widths[:, None]
@@ -241,6 +268,7 @@ def all_columns(points: EffectPoints, dictionary: Dictionary) -> list[FloatArray
         ripple_columns(points, dictionary.frequencies),
         bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
         np.ones((1, 1, points.u.size)),
+        wave_columns(points, dictionary.wave_frequencies),
     ]
 
 
@@ -261,26 +289,37 @@ def make_effects(
     Returns
     -------
     effects : list of Effect
-        Loop with drift, step, ripple, bumps, offset.
+        Loop with drift, step, ripple, bumps, offset, waves.
     """
-    loop, step, ripple, bump, offset = all_columns(points, dictionary)
+    loop, step, ripple, bump, offset, wave = all_columns(points, dictionary)
     scales = {name: prior_scale * np.array(pair) for name, pair in _SCALES.items()}
     # However large the loop, the zero's drift is of its own, small size.
-    drift = np.full(scales["loop"].size, prior_scale * _DRIFT_SCALE)
-    loop_scales = np.column_stack([scales["loop"], scales["loop"], drift])
+    drift = np.tile(prior_scale * np.array(_DRIFT_SCALES), scales["loop"].size)
+    size = np.repeat(scales["loop"], len(_DRIFT_SCALES))
+    loop_scales = np.column_stack([size, size, drift])
     clocks, loops = len(points.elapsed), len(dictionary.loop_shapes)
-    # none, odd loop, even loop, odd loop with drift, drift alone
-    share = np.array([0.20, 0.30, 0.10, 0.24, 0.16] if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
-    counts = [loops, loops, loops * clocks, clocks]
-    loop_prior = np.repeat(share[1:] / np.maximum(counts, 1), counts)
+    share = np.array(_LOOP_SHARES if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
+    clock_share = np.array(_CLOCK_SHARES if clocks == 2 else [1.0] * clocks)
+    loop_prior = np.concatenate(
+        [
+            np.full(loops, share[1] / loops),
+            np.full(loops, share[2] / loops),
+            np.repeat(share[3] / loops * clock_share, loops),
+            share[4] * clock_share,
+        ]
+    )
     ripple_prior = 1.0 / dictionary.frequencies
-    return [
+    effects = [
         Effect("loop", loop, loop_scales, np.log(loop_prior), np.log(share[0])),
         Effect("step", step, scales["step"], *_prior(np.ones(len(step)), 0.2)),
         Effect("ripple", ripple, scales["ripple"], *_prior(ripple_prior, 0.4)),
         Effect("bump", bump, scales["bump"], *_prior(dictionary.bump_widths, 0.4), copies=3),
         Effect("offset", offset, scales["offset"], *_prior(np.ones(1), 0.75)),
     ]
+    if len(wave):
+        prior = _prior(1.0 / dictionary.wave_frequencies, 0.6)
+        effects.append(Effect("wave", wave, scales["wave"], *prior))
+    return effects
 
 
 def _prior(weights: FloatArray, absent: float) -> tuple[FloatArray, float]:

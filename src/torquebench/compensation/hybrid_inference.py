@@ -13,8 +13,8 @@ data. Settings on a grid round the noise of best evidence are then averaged by t
 
 Noise with heavy tails is a scale mixture: Student's distribution with `_FREEDOM` degrees of freedom
 is normal noise with a gamma-distributed weight per point, whose posterior mean follows in closed
-form (C. M. Bishop, Pattern Recognition and Machine Learning, 2006, section 2.3.7 and 10.1). It is
-tried where the residuals look like it, and taken where its evidence is higher.
+form (C. M. Bishop, Pattern Recognition and Machine Learning, 2006, section 2.3.7 and 10.1). Where
+the residuals look like it, both kinds of noise are averaged by their evidence.
 """
 
 from __future__ import annotations
@@ -61,6 +61,8 @@ _LEAST_NOISE = 1e-6
 _NEGLIGIBLE_SHARE = 2e-3
 _FREEDOM = 4.0
 _TAILED_KURTOSIS = 3.3
+_TAILS_ODDS = 4.0  # prior odds where residuals look like it: few real readings scatter normally
+_TAILS_ROUNDS = 12
 
 
 def main_columns(u: FloatArray) -> FloatArray:
@@ -252,8 +254,19 @@ def explore(problem: Problem, start_noise: float) -> list[Member]:
         To be averaged by their evidence.
     """
     best = problem.settle_noise(problem.solve(Setting(start_noise, _AMPLITUDES[1])))
+    members = _grid(problem, best)
     if _looks_heavy_tailed(best):
-        best = _with_tails(problem, best)
+        tailed = _grid(problem, _with_tails(problem, best))
+        odds = np.log(_TAILS_ODDS)
+        members += [
+            replace(member, log_evidence=_student_bound(problem, member) + odds)
+            for member in tailed
+        ]
+    return members
+
+
+def _grid(problem: Problem, best: Member) -> list[Member]:
+    """Solve for noises round the best one and for all amplitudes of the deviation."""
     freedom = max(problem.target.size - best.effective, 4.0)
     step = 1.5 / np.sqrt(2 * freedom)
     noises = [best.setting.noise * float(np.exp(k * step)) for k in (-1, 0, 1)]
@@ -286,9 +299,9 @@ def _looks_heavy_tailed(member: Member) -> bool:
 
 
 def _with_tails(problem: Problem, normal: Member) -> Member:
-    """Try Student noise; return its member if its evidence is higher, or else the normal one."""
+    """Follow the variational steps of Student noise from the normal member."""
     member, bound = normal, -np.inf
-    for _ in range(6):
+    for _ in range(_TAILS_ROUNDS):
         scale2 = member.setting.noise**2
         squares = _expected_squares(member)
         tails = (_FREEDOM + 1.0) / (_FREEDOM + squares / scale2)
@@ -297,7 +310,7 @@ def _with_tails(problem: Problem, normal: Member) -> Member:
         before, bound = bound, _student_bound(problem, member)
         if bound - before < 0.1:
             break
-    return member if bound > normal.log_evidence else normal
+    return member
 
 
 def _student_bound(problem: Problem, member: Member) -> float:
@@ -312,7 +325,11 @@ def _student_bound(problem: Problem, member: Member) -> float:
 
 
 def curve_variance(
-    problem: Problem, members: list[Member], shares: FloatArray, u: FloatArray
+    problem: Problem,
+    members: list[Member],
+    shares: FloatArray,
+    u: FloatArray,
+    branch: float = 1.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the posterior variance of the curve, averaged over members.
 
@@ -324,13 +341,15 @@ def curve_variance(
         Weight of every member.
     u : float64 array of shape (m,)
         Where, as fractions of full scale.
+    branch : float, default 1
+        Size of the branch: 0 for the curve in the middle of the loop.
 
     Returns
     -------
     up, down : float64 array of shape (m,)
         Variance on the two branches, as a fraction of full scale squared.
     """
-    points = at_zero_time(u, np.ones(u.size), len(problem.points.elapsed))
+    points = at_zero_time(u, np.full(u.size, branch), len(problem.points.elapsed))
     columns = all_columns(points, problem.dictionary)
     main, same = problem.prior_scale * main_columns(u), deviation_kernel(u, problem.points.u)
     first, second = np.zeros((2, u.size)), np.zeros((2, u.size))
@@ -345,7 +364,7 @@ def curve_variance(
         )
         value, variance = np.tile(cross @ member.solved, (2, 1)), np.tile(common, (2, 1))
         start = 0
-        for kind, new in zip(problem.kinds, columns, strict=True):
+        for kind, new in zip(problem.kinds, columns, strict=False):
             means = member.effects.means[start : start + kind.copies]
             moments = member.effects.moments[start : start + kind.copies]
             start += kind.copies

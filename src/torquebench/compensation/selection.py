@@ -430,13 +430,15 @@ def _try_all(
     return trials, refused
 
 
-def _quiet_fit(model: CompensationModel, X: FloatArray, y: FloatArray) -> CompensationModel:
+def _quiet_fit(
+    model: CompensationModel, X: FloatArray, y: FloatArray, uncertainty: bool = True
+) -> CompensationModel:
     """Fit a copy; what every fit would warn of again is part of the comparison already."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutlierWarning)
         warnings.simplefilter("ignore", PointsReducedWarning)
-        fitted: CompensationModel = clone(model).fit(X, y)
-    return fitted
+        copy: CompensationModel = clone(model)
+        return copy.fit(X, y) if uncertainty else copy.fit_values(X, y)
 
 
 def _left_out_errors(
@@ -451,6 +453,7 @@ def _left_out_errors(
     error = np.full(y.size, np.nan)
     for fold in range(folds):
         here = fold_of_point == fold
-        error[here] = _quiet_fit(model, X[~here], y[~here]).predict(X[here]) - y[here]
+        fitted = _quiet_fit(model, X[~here], y[~here], uncertainty=False)
+        error[here] = fitted.predict(X[here]) - y[here]
         report((fold + 1) / folds, f"fold {fold + 1} of {folds}")
     return error

@@ -18,6 +18,9 @@ __all__ = ["CompensationTable", "compile_table"]
 FloatArray = NDArray[np.float64]
 
 
+_UNCERTAINTY_TOLERANCE = 1e-6  # of full scale: nobody knows an uncertainty better
+
+
 @dataclass(frozen=True)
 class CompensationTable:
     """A compiled compensation model; made by `compile_table`.
@@ -202,7 +205,8 @@ def compile_table(
     model : CompensationModel
         Fitted model of any kind.
     tolerance : float, default 1e-6
-        Largest deviation of torque and of standard uncertainty, as a fraction of full scale.
+        Largest deviation of the torque, as a fraction of full scale; the standard uncertainty
+        deviates by as much, or by 1e-6 where that is more.
     uncertainty : bool, default True
         Whether to compile the standard uncertainty as well.
     branches : bool, default True
@@ -248,21 +252,23 @@ def compile_table(
     def deviation(reading: FloatArray, branch: int) -> FloatArray:
         return model.predict(rows(reading, branch), return_std=True)[1]
 
-    def follow(curve: Curve, gain: float, name: str) -> PiecewisePolynomial:
+    def follow(curve: Curve, gain: float, name: str, within: float) -> PiecewisePolynomial:
         limits = (float(model.reading_low_nm_), float(model.reading_high_nm_))
         return approximate(
             curve,
             limits,
             float(model.full_scale_nm_),
-            tolerance,
+            within,
             gain=gain,
             branch_aware=branch_aware,
             name=f"{name} of the {model.kind or type(model).__name__} model",
         )
 
     return CompensationTable(
-        follow(torque, 1.0, "torque"),
-        follow(deviation, 0.0, "standard uncertainty") if uncertainty else None,
+        follow(torque, 1.0, "torque", tolerance),
+        follow(deviation, 0.0, "standard uncertainty", max(tolerance, _UNCERTAINTY_TOLERANCE))
+        if uncertainty
+        else None,
         model.kind,
         float(model.full_scale_nm_),
     )

@@ -51,12 +51,13 @@ def test_the_start_decides_what_gradient_descent_reaches() -> None:
     assert 50.0 * np.max(np.abs(bayesian - truth)) < worst["small-uniform"]
 
 
-def test_a_rough_network_says_that_it_is_unsure_between_the_points() -> None:
+def test_a_rough_network_says_that_it_is_wrong_between_the_points() -> None:
     model = PublishedNetworkModel(epochs=5000).fit(READING[:, None], STANDARD)
-    between = 0.5 * (READING[1:] + READING[:-1])
-    _, at_points = model.predict(READING[:, None], return_std=True)
-    _, std = model.predict(between[:, None], return_std=True)
-    assert np.median(std) > 1.5 * np.median(at_points)
+    between = np.linspace(-2000.0, 2000.0, 401)
+    truth = between + 2.0 + 2e-3 * between + 1.5e-6 * between * np.abs(between)
+    torque, std = model.predict(between[:, None], return_std=True)
+    assert np.mean(np.abs(torque - truth) < 1.96 * std) > 0.9
+    assert np.sqrt(np.mean(std**2)) < 3.0 * np.sqrt(np.mean((torque - truth) ** 2))
 
 
 def test_divergence_is_an_answer() -> None:

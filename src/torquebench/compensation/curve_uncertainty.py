@@ -1,0 +1,119 @@
+"""The standard uncertainty of a model's curve, tabulated, and where it comes from.
+
+What a simple form can't follow is no scatter: a parabola through a chain with a loop and ripple is
+wrong in the same way at the same reading every time, so that the covariance of its coefficients
+says nothing of its error. The truth isn't known, but its posterior is: the hybrid model's, which
+averages over everything a chain may show. A model's value m is therefore judged against it. With
+the truth f distributed as N(f̂, s²), the model's error is N(m − f̂, s²), a known bias with a known
+spread. This is the discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001)
+425-464), taken conditionally on the calibration; the model's values stay its own.
+
+A bias that isn't corrected is no normal distribution: adding its square to the variance (GUM
+F.2.4.5) makes intervals too wide where the bias rules, since ±1.96 |m − f̂| nearly always holds.
+The half-width U is therefore solved for, so that 95 % of the error's distribution, at readings
+within a twentieth of full scale on either side and on all branches that the model can't tell apart,
+lie within ±U; the standard uncertainty is U / 1.96.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, stdtrit
+
+from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.state import storable
+
+__all__ = ["COVERAGE_95", "CurveUncertainty", "half_widths", "student_widening"]
+
+COVERAGE_95 = 1.959964
+_HALVINGS = 24
+
+
+@storable
+@dataclass(frozen=True)
+class CurveUncertainty:
+    """Standard uncertainty of a curve over the readings, on each branch.
+
+    Attributes
+    ----------
+    nodes : float64 array of shape (n,)
+        Readings as fractions of full scale, growing.
+    up, down, unknown : float64 array of shape (n,)
+        Standard uncertainty there, as fractions of full scale; straight in between.
+    """
+
+    nodes: FloatArray
+    up: FloatArray
+    down: FloatArray
+    unknown: FloatArray
+
+    def at(self, u: FloatArray, branch: FloatArray) -> FloatArray:
+        """Return the standard uncertainty at readings u (fractions of full scale).
+
+        Examples
+        --------
+        >>> curve = CurveUncertainty(np.array([0.0, 1.0]), *np.array([[1, 3], [2, 2], [4, 4]]))
+        >>> curve.at(np.array([0.5, 0.5, 0.5]), np.array([1.0, -1.0, 0.0]))
+        array([2., 2., 4.])
+        """
+        std = np.empty(u.size)
+        for values, rows in (
+            (self.up, branch > 0),
+            (self.down, branch < 0),
+            (self.unknown, branch == 0),
+        ):
+            if np.any(rows):
+                std[rows] = np.interp(u[rows], self.nodes, values)
+        return std
+
+
+def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return half-widths that hold 95 % of equally probable normal distributions each.
+
+    Parameters
+    ----------
+    bias, spread : float64 array of shape (n, k)
+        Mean and standard deviation of k distributions.
+
+    Returns
+    -------
+    half_width : float64 array of shape (n,)
+        By bisection, within 1e-6 of the largest.
+
+    Examples
+    --------
+    >>> half_widths(np.array([[0.0], [3.0]]), np.array([[1.0], [1.0]])).round(3)
+    array([1.96 , 4.645])
+    """
+    low = np.zeros(bias.shape[0])
+    high = np.max(np.abs(bias) + 2.0 * spread, axis=1)
+    safe = np.maximum(spread, 1e-12 * np.max(high, initial=1e-300))
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        above, below = (middle[:, None] - bias) / safe, (-middle[:, None] - bias) / safe
+        enough = np.mean(ndtr(above) - ndtr(below), axis=1) >= 0.95
+        high = np.where(enough, middle, high)
+        low = np.where(enough, low, middle)
+    return np.asarray(high)
+
+
+def student_widening(freedom: float) -> float:
+    """Return Student's 95 % factor over the normal one: the noise itself is only estimated.
+
+    Parameters
+    ----------
+    freedom : float
+        Degrees of freedom of the noise; less than 4 counts as 4.
+
+    Returns
+    -------
+    factor : float
+
+    Examples
+    --------
+    >>> round(student_widening(20.0), 3)
+    1.064
+    """
+    return float(stdtrit(max(freedom, 4.0), 0.975)) / COVERAGE_95
