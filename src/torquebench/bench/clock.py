@@ -63,6 +63,11 @@ class BenchClock:
         """Bench time, s."""
         return self._now_s
 
+    @property
+    def sleeping(self) -> bool:
+        """Whether somebody waits for the bench."""
+        return bool(self._sleepers)
+
     # -- sleeping ---------------------------------------------------------------------------
 
     def new_event_loop(self) -> asyncio.AbstractEventLoop:

@@ -39,8 +39,6 @@ __all__ = ["Station", "data_directory"]
 
 REST_TIMEOUT_S = 5.0
 """How long to wait for the drives after an alarm, beyond a stall's own time, s of wall time."""
-LOOP_TIMEOUT_S = 2.0
-"""How long the run engine's loop may not answer while it runs in real time, s."""
 
 OnPause = Callable[["Station"], Literal["resume", "abort"]]
 
@@ -117,7 +115,7 @@ class Station:
             commands,
         )
         self.devices = BenchDevices(context)
-        self.engine = BenchEngine(self.clock, self.supervisor)
+        self.engine = BenchEngine(self.clock, self.supervisor, description.safety.procedure_s)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
         self._closed = False
@@ -292,7 +290,7 @@ class Station:
             self._finish(recording, status, reason)
 
         if not self.clock.fast:
-            self._watch_loop()
+            self.engine.watch()
         try:
             outcome = self.engine.run(plan, recording.document)
             aborted = outcome.exit_status != "success"
@@ -324,8 +322,7 @@ class Station:
 
     def _finish(self, recording: Recording, status: RunEnd, reason: str) -> None:
         """Come to rest, end the recording, seal the folder, enter it into the registry."""
-        for name in ("run engine", "procedure"):
-            self.supervisor.release(name)
+        self.engine.unwatch()
         self.supervisor.limits.loosen()
         self._come_to_rest(disable=status != "completed")
         self.supervisor.wait_safe(self.description.safety.stall_s + REST_TIMEOUT_S)
@@ -337,18 +334,6 @@ class Station:
         """Return the alarm that ended a run, or else the error itself."""
         alarms = self.supervisor.history[alarms_before:]
         return alarms[0].error() if alarms else error
-
-    def _watch_loop(self) -> None:
-        """Have the supervisor watch that the run engine's loop answers."""
-        loop = self.engine.loop
-
-        def beat() -> None:
-            self.supervisor.beat("run engine")
-
-        def ping() -> None:
-            loop.call_soon_threadsafe(beat)
-
-        self.supervisor.expect("run engine", LOOP_TIMEOUT_S, ping)
 
     @property
     def alarms(self) -> tuple[StandingAlarm, ...]:

@@ -30,6 +30,10 @@ __all__ = ["BenchEngine", "Plan"]
 Plan = Generator[Msg, Any, Any]
 Result = TypeVar("Result")
 
+ENGINE, PROCEDURE = "run engine", "procedure"
+"""Names of the heartbeats."""
+LOOP_TIMEOUT_S = 2.0
+"""How long the run engine's loop may not answer while it runs in real time, s."""
 INTERRUPT_POLL_S = 0.1
 """How often the waiting caller looks for Ctrl-C and pauses, s of wall time."""
 
@@ -66,10 +70,16 @@ class BenchEngine:
     ----------
     clock : BenchClock
     supervisor : SafetySupervisor
+    procedure_s : float
+        How long a plan under watch may neither send anything nor wait for the bench, s.
     """
 
-    def __init__(self, clock: BenchClock, supervisor: SafetySupervisor) -> None:
+    def __init__(
+        self, clock: BenchClock, supervisor: SafetySupervisor, procedure_s: float = 60.0
+    ) -> None:
         self._clock = clock
+        self._procedure_s = procedure_s
+        self._computing = False
         self._supervisor = supervisor
         self.progress: ProgressCallback | None = None
         self.on_interrupt: Callable[[], None] = self.abort
@@ -86,6 +96,7 @@ class BenchEngine:
             call_returns_result=True,
         )
         self._engine.preprocessors.append(_held_at_checkpoints)
+        self._engine.msg_hook = self._on_message
         self._engine.register_command("sleep", self._sleep)
         self._engine.register_command("hold", self._hold)
         self._engine.register_command("progress", self._report)
@@ -173,6 +184,33 @@ class BenchEngine:
         self._engine._th.join()
         self.loop.close()
         set_bluesky_event_loop(None)
+
+    def watch(self) -> None:
+        """Have the supervisor watch that the loop answers and that the plan goes on.
+
+        A plan may take its time where it waits for the bench, is held, or has something computed
+        elsewhere; drives without power have nobody watch it.
+        """
+
+        def beat() -> None:
+            self._supervisor.beat(ENGINE)
+            if self.held or self._clock.sleeping or self._computing:
+                self._supervisor.beat(PROCEDURE)
+
+        def ping() -> None:
+            self.loop.call_soon_threadsafe(beat)
+
+        self._supervisor.expect(ENGINE, LOOP_TIMEOUT_S, ping)
+        self._supervisor.expect(PROCEDURE, self._procedure_s)
+
+    def unwatch(self) -> None:
+        """End what `watch` began."""
+        for name in (ENGINE, PROCEDURE):
+            self._supervisor.release(name)
+
+    def _on_message(self, message: Msg) -> None:
+        self._computing = message.command == "wait_for"
+        self._supervisor.beat(PROCEDURE)
 
     # -- commands that plans may use --------------------------------------------------------
 
