@@ -4,9 +4,15 @@ from datetime import date
 from typing import Any
 
 from torquebench.reports.certificate.labels import Labels, labels_of
-from torquebench.reports.certificate.record import CertificateRecord, Party, ResultRow
+from torquebench.reports.certificate.record import (
+    CertificateRecord,
+    DeviationStatement,
+    Party,
+    ResultRow,
+)
+from torquebench.reports.certificate.static_content import static_content
 
-__all__ = ["certificate_content"]
+__all__ = ["certificate_content", "deviation_words"]
 
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
@@ -40,12 +46,18 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
         "facts": _facts(record, words),
         "conformity": _conformity(record, words),
         "deviations": {"title": words["deviations"], "entries": _deviations(record, words)},
-        "verification": {"title": words["verification"], "text": _verification(record, words)},
-        "figure": words["figure"],
+        "verification": _verification(record, words),
+        "figure": words[_word("figure", record)],
+        "static": static_content(record, words),
         "results": _results(record, words),
         "budget": _budget(record, words),
         "records": _records(record, words),
     }
+
+
+def _word(key: str, record: CertificateRecord) -> str:
+    """Return the key of a label, of its variant where there is no compensation."""
+    return key if record.compensation else f"{key}_raw"
 
 
 def _banner(record: CertificateRecord, words: Labels) -> str | None:
@@ -60,7 +72,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
     unknown = words["not_stated"]
     transducer = " ".join(part for part in (item.manufacturer, item.model) if part) or unknown
     traceability = [
-        words["reference_text"].format(
+        words["reference_text" if reference.of_range else "reference_text_relative"].format(
             model=reference.model or unknown,
             serial=reference.serial,
             certificate=reference.certificate_number or unknown,
@@ -73,6 +85,12 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
     if reference.laboratory:
         traceability.append(reference.laboratory)
     verified = words["profile_verified" if method.verified else "profile_unverified"]
+    how = [words["method_text"].format(series=method.series, points=method.points)]
+    if method.placement is not None:
+        even, placed, rounds = method.placement
+        how.append(words["placement"].format(even=even, placed=placed, rounds=rounds))
+    if method.table:
+        how.append(words["table"].format(table=method.table))
     return [
         (words["laboratory"], _party(record.laboratory, unknown)),
         (words["customer"], _party(record.customer, unknown)),
@@ -88,11 +106,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         ),
         (
             words["method"],
-            [
-                words["method_text"].format(series=method.series, points=method.points),
-                f"{words['profile']}: {method.name}",
-                verified,
-            ],
+            [*how, f"{words['profile']}: {method.name}", verified],
         ),
         (words["reference"], traceability),
         (words["environment"], [_environment(record, words)]),
@@ -127,15 +141,17 @@ def _day(day: date | None, unknown: str) -> str:
     return unknown if day is None else day.isoformat()
 
 
-def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str]:
+def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str] | None:
     found = record.conformity
+    if found is None:
+        return None
     error, expanded = words.pair(found.worst_error_nm, found.expanded_nm)
     counted = [f"{words[verdict]} {count}" for verdict, count in found.counts.items() if count]
     mark = "，" if words.language == "zh" else ", "
     return {
         "title": words["conformity"],
         "verdict": words[found.verdict.value],
-        "tolerance": words["conformity_text"].format(
+        "tolerance": words[_word("conformity_text", record)].format(
             tolerance=words.short(found.tolerance_percent_fs),
             limit=words.short(found.tolerance_percent_fs / 100.0 * record.item.range_nm),
         ),
@@ -148,13 +164,29 @@ def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str]:
 
 
 def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
-    return [
-        f"{each.found}; {words['allowed']}: {each.allowed} ({words['clause']}: {each.clause})"
-        for each in record.deviations
-    ] or [words["deviations_none"]]
+    entries = []
+    for each in record.deviations:
+        found, allowed = deviation_words(each, words)
+        entries.append(f"{found}; {words['allowed']}: {allowed} ({words['clause']}: {each.clause})")
+    return entries or [words["deviations_none"]]
 
 
-def _verification(record: CertificateRecord, words: Labels) -> str:
+def deviation_words(deviation: DeviationStatement, words: Labels) -> tuple[str, str]:
+    """Return what was found and what is allowed, in a language where it has the sentence."""
+    key = f"deviation_{deviation.key}"
+    if key not in words:
+        return deviation.found, deviation.allowed
+    allowed = f"allowed_{deviation.key}"
+    return words.filled(key, deviation.values), words.filled(allowed, deviation.values)
+
+
+def _verification(record: CertificateRecord, words: Labels) -> dict[str, str] | None:
+    if not record.compensation:
+        return None
+    return {"title": words["verification"], "text": _verification_text(record, words)}
+
+
+def _verification_text(record: CertificateRecord, words: Labels) -> str:
     found = record.verification
     if found is None:
         return words["verification_none"]
@@ -172,21 +204,22 @@ def _verification(record: CertificateRecord, words: Labels) -> str:
 
 
 def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:
-    error, expanded = f"{words['error']}\nN·m", "U\nN·m"
+    pair = [f"{words['error']}\nN·m", "U\nN·m"]
+    compensated, judged = bool(record.compensation), record.conformity is not None
+    compensation = words.model(record.compensation_kind or record.compensation)
     return {
-        "title": words["results"],
-        "text": words["results_text"].format(compensation=record.compensation),
-        "before": words["before"],
-        "after": words["after"],
+        "title": words[_word("results", record)],
+        "text": words[_word("results_text", record)].format(compensation=compensation),
+        "before": words["before"] if compensated else "",
+        "after": words["after"] if compensated else None,
+        "judged": judged,
         "header": [
             f"{words['torque']}\nN·m",
             "",
             words["readings"],
-            error,
-            expanded,
-            error,
-            expanded,
-            words["verdict"],
+            *pair,
+            *(pair if compensated else []),
+            *([words["verdict"]] if judged else []),
         ],
         "rows": [_row(row, words) for row in record.results],
     }
@@ -198,18 +231,23 @@ def _row(row: ResultRow, words: Labels) -> list[str]:
         _ARROWS[row.branch],
         str(row.readings),
         *words.pair(row.error_before_nm, row.expanded_before_nm),
-        *words.pair(row.error_after_nm, row.expanded_after_nm),
-        words[row.verdict.value],
+        *(
+            []
+            if row.error_after_nm is None or row.expanded_after_nm is None
+            else words.pair(row.error_after_nm, row.expanded_after_nm)
+        ),
+        *([] if row.verdict is None else [words[row.verdict.value]]),
     ]
 
 
 def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
     row = record.results[record.budget_step]
-    combined = row.expanded_after_nm / row.factor_after
-    expanded = words.uncertainty(row.expanded_after_nm)
+    _, expanded_nm, factor = row.judged
+    combined = expanded_nm / factor
+    expanded = words.uncertainty(expanded_nm)
     return {
         "title": words["budget"],
-        "text": words["budget_text"].format(
+        "text": words[_word("budget_text", record)].format(
             torque=words.short(row.torque_nm), branch=_ARROWS[row.branch]
         ),
         "header": [words["quantity"], words["distribution"], "u / N·m", "ν", words["share"]],
@@ -225,7 +263,7 @@ def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
         ],
         "total": [
             words["budget_total"],
-            f"k = {words.number(row.factor_after, 2)}; U = {expanded} N·m",
+            f"k = {words.number(factor, 2)}; U = {expanded} N·m",
             words.uncertainty(combined),
             _freedom(record.budget_freedom, words),
             f"{words.number(100.0, 0)} %",

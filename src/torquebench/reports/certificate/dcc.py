@@ -4,8 +4,20 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
+from torquebench.reports.certificate.content import deviation_words
 from torquebench.reports.certificate.labels import Labels, labels_of, rounded
-from torquebench.reports.certificate.record import CertificateRecord, Party, ResultRow
+from torquebench.reports.certificate.record import (
+    CertificateRecord,
+    Conformity,
+    Party,
+    ResultRow,
+    StaticTable,
+)
+from torquebench.reports.certificate.static_content import (
+    STATIC_QUANTITIES,
+    class_words,
+    zero_hysteresis_words,
+)
 
 __all__ = ["SCHEMA_VERSION", "certificate_xml"]
 
@@ -176,23 +188,12 @@ class _Writer:
 
     def _statements(self, parent: ElementTree.Element) -> None:
         record = self.record
-        conformity = _add(parent, "statement")
-        conformity.set("refType", "basic_conformity")
-        self._words(conformity, "name", "conformity")
-        first = self.words[record.languages[0]]
-        self._words(
-            conformity,
-            "declaration",
-            "conformity_text",
-            "rule",
-            tolerance=f"{record.conformity.tolerance_percent_fs:g}",
-            limit=f"{record.conformity.tolerance_percent_fs / 100.0 * record.item.range_nm:g}",
-        )
-        _add(conformity, "conformity", record.conformity.verdict.value)
+        if record.conformity is not None:
+            self._conformity(_add(parent, "statement"), record.conformity)
         for warning in ("draft", "simulated"):
             if getattr(record, warning):
                 self._words(_add(parent, "statement"), "declaration", warning)
-        if record.verification is None:
+        if record.compensation and record.verification is None:
             statement = _add(parent, "statement")
             self._words(statement, "name", "verification")
             self._words(statement, "declaration", "verification_none")
@@ -200,9 +201,41 @@ class _Writer:
             statement = _add(parent, "statement")
             self._words(statement, "name", "deviations")
             _add(statement, "reference", f"{record.method.name}: {each.clause}")
-            self._text(
-                statement, "declaration", f"{each.found}; {first['allowed']}: {each.allowed}"
-            )
+            declaration = _add(statement, "declaration")
+            for language, words in self.words.items():
+                found, allowed = deviation_words(each, words)
+                content = _add(declaration, "content", f"{found}; {words['allowed']}: {allowed}")
+                content.set("lang", language)
+        self._static_statements(parent)
+
+    def _conformity(self, parent: ElementTree.Element, found: Conformity) -> None:
+        parent.set("refType", "basic_conformity")
+        self._words(parent, "name", "conformity")
+        self._words(
+            parent,
+            "declaration",
+            "conformity_text" if self.record.compensation else "conformity_text_raw",
+            "rule",
+            tolerance=f"{found.tolerance_percent_fs:g}",
+            limit=f"{found.tolerance_percent_fs / 100.0 * self.record.item.range_nm:g}",
+        )
+        _add(parent, "conformity", found.verdict.value)
+
+    def _static_statements(self, parent: ElementTree.Element) -> None:
+        """Add the classes of the static evaluation, and the zero hysteresis."""
+        for table in self.record.static:
+            statement = _add(parent, "statement")
+            self._words(statement, "name", "static", *_static_labels(table, self.record))
+            declaration = _add(statement, "declaration")
+            for language, words in self.words.items():
+                content = _add(declaration, "content", class_words(table, words))
+                content.set("lang", language)
+        if self.record.zero_hysteresis is not None:
+            statement = _add(parent, "statement")
+            declaration = _add(statement, "declaration")
+            for language, words in self.words.items():
+                content = _add(declaration, "content", zero_hysteresis_words(self.record, words))
+                content.set("lang", language)
 
     # Results
 
@@ -211,15 +244,42 @@ class _Writer:
         for sign, branch, rows in _tables(record.results):
             result = _add(parent, "measurementResult")
             self._words(result, "name", "results", sign, branch)
-            self._method(_add(_add(result, "usedMethods"), "usedMethod"))
-            self._software(_add(result, "usedSoftware"))
-            self._standard(_add(_add(result, "measuringEquipments"), "measuringEquipment"))
-            self._environment(_add(result, "influenceConditions"))
+            self._circumstances(result)
             table = _add(_add(result, "results"), "result")
             self._words(table, "name", "results")
             content = _add(_add(table, "data"), "list")
             content.set("refType", "basic_tableIndex0")
             self._columns(content, rows)
+        for static in record.static:
+            self._static(parent, static)
+
+    def _circumstances(self, result: ElementTree.Element) -> None:
+        """Add method, software, standard and environment, which every result has to name."""
+        self._method(_add(_add(result, "usedMethods"), "usedMethod"))
+        self._software(_add(result, "usedSoftware"))
+        self._standard(_add(_add(result, "measuringEquipments"), "measuringEquipment"))
+        self._environment(_add(result, "influenceConditions"))
+
+    def _static(self, parent: ElementTree.Element, static: StaticTable) -> None:
+        """Add the quantities of the static evaluation of one direction."""
+        result = _add(parent, "measurementResult")
+        self._words(result, "name", "static", *_static_labels(static, self.record))
+        self._circumstances(result)
+        table = _add(_add(result, "results"), "result")
+        self._words(table, "name", "static")
+        content = _add(_add(table, "data"), "list")
+        torque = self._column(content, "basic_nominalValue", "torque")
+        _add(torque, "si:valueXMLList", " ".join(f"{row.torque_nm:.7g}" for row in static.rows))
+        _add(torque, "si:unitXMLList", _NEWTON_METRE)
+        for name, symbol in STATIC_QUANTITIES.items():
+            values = [getattr(row, name) for row in static.rows]
+            if any(value is None for value in values):
+                continue
+            quantity = _add(content, "quantity")
+            self._text(quantity, "name", symbol)
+            column = _add(quantity, "si:realListXMLList")
+            _add(column, "si:valueXMLList", " ".join(f"{value:.4f}" for value in values))
+            _add(column, "si:unitXMLList", r"\percent")
 
     def _method(self, parent: ElementTree.Element) -> None:
         method = self.record.method
@@ -233,11 +293,12 @@ class _Writer:
     def _standard(self, parent: ElementTree.Element) -> None:
         reference = self.record.reference
         self._words(parent, "name", "reference")
+        text = "reference_text" if reference.of_range else "reference_text_relative"
         percent = f"{reference.expanded_uncertainty_percent:g}"
         self._words(
             parent,
             "description",
-            "reference_text",
+            text,
             model=reference.model,
             serial=reference.serial,
             certificate=reference.certificate_number,
@@ -274,15 +335,19 @@ class _Writer:
         _add(standard, "si:valueXMLList", " ".join(f"{row.standard_nm:.7g}" for row in rows))
         _add(standard, "si:unitXMLList", _NEWTON_METRE)
         before = [(row.error_before_nm, row.expanded_before_nm, row.factor_before) for row in rows]
-        self._errors(self._column(parent, "basic_measurementError", "error", "before"), before)
-        after = [(row.error_after_nm, row.expanded_after_nm, row.factor_after) for row in rows]
-        column = self._column(parent, "basic_measurementError", "error", "after")
-        self._errors(column, after)
+        labels = ("error", "before") if self.record.compensation else ("error",)
+        self._errors(self._column(parent, "basic_measurementError", *labels), before)
+        if self.record.compensation:
+            column = self._column(parent, "basic_measurementError", "error", "after")
+            self._errors(column, [row.judged for row in rows])
+        verdicts = [row.verdict.value for row in rows if row.verdict is not None]
+        if not verdicts:
+            return
         quantity = parent[-1]
         judged = _add(_add(quantity, "measurementMetaData"), "metaData")
         judged.set("refType", "basic_conformity")
         self._words(judged, "declaration", "rule")
-        _add(judged, "conformityXMLList", " ".join(row.verdict.value for row in rows))
+        _add(judged, "conformityXMLList", " ".join(verdicts))
 
     def _column(self, parent: ElementTree.Element, kind: str, *labels: str) -> ElementTree.Element:
         quantity = _add(parent, "quantity")
@@ -308,6 +373,13 @@ class _Writer:
         factors = " ".join(f"{factor:.2f}" for _, _, factor in values)
         _add(uncertainty, "si:coverageFactorXMLList", factors)
         _add(uncertainty, "si:coverageProbabilityXMLList", f"{_COVERAGE}")
+
+
+def _static_labels(table: StaticTable, record: CertificateRecord) -> tuple[str, ...]:
+    direction = "clockwise" if table.direction > 0 else "counter_clockwise"
+    if not record.compensation:
+        return (direction,)
+    return (direction, "after" if table.compensated else "before")
 
 
 def _tables(rows: Sequence[ResultRow]) -> list[tuple[str, str, list[ResultRow]]]:

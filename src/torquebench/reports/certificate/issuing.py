@@ -86,6 +86,7 @@ def issue_certificate(
         for name, content in contents.items():
             write_atomically(place / name, content)
     files = tuple(folders[-1] / name for name in contents)
+    conformity = record.conformity
     entry = registry.add_certificate(
         record.number,
         record.calibration_id,
@@ -95,8 +96,9 @@ def issue_certificate(
             "record_sha256": record.sha256,
             "languages": list(record.languages),
             "simulated": record.simulated,
-            "verdict": record.conformity.verdict.value,
-            "tolerance_percent_fs": record.conformity.tolerance_percent_fs,
+            "verdict": None if conformity is None else conformity.verdict.value,
+            "tolerance_percent_fs": None if conformity is None else conformity.tolerance_percent_fs,
+            "archive": registry.stored(folders[0]),
             "profile": record.method.name,
             "profile_sha256": record.method.sha256,
             "deviations": [each.clause for each in record.deviations],

@@ -1,6 +1,7 @@
 """The words of a certificate in its languages, and how each language writes numbers."""
 
 import tomllib
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from math import floor, isfinite, log10
@@ -37,6 +38,37 @@ class Labels:
     def get(self, key: str) -> str:
         """Return the word for a key, or the key itself where there is none."""
         return self._words.get(key, key)
+
+    def filled(self, key: str, values: Mapping[str, str | float]) -> str:
+        """Return the sentence of a key with its values: numbers and words in this language.
+
+        Examples
+        --------
+        >>> labels_of("de").filled("deviation_no_decreasing", {
+        ...     "series": 2, "direction": "clockwise", "position": 120.0})
+        'Reihe 2 Rechtsdrehmoment bei 120° hat kein fallendes Drehmoment'
+        """
+        shown = {
+            name: self.get(value) if isinstance(value, str) else self.short(value)
+            for name, value in values.items()
+        }
+        return self._words[key].format(**shown)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._words
+
+    def model(self, kind: str) -> str:
+        """Return a kind of compensation model in words; the kind itself where it is unknown.
+
+        Examples
+        --------
+        >>> labels_of("de").model("polynomial-2")
+        'Polynom 2. Grades'
+        """
+        stem, _, degree = kind.rpartition("-")
+        if stem == "polynomial":
+            return self._words["model_polynomial"].format(degree=degree)
+        return self._words.get(f"model_{kind}", kind)
 
     def number(self, value: float, decimals: int) -> str:
         """Return a number with a real minus sign and the language's decimal mark."""

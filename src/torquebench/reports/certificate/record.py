@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from datetime import date
 from types import UnionType
 from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
@@ -23,13 +23,17 @@ __all__ = [
     "Party",
     "Reference",
     "ResultRow",
+    "StaticClass",
+    "StaticRow",
+    "StaticTable",
     "VerificationSummary",
+    "ZeroHysteresisStatement",
 ]
 
 PAYLOAD_PREFIX = "torquebench-certificate"
 """What the QR code begins with, before number and hash."""
 
-RECORD_FORMAT = 1
+RECORD_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,11 @@ class Item:
 
 @dataclass(frozen=True)
 class Method:
-    """The profile that was followed, and whether somebody has checked it against its source."""
+    """The profile that was followed, and whether somebody has checked it against its source.
+
+    `placement` says how an adaptive calibration placed its points, `table` which file the points
+    were read from; both are empty for other calibrations.
+    """
 
     name: str
     title: str
@@ -90,6 +98,8 @@ class Method:
     series: int
     points: int
     unsettled: int
+    placement: tuple[int, int, int] | None = None
+    table: str = ""
 
 
 @dataclass(frozen=True)
@@ -99,7 +109,7 @@ class Reference:
     Parameters
     ----------
     expanded_uncertainty_percent : float
-        k = 2, in % of the range.
+        k = 2, in % of the range, or of the torque where `of_range` is false.
     performed, due : datetime.date or None
         Day of its calibration, and last day on which it counts; None where nobody has stated it.
     """
@@ -111,6 +121,7 @@ class Reference:
     expanded_uncertainty_percent: float
     performed: date | None = None
     due: date | None = None
+    of_range: bool = True
 
 
 @dataclass(frozen=True)
@@ -129,13 +140,15 @@ class ResultRow:
     readings : int
         How many series the mean is of.
     error_before_nm, error_after_nm : float
-        Mean of indication minus standard, raw and compensated, in N·m.
+        Mean of indication minus standard, raw and compensated, in N·m; everything "after" is
+        None where no compensation belongs to the calibration.
     expanded_before_nm, expanded_after_nm : float
         Expanded uncertainty of the errors in N·m.
     factor_before, factor_after : float
         Coverage factors k.
-    verdict : str
-        Of the error after compensation, as `Verdict` has it.
+    verdict : str or None
+        Of the error after compensation (before it, where there is none), as `Verdict` has it;
+        None without a statement of conformity.
     """
 
     torque_nm: float
@@ -145,15 +158,23 @@ class ResultRow:
     error_before_nm: float
     expanded_before_nm: float
     factor_before: float
-    error_after_nm: float
-    expanded_after_nm: float
-    factor_after: float
-    verdict: Verdict
+    error_after_nm: float | None
+    expanded_after_nm: float | None
+    factor_after: float | None
+    verdict: Verdict | None
+
+    @property
+    def judged(self) -> tuple[float, float, float]:
+        """Error, expanded uncertainty and coverage factor that the certificate is about."""
+        if self.error_after_nm is None or self.expanded_after_nm is None:
+            return self.error_before_nm, self.expanded_before_nm, self.factor_before
+        assert self.factor_after is not None
+        return self.error_after_nm, self.expanded_after_nm, self.factor_after
 
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One contribution to the uncertainty of the error after compensation.
+    """One contribution to the uncertainty of the error that the certificate is about.
 
     Parameters
     ----------
@@ -222,11 +243,92 @@ class Conformity:
 
 @dataclass(frozen=True)
 class DeviationStatement:
-    """One departure from the profile that the certificate carries."""
+    """One departure from the profile that the certificate carries.
+
+    `key` and `values` say the same as `found` and `allowed`, for other languages.
+    """
 
     clause: str
     found: str
     allowed: str
+    key: str = ""
+    values: Mapping[str, str | float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class StaticRow:
+    """The quantities of a static evaluation at one step, in % of the deflection; None: not known.
+
+    Parameters
+    ----------
+    torque_nm : float
+        Magnitude of the step in N·m.
+    indication, repeatability, reproducibility, interpolation, reversibility : float or None
+        f_q, b′, b (range form), f_a, h.
+    expanded, interval : float or None
+        Expanded uncertainty W (k = 2) about the interpolation, and W′ = |f_q| + W.
+    """
+
+    torque_nm: float
+    indication: float | None
+    repeatability: float | None
+    reproducibility: float | None
+    interpolation: float | None
+    reversibility: float | None
+    expanded: float
+    interval: float | None
+
+
+@dataclass(frozen=True)
+class StaticClass:
+    """A class that is kept from a torque (magnitude, N·m) up to the largest step."""
+
+    accuracy_class: float
+    from_nm: float
+
+
+@dataclass(frozen=True)
+class StaticTable:
+    """The static evaluation of one direction, of the reading or of the compensated torque.
+
+    Parameters
+    ----------
+    direction : int
+        +1 clockwise, -1 counter-clockwise.
+    compensated : bool
+    rows : tuple of StaticRow
+        In rising order of torque.
+    degree : int
+        Of the interpolation through zero.
+    resolution_nm : float
+        Resolution that entered, in N·m.
+    zero_residual : float or None
+        f₀ in % of the span.
+    classes : tuple of StaticClass
+        Each over its largest range: a worse class only where its range is larger.
+    missing : tuple of str
+        Symbols of the quantities that a class needs and that weren't measured.
+    """
+
+    direction: int
+    compensated: bool
+    rows: tuple[StaticRow, ...]
+    degree: int
+    resolution_nm: float
+    zero_residual: float | None
+    classes: tuple[StaticClass, ...]
+    missing: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ZeroHysteresisStatement:
+    """The largest difference of the zeros after either direction over so many cycles."""
+
+    cycles: int
+    before_nm: float
+    before_percent_fs: float
+    after_nm: float | None
+    after_percent_fs: float | None
 
 
 @dataclass(frozen=True)
@@ -248,12 +350,20 @@ class CertificateRecord:
     temperature_c : tuple of float or None
         Lowest and highest temperature of the calibration in °C.
     compensation : str
-        The model whose results are stated as "after compensation".
+        The model whose results are stated as "after compensation"; empty where there is none.
+    compensation_kind : str
+        Its kind, for other languages, such as ``"polynomial-2"``.
     results : tuple of ResultRow
         In rising order of torque, increasing before decreasing.
     budget, budget_step, budget_freedom
         The contributions at the step with the largest uncertainty, its place in `results`, and
         its effective degrees of freedom (None for infinitely many).
+    conformity : Conformity or None
+        None where no statement of conformity is wanted.
+    static : tuple of StaticTable
+        By direction, before and after compensation; empty where the steps don't allow it.
+    zero_hysteresis : ZeroHysteresisStatement or None
+        Of reversing cycles.
     measured_by, checked_by, authorised_by : tuple of str
         Who did it, who looked over it, who answers for it.
     files : mapping of str to str
@@ -284,7 +394,7 @@ class CertificateRecord:
     budget: tuple[BudgetRow, ...]
     budget_step: int
     budget_freedom: float | None
-    conformity: Conformity
+    conformity: Conformity | None
     verification: VerificationSummary | None
     deviations: tuple[DeviationStatement, ...]
     measured_by: str
@@ -294,6 +404,9 @@ class CertificateRecord:
     files: Mapping[str, str]
     registry_head: str
     supersedes: str = ""
+    compensation_kind: str = ""
+    static: tuple[StaticTable, ...] = ()
+    zero_hysteresis: ZeroHysteresisStatement | None = None
     format: int = field(default=RECORD_FORMAT)
 
     @property
@@ -337,7 +450,12 @@ def _restored(kind: Any, value: Any) -> Any:
     """Return a value of JSON as the type that a field asks for."""
     if is_dataclass(kind):
         hints = get_type_hints(kind)
-        names = [each.name for each in fields(kind)]
+        # A record of an older format lacks what came later, which has a default.
+        names = [
+            each.name
+            for each in fields(kind)
+            if each.name in value or each.default is each.default_factory is MISSING
+        ]
         return cast(Any, kind)(**{name: _restored(hints[name], value[name]) for name in names})
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):

@@ -1,5 +1,6 @@
 """Results at each step, before and after compensation, with their uncertainty budget."""
 
+import warnings
 from dataclasses import dataclass
 from math import inf, sqrt
 
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData
 from torquebench.calibration.data import UNLOADED_SHARE
-from torquebench.compensation import CompensationModel
+from torquebench.compensation import CompensationModel, make_model
 from torquebench.reports.certificate.record import BudgetRow, Conformity, ResultRow
 from torquebench.uncertainty import (
     Budget,
@@ -39,25 +40,26 @@ class Results:
     rows : tuple of ResultRow
         In rising order of torque, increasing before decreasing.
     budget : tuple of BudgetRow
-        Of the step with the largest uncertainty after compensation.
+        Of the step with the largest uncertainty (after compensation, where there is one).
     budget_step, budget_freedom
         The place of that step in `rows`, and its effective degrees of freedom.
-    conformity : Conformity
+    conformity : Conformity or None
     """
 
     rows: tuple[ResultRow, ...]
     budget: tuple[BudgetRow, ...]
     budget_step: int
     budget_freedom: float | None
-    conformity: Conformity
+    conformity: Conformity | None
 
 
 def evaluate_results(
     data: CalibrationData,
-    model: CompensationModel,
+    model: CompensationModel | None,
     *,
     reference_percent: float,
-    tolerance_percent_fs: float,
+    tolerance_percent_fs: float | None,
+    of_range: bool = True,
 ) -> Results:
     """Return errors with their uncertainty at each step, raw and compensated, and the verdict.
 
@@ -69,48 +71,73 @@ def evaluate_results(
     ----------
     data : CalibrationData
         The points of the calibration.
-    model : CompensationModel
-        Fitted to them.
+    model : CompensationModel or None
+        Fitted to them; None states the errors of the reading only.
     reference_percent : float
         Expanded uncertainty (k = 2) of the standard in % of the range.
-    tolerance_percent_fs : float
-        Largest allowed |error| after compensation, in % of full scale.
+    tolerance_percent_fs : float or None
+        Largest allowed |error| after compensation (before it, where there is none), in % of full
+        scale; None where nothing is judged.
+    of_range : bool, default True
+        Whether `reference_percent` means the range; else it means the torque.
 
     Raises
     ------
     InputError
         Where the model refuses a reading.
     """
-    columns = model.n_features_in_
-    torque, curve = model.predict(data.features(columns), return_std=True)
     steps = _Steps.of(data)
-    before = _Side(data, steps, data.reading_nm - data.standard_nm, None, model)
-    after = _Side(data, steps, torque - data.standard_nm, curve, model)
-    tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
+    before, after = _sides(data, steps, model)
     rows: list[ResultRow] = []
     decisions: list[Decision] = []
     budgets: list[Budget] = []
     for place in range(len(steps)):
-        raw = before.budget(place, reference_percent)
-        compensated = after.budget(place, reference_percent)
-        decision = decide(
-            compensated.value,
-            compensated.expanded_uncertainty(),
-            tolerance,
-            full_scale=data.range_nm,
-            degrees_of_freedom=compensated.degrees_of_freedom,
-        )
+        scale_nm = data.range_nm if of_range else abs(float(steps.torque_nm[place]))
+        reference_nm = reference_percent / 100.0 * scale_nm
+        raw = before.budget(place, reference_nm)
+        compensated = None if after is None else after.budget(place, reference_nm)
+        judged = compensated or raw
+        decision = None
+        if tolerance_percent_fs is not None:
+            decision = decide(
+                judged.value,
+                judged.expanded_uncertainty(),
+                Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale"),
+                full_scale=data.range_nm,
+                degrees_of_freedom=judged.degrees_of_freedom,
+            )
+            decisions.append(decision)
         rows.append(steps.row(place, data, raw, compensated, decision))
-        decisions.append(decision)
-        budgets.append(compensated)
+        budgets.append(judged)
     largest = int(np.argmax([budget.expanded_uncertainty() for budget in budgets]))
     return Results(
         rows=tuple(rows),
         budget=_budget_rows(budgets[largest]),
         budget_step=largest,
         budget_freedom=_freedom(budgets[largest].degrees_of_freedom),
-        conformity=_conformity(rows, decisions, tolerance_percent_fs),
+        conformity=(
+            None
+            if tolerance_percent_fs is None
+            else _conformity(rows, decisions, tolerance_percent_fs)
+        ),
     )
+
+
+def _sides(
+    data: CalibrationData, steps: "_Steps", model: CompensationModel | None
+) -> tuple["_Side", "_Side | None"]:
+    """Return the errors before and after compensation with what makes them uncertain."""
+    error_nm = data.reading_nm - data.standard_nm
+    if model is not None:
+        torque, curve = model.predict(data.features(model.n_features_in_), return_std=True)
+        after = _Side(data, steps, torque - data.standard_nm, curve, model)
+        return _Side(data, steps, error_nm, None, model), after
+    # Without repeated steps, the scatter is that about a smooth curve.
+    smooth = make_model("polynomial", degree=3, range_nm=data.range_nm)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # nothing is compensated by it
+        smooth.fit(data.features(2), data.standard_nm)
+    return _Side(data, steps, error_nm, None, smooth), None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +168,14 @@ class _Steps:
         return np.bincount(self.label, weights=values) / self.count
 
     def row(
-        self, place: int, data: CalibrationData, raw: Budget, compensated: Budget, judged: Decision
+        self,
+        place: int,
+        data: CalibrationData,
+        raw: Budget,
+        compensated: Budget | None,
+        judged: Decision | None,
     ) -> ResultRow:
+        after = None if compensated is None else _stated(compensated)
         return ResultRow(
             torque_nm=float(self.torque_nm[place]),
             branch=int(self.branch[place]),
@@ -151,11 +184,15 @@ class _Steps:
             error_before_nm=raw.value,
             expanded_before_nm=raw.expanded_uncertainty(),
             factor_before=raw.coverage_factor(),
-            error_after_nm=compensated.value,
-            expanded_after_nm=compensated.expanded_uncertainty(),
-            factor_after=compensated.coverage_factor(),
-            verdict=judged.verdict,
+            error_after_nm=None if after is None else after[0],
+            expanded_after_nm=None if after is None else after[1],
+            factor_after=None if after is None else after[2],
+            verdict=None if judged is None else judged.verdict,
         )
+
+
+def _stated(budget: Budget) -> tuple[float, float, float]:
+    return budget.value, budget.expanded_uncertainty(), budget.coverage_factor()
 
 
 class _Side:
@@ -187,7 +224,7 @@ class _Side:
         temperature = data.temperature_c
         self.drift_k = None if temperature is None else float(np.ptp(temperature))
 
-    def budget(self, place: int, reference_percent: float) -> Budget:
+    def budget(self, place: int, reference_nm: float) -> Budget:
         """Return the budget of the error at one step: a sum, every sensitivity is 1."""
         quantities = [
             Quantity(
@@ -197,9 +234,7 @@ class _Side:
                 self.freedom,
                 unit="N·m",
             ),
-            Quantity.from_certificate(
-                "reference", 0.0, reference_percent / 100.0 * self.range_nm, unit="N·m"
-            ),
+            Quantity.from_certificate("reference", 0.0, reference_nm, unit="N·m"),
         ]
         if self.curve_nm is not None:
             quantities.append(Quantity("model", 0.0, float(self.curve_nm[place]), unit="N·m"))
@@ -241,16 +276,17 @@ def _conformity(
         range(len(rows)),
         key=lambda place: (
             _ORDER.index(decisions[place].verdict),
-            abs(rows[place].error_after_nm) + rows[place].expanded_after_nm,
+            abs(rows[place].judged[0]) + rows[place].judged[1],
         ),
     )
-    row = rows[deciding]
+    row, verdict = rows[deciding], decisions[deciding].verdict
+    error_nm, expanded_nm, _ = row.judged
     found = [decision.verdict for decision in decisions]
     return Conformity(
         tolerance_percent_fs=tolerance_percent_fs,
-        verdict=row.verdict,
-        worst_error_nm=row.error_after_nm,
-        expanded_nm=row.expanded_after_nm,
+        verdict=verdict,
+        worst_error_nm=error_nm,
+        expanded_nm=expanded_nm,
         at_nm=row.torque_nm,
         counts={verdict.value: found.count(verdict) for verdict in _ORDER},
     )

@@ -89,22 +89,17 @@ def errors_svg(record: CertificateRecord, language: str) -> str:
     """Return the figure of the errors before and after compensation as SVG."""
     words = labels_of(language)
     torque = np.array([row.torque_nm for row in record.results])
+    before = np.array([row.error_before_nm for row in record.results])
+    label = words["figure_before" if record.compensation else "figure_only"]
+    curves = [Curve(label, torque, before, raw=True)]
+    if record.compensation:
+        after = np.array([row.error_after_nm for row in record.results], dtype=np.float64)
+        curves.append(Curve(words["figure_after"], torque, after))
+    conformity = record.conformity
     return error_figure(
-        [
-            Curve(
-                words["figure_before"],
-                torque,
-                np.array([row.error_before_nm for row in record.results]),
-                raw=True,
-            ),
-            Curve(
-                words["figure_after"],
-                torque,
-                np.array([row.error_after_nm for row in record.results]),
-            ),
-        ],
+        curves,
         record.item.range_nm,
-        limit_fs=record.conformity.tolerance_percent_fs / 100.0,
+        limit_fs=None if conformity is None else conformity.tolerance_percent_fs / 100.0,
         abscissa=words["figure_torque"],
         ordinate=words["figure_error"],
     )

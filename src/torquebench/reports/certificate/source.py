@@ -1,0 +1,213 @@
+"""What a certificate rests on: a calibration's run, points, profile, standard and model."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from typing import Any
+
+from torquebench.calibration import (
+    CalibrationData,
+    CalibrationRecord,
+    Profile,
+    ReferenceStandard,
+    assign_nominal,
+)
+from torquebench.compensation import CompensationModel, load_model
+from torquebench.errors import InputError, RecordError
+from torquebench.records import (
+    CalibrationEntry,
+    Equipment,
+    ModelEntry,
+    Registry,
+    Report,
+    RunFolder,
+    RunSummary,
+    calibration_changes,
+    folder_changes,
+)
+from torquebench.reports.certificate.record import Reference
+from torquebench.reports.certificate.static import resolution_of
+
+__all__ = ["Source", "run_data"]
+
+
+def run_data(folder: RunFolder) -> CalibrationData:
+    """Return the points that a calibration run has left.
+
+    Raises
+    ------
+    RecordError
+        Where the run has none.
+    """
+    results = folder.results
+    if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):
+        raise RecordError(f"{folder.path} holds no points of a calibration", "a calibration run")
+    try:
+        return CalibrationData(**results["data"])
+    except TypeError as error:
+        raise RecordError(f"{folder.path}: results.json has other columns ({error})") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a certificate rests on, read once and checked."""
+
+    run: RunSummary
+    folder: RunFolder
+    data: CalibrationData
+    profile: Profile
+    reference: Reference
+    model_entry: ModelEntry | None
+    model: CompensationModel | None
+    unsettled: int
+    changes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, registry: Registry, calibration: CalibrationEntry) -> "Source":
+        """Read and check what the certificate of a calibration rests on.
+
+        Raises
+        ------
+        RecordError
+            Where the run isn't sealed, was changed, or wasn't completed.
+        InputError
+            Where the calibration has no run.
+        """
+        if calibration.run_id is None:
+            raise InputError(
+                f"calibration-{calibration.calibration_id} is a table from elsewhere",
+                "a calibration that a run of this registry holds",
+                "enter the table with `torquebench evaluate static --register`",
+            )
+        run = registry.run(calibration.run_id)
+        folder = RunFolder.open(run.folder)
+        if not folder.sealed or not run.manifest_sha256:
+            raise RecordError(
+                f"run {run.run_id} isn't sealed ({run.status})",
+                "a completed, sealed run",
+                "let it end, or recover it; a certificate states completed runs only",
+            )
+        changes = tuple(folder_changes(run.folder, run.manifest_sha256))
+        if changes:
+            raise RecordError(
+                f"run {run.run_id}: {'; '.join(changes)} (clause deviations.changed_record)",
+                "a record as it was sealed",
+                "restore it from a backup, or calibrate again",
+            )
+        if run.status != "completed":
+            raise RecordError(f"run {run.run_id} was {run.status}: {run.reason}", "a completed run")
+        start = next(document for _, document in folder.documents("start"))
+        profile = Profile.model_validate(start["profile"]["settings"])
+        data = assign_nominal(run_data(folder), profile)
+        model_entry = _model_of(registry, calibration)
+        return cls(
+            run=run,
+            folder=folder,
+            data=data,
+            profile=profile,
+            reference=_reference(registry, calibration, folder),
+            model_entry=model_entry,
+            model=None if model_entry is None else load_model(model_entry.check_file()).model,
+            unsettled=int(folder.results.get("unsettled", 0)),
+            changes=(
+                *_changed_points(data, calibration),
+                *calibration_changes(registry, calibration.calibration_id),
+            ),
+        )
+
+    def calibration_record(self) -> CalibrationRecord:
+        """Return the calibration as its profile is held against it."""
+        return CalibrationRecord(
+            data=self.data,
+            performed=self.run.started,
+            reference=ReferenceStandard(
+                serial=self.reference.serial,
+                certificate_number=self.reference.certificate_number,
+                due=self.reference.due,
+                expanded_uncertainty_percent=self.reference.expanded_uncertainty_percent,
+            ),
+            unsettled=self.unsettled,
+            changes=self.changes,
+        )
+
+    def files(self, calibration: CalibrationEntry) -> dict[str, str]:
+        """Return the hashes of what the certificate rests on."""
+        listed: Mapping[str, Mapping[str, Any]] = self.folder.manifest["files"]
+        names = {name: str(entry["sha256"]) for name, entry in sorted(listed.items())}
+        entry = self.model_entry
+        return {
+            "manifest.json": self.run.manifest_sha256,
+            **names,
+            **({} if entry is None else {entry.file.name: entry.file_sha256}),
+            "calibration points": calibration.data_sha256,
+        }
+
+    @property
+    def resolution_nm(self) -> float:
+        """Resolution of the indication in N·m: as it was stated, or from the noise."""
+        stated = self.folder.results.get("resolution_nm")
+        return resolution_of(self.data) if stated is None else float(stated)
+
+
+def _changed_points(data: CalibrationData, calibration: CalibrationEntry) -> tuple[str, ...]:
+    if data.sha256() == calibration.data_sha256:
+        return ()
+    return ("the run's points aren't those of the registered calibration",)
+
+
+def _model_of(registry: Registry, calibration: CalibrationEntry) -> ModelEntry | None:
+    """Return the model of a calibration that is in use, or the latest one; None without one."""
+    fitted = [
+        entry
+        for entry in registry.models(calibration.transducer_serial)
+        if entry.calibration_id == calibration.calibration_id
+    ]
+    used = [each.model_id for each in registry.activations(calibration.transducer_serial)]
+    for model_id in reversed(used):
+        for entry in fitted:
+            if entry.model_id == model_id:
+                return entry
+    return fitted[0] if fitted else None
+
+
+def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFolder) -> Reference:
+    serial = calibration.standard_serial
+    described = next(
+        (each for each in registry.equipment("calibrator") if each.serial == serial),
+        Equipment("calibrator", serial),
+    )
+    bench = folder.metadata.get("bench")
+    # What the bench description said when the run was made, not what it says today.
+    standard: Mapping[str, Any] = (bench or {}).get("calibrator", {})
+    if standard.get("serial") != serial:
+        standard = {**described.details, "model": described.model}
+    report = _report(registry, serial)
+    percent = report.expanded_uncertainty_percent or standard.get("expanded_uncertainty_percent")
+    if percent is None:
+        raise RecordError(
+            f"nobody has stated the uncertainty of the standard {serial}",
+            "its expanded uncertainty (k = 2) in % of the range",
+            "enter its certificate",
+        )
+    return Reference(
+        serial=serial,
+        model=str(standard.get("model", described.model)),
+        certificate_number=report.number or str(standard.get("certificate_number", "")),
+        laboratory=report.laboratory,
+        expanded_uncertainty_percent=float(percent),
+        performed=report.performed or _day(standard.get("certificate_date")),
+        due=report.due,
+        of_range=standard.get("uncertainty_of", "range") == "range",
+    )
+
+
+def _report(registry: Registry, serial: str) -> Report:
+    reports = registry.reports(serial)
+    return reports[0] if reports else Report("calibrator", serial, "")
+
+
+def _day(text: object) -> date | None:
+    try:
+        return date.fromisoformat(str(text))
+    except ValueError:
+        return None

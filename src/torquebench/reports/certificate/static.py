@@ -1,0 +1,171 @@
+"""The static evaluation of a calibration as its certificate states it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration import (
+    CalibrationData,
+    CalibrationResults,
+    Profile,
+    SideBySide,
+    StaticEvaluation,
+    calibration_results,
+)
+from torquebench.compensation import CompensationModel
+from torquebench.errors import InputError
+from torquebench.reports.certificate.record import (
+    Reference,
+    StaticClass,
+    StaticRow,
+    StaticTable,
+    ZeroHysteresisStatement,
+)
+
+__all__ = ["resolution_of", "static_tables", "zero_hysteresis_statement"]
+
+
+def resolution_of(data: CalibrationData) -> float:
+    """Return the resolution of a chain's indication in N·m, where nobody has stated one.
+
+    A counter's own steps are far below the noise, so that the noise decides what can be told
+    apart: twice the median standard error of a point's mean.
+    """
+    if data.standard_error_nm is None:
+        return 0.0
+    return 2.0 * float(np.median(data.standard_error_nm))
+
+
+def static_tables(
+    data: CalibrationData,
+    profile: Profile,
+    model: CompensationModel | None,
+    reference: Reference,
+    resolution_nm: float,
+) -> tuple[tuple[StaticTable, ...], ZeroHysteresisStatement | None]:
+    """Return the static evaluation by direction, before and after, and the zero hysteresis.
+
+    Of an adaptive calibration the coarse series is evaluated: only its steps are repeated.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        With nominal torques.
+    profile : Profile
+        That was followed.
+    model : CompensationModel or None
+        Results after its compensation too.
+    reference : Reference
+        Its uncertainty enters.
+    resolution_nm : float
+
+    Returns
+    -------
+    tuple
+        Nothing of either where the steps don't allow an evaluation.
+    """
+    torque = None
+    if model is not None:
+        torque = model.predict(data.features(model.n_features_in_))
+    stepped = _stepped(data, profile)
+    if not np.any(stepped):
+        return (), None
+    try:
+        results = calibration_results(
+            data.subset(stepped),
+            resolution_nm=resolution_nm,
+            reference_uncertainty_percent=reference.expanded_uncertainty_percent,
+            reference_of_range=reference.of_range,
+            torque_nm=None if torque is None else torque[stepped],
+        )
+    except InputError:  # a step or a series is missing, which the deviations name
+        return (), None
+    tables = []
+    for direction in results.directions:
+        for side, compensated in ((direction.before, False), (direction.after, True)):
+            if side is not None:
+                tables.append(_table(side, direction.direction, compensated, resolution_nm))
+    return tuple(tables), zero_hysteresis_statement(results)
+
+
+def zero_hysteresis_statement(results: CalibrationResults) -> ZeroHysteresisStatement | None:
+    """Return the zero hysteresis of reversing cycles, None for other calibrations."""
+    before, after = results.zero_before, results.zero_after
+    if before is None:
+        return None
+    return ZeroHysteresisStatement(
+        before.cycles,
+        before.worst_nm,
+        before.worst_percent_fs,
+        None if after is None else after.worst_nm,
+        None if after is None else after.worst_percent_fs,
+    )
+
+
+def _stepped(data: CalibrationData, profile: Profile) -> NDArray[np.bool_]:
+    """Return which points belong to the profile's own series of steps, shape (n,)."""
+    if profile.adaptive is None or data.nominal_nm is None:
+        return np.ones(len(data), dtype=np.bool_)
+    steps = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
+    distance = np.min(np.abs(np.abs(data.nominal_nm)[:, None] - steps), axis=1)
+    placed = set(data.series[distance > 1e-6 * data.range_nm].tolist())
+    return np.array([number not in placed for number in data.series.tolist()])
+
+
+def _table(
+    side: SideBySide, direction: int, compensated: bool, resolution_nm: float
+) -> StaticTable:
+    evaluation = side.evaluation
+    degree = max(evaluation.interpolations)
+    classes: list[StaticClass] = []
+    if side.classification is not None:
+        # From the best class to the worst: a worse one says something where it begins earlier.
+        for accuracy_class, start in sorted(side.classification.starts_nm.items()):
+            if start is not None and (not classes or start < classes[-1].from_nm):
+                classes.append(StaticClass(accuracy_class, start))
+    return StaticTable(
+        direction=direction,
+        compensated=compensated,
+        rows=tuple(_rows(evaluation, degree)),
+        degree=degree,
+        resolution_nm=resolution_nm,
+        zero_residual=evaluation.zero_residual_percent,
+        classes=tuple(classes),
+        missing=tuple(_missing(evaluation)),
+    )
+
+
+def _rows(evaluation: StaticEvaluation, degree: int) -> Iterator[StaticRow]:
+    decreasing = evaluation.reversibility_percent is not None
+    expanded = evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)
+    known = evaluation.indication_deviation_percent is not None
+    interval = (
+        evaluation.interval_percent(degree, "range", decreasing=decreasing) if known else None
+    )
+    for row, torque in enumerate(evaluation.torque_nm):
+        yield StaticRow(
+            torque_nm=float(torque),
+            indication=_at(evaluation.indication_deviation_percent, row),
+            repeatability=_at(evaluation.repeatability_percent, row),
+            reproducibility=_at(evaluation.reproducibility_range_percent, row),
+            interpolation=_at(evaluation.interpolation(degree).deviation_percent, row),
+            reversibility=_at(evaluation.reversibility_percent, row),
+            expanded=float(expanded[row]),
+            interval=_at(interval, row),
+        )
+
+
+def _at(values: NDArray[np.float64] | None, row: int) -> float | None:
+    return None if values is None else float(values[row])
+
+
+def _missing(evaluation: StaticEvaluation) -> Iterator[str]:
+    """Yield the symbols of what a class limits and what wasn't measured."""
+    for symbol, value in (
+        ("b′", evaluation.repeatability_percent),
+        ("b", evaluation.reproducibility_range_percent),
+        ("f₀", evaluation.zero_residual_percent),
+    ):
+        if value is None:
+            yield symbol

@@ -1,0 +1,110 @@
+"""The static evaluation in words and numbers of one language, for PDF and digital certificate."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from torquebench.reports.certificate.labels import Labels
+from torquebench.reports.certificate.record import CertificateRecord, StaticRow, StaticTable
+
+__all__ = [
+    "MOST_ROWS",
+    "STATIC_QUANTITIES",
+    "class_words",
+    "static_content",
+    "zero_hysteresis_words",
+]
+
+MOST_ROWS = 20
+"""More steps than this are summed up in the PDF; the digital certificate has all of them."""
+
+STATIC_QUANTITIES = {
+    "indication": "f_q",
+    "repeatability": "b′",
+    "reproducibility": "b",
+    "interpolation": "f_a",
+    "reversibility": "h",
+    "expanded": "W",
+    "interval": "W′",
+}
+"""Symbol of each quantity of a row, in the order of the table."""
+
+
+def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
+    """Return the section of the static evaluation; None where there is none."""
+    if not record.static:
+        return None
+    first = record.static[0]
+    return {
+        "title": words["static"],
+        "text": words["static_text"].format(
+            degree=first.degree, resolution=words.short(first.resolution_nm, 2)
+        ),
+        "header": ["N·m", *STATIC_QUANTITIES.values()],
+        "tables": [_table(table, record, words) for table in record.static],
+        "zero": zero_hysteresis_words(record, words),
+    }
+
+
+def _table(table: StaticTable, record: CertificateRecord, words: Labels) -> dict[str, Any]:
+    side = words["after" if table.compensated else "before"] if record.compensation else ""
+    direction = words["clockwise" if table.direction > 0 else "counter_clockwise"]
+    return {
+        "title": ", ".join(part for part in (direction, side) if part),
+        "rows": _rows(table, words),
+        "notes": " ".join((_zero_residual(table, words), class_words(table, words))),
+    }
+
+
+def _values(row: StaticRow) -> tuple[float | None, ...]:
+    return tuple(getattr(row, name) for name in STATIC_QUANTITIES)
+
+
+def _rows(table: StaticTable, words: Labels) -> list[list[str]]:
+    if len(table.rows) <= MOST_ROWS:
+        return [[words.short(row.torque_nm), *_cells(_values(row), words)] for row in table.rows]
+    columns = zip(*(_values(row) for row in table.rows), strict=True)
+    largest = [max((abs(v) for v in column if v is not None), default=None) for column in columns]
+    return [[words["static_largest"].format(count=len(table.rows)), *_cells(largest, words)]]
+
+
+def _cells(values: Sequence[float | None], words: Labels) -> list[str]:
+    return ["–" if value is None else words.number(value, 3) for value in values]
+
+
+def _zero_residual(table: StaticTable, words: Labels) -> str:
+    if table.zero_residual is None:
+        return words["static_zero_unknown"]
+    return words["static_zero"].format(value=words.number(table.zero_residual, 3))
+
+
+def class_words(table: StaticTable, words: Labels) -> str:
+    """Return the classes that are kept, each over its largest range, or why there are none."""
+    if table.missing:
+        return words["static_unclassified"].format(missing=", ".join(table.missing))
+    if not table.classes:
+        return words["static_no_class"]
+    mark, stop = ("；", "。") if words.language == "zh" else ("; ", ".")
+    kept = [
+        words["static_class"].format(
+            name=words.short(each.accuracy_class), torque=words.short(each.from_nm)
+        )
+        for each in table.classes
+    ]
+    return mark.join(kept) + stop
+
+
+def zero_hysteresis_words(record: CertificateRecord, words: Labels) -> str | None:
+    """Return the zero hysteresis of reversing cycles; None for other calibrations."""
+    found = record.zero_hysteresis
+    if found is None:
+        return None
+    text = words["zero_hysteresis"].format(
+        cycles=found.cycles,
+        before=words.short(found.before_nm, 3),
+        percent=words.short(found.before_percent_fs, 3),
+    )
+    if found.after_nm is None or found.after_percent_fs is None:
+        return text
+    return text + words["zero_hysteresis_after"].format(
+        after=words.short(found.after_nm, 3), percent=words.short(found.after_percent_fs, 3)
+    )
