@@ -142,7 +142,7 @@ def test_xml_states_the_numbers_of_the_record(record: CertificateRecord) -> None
     assert len(digits) == 2 * len(record.results)
     assert max(map(len, digits)) <= 2
     tables = root.findall(".//dcc:measurementResult", DCC)
-    assert len(tables) == 4  # either direction, rising and falling
+    assert len(tables) == 4 + 4  # rising and falling; the static evaluation before and after
 
 
 # Issued and checked
