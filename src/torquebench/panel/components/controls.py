@@ -166,7 +166,7 @@ class Choice:
     def __init__(
         self,
         legend: str,
-        options: Mapping[str, str | tuple[str, str]],
+        options: Mapping[str, str] | Mapping[str, tuple[str, str]],
         value: str | tuple[str, ...] = "",
         *,
         several: bool = False,

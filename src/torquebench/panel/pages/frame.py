@@ -10,11 +10,12 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.panel.components.controls import button, link_button
+from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, icon, words
 from torquebench.panel.components.messages import Messages
 from torquebench.panel.pages.menu import Menu
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import NotSignedInError
+from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
 from torquebench.panel.text import Text
 
 __all__ = ["PAGES", "frame", "head", "stop_button"]
@@ -137,7 +138,7 @@ class _Frame:
             ui.navigate.to("/sign-in?expired=1")
             return
         snapshot = service.snapshot()
-        latched = service.latched_alarm if snapshot.stopped else None
+        latched = _latched(service) if snapshot.stopped else None
         found = (
             snapshot.bench_name,
             snapshot.simulated,
@@ -169,14 +170,37 @@ class _Frame:
             self._lost.set_text(text(said, problem=snapshot.connection_problem))
 
     def _take_command(self) -> None:
-        visitor = self.visitor
-        visitor.attempt(lambda: visitor.service.lease.take(visitor.actor))
-        self.refresh()
+        visitor, text = self.visitor, self.text
+        lease = visitor.service.lease
+        free, reason = lease.may_take(visitor.actor)
+        if free or not visitor.has_role("metrologist"):
+            visitor.attempt(lambda: lease.take(visitor.actor))
+            self.refresh()
+            return
+
+        def take(_: str) -> None:
+            visitor.attempt(lambda: lease.take(visitor.actor, force=True))
+            self.refresh()
+
+        ask(
+            text("frame.take_command"),
+            text("frame.take_over", reason=reason),
+            text("frame.take_command"),
+            text("frame.close"),
+            take,
+            danger=True,
+        )
 
     def _give_command(self) -> None:
         visitor = self.visitor
         visitor.attempt(lambda: visitor.service.lease.give_back(visitor.actor))
         self.refresh()
+
+
+def _latched(service: BenchService) -> AlarmView | None:
+    """Return the first alarm that stopped the bench."""
+    standing = service.alarms(standing=True)
+    return next((alarm for alarm in standing if alarm.level == "critical"), None)
 
 
 def command_words(text: Text, mine: bool, holder: str | None) -> str:

@@ -12,6 +12,9 @@ from fastapi.responses import JSONResponse, RedirectResponse, Response
 from nicegui import app, ui
 
 from torquebench.errors import TorquebenchError
+from torquebench.panel.pages.alarms import alarms_page
+from torquebench.panel.pages.calibrate import calibrate_page
+from torquebench.panel.pages.course import Dismissed
 from torquebench.panel.pages.live import live_page
 from torquebench.panel.pages.sign_in import safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
@@ -23,6 +26,8 @@ __all__ = ["register_pages"]
 STATIC = Path(__file__).parents[1] / "static"
 PAGES: dict[str, Callable[[Visitor], None]] = {
     "/": live_page,
+    "/calibrate": calibrate_page,
+    "/alarms": alarms_page,
 }
 Entry = Annotated[str, Form(max_length=200)]
 
@@ -43,14 +48,17 @@ def register_pages(service: BenchService) -> None:
     def sign_in(request: Request) -> None:
         sign_in_page(service, request)
 
+    dismissed = Dismissed()
     for path, build in PAGES.items():
-        _page(service, path, build)
+        _page(service, path, build, dismissed)
 
 
-def _page(service: BenchService, path: str, build: Callable[[Visitor], None]) -> None:
+def _page(
+    service: BenchService, path: str, build: Callable[[Visitor], None], dismissed: Dismissed
+) -> None:
     @ui.page(path)
     def page(request: Request) -> Response | None:
-        visitor = visitor_of(service, request)
+        visitor = visitor_of(service, request, dismissed)
         if visitor is None:
             return RedirectResponse(f"/sign-in?next={quote(path)}", status_code=303)
         build(visitor)

@@ -10,8 +10,8 @@ from starlette.requests import Request
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.messages import Messages
-from torquebench.panel.service import BenchService, NotSignedInError
-from torquebench.panel.service.actors import Actor, Role, allows
+from torquebench.panel.pages.course import Dismissed
+from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
 from torquebench.panel.text import Text, choose_language
 
 __all__ = ["LANGUAGE_COOKIE", "LOOK_COOKIE", "SESSION_COOKIE", "Visitor", "text_of", "visitor_of"]
@@ -34,6 +34,8 @@ class Visitor:
     text : Text
     look : str
         "light", "dark" or empty for the device's own.
+    dismissed : Dismissed
+        Shared by all pages of the server.
     messages : Messages
         Set by the frame.
     """
@@ -42,6 +44,7 @@ class Visitor:
     token: str
     text: Text
     look: str
+    dismissed: Dismissed
     messages: Messages = None  # type: ignore[assignment]  # set by the frame
 
     @property
@@ -57,8 +60,7 @@ class Visitor:
     @property
     def commands(self) -> bool:
         """Whether this session holds the command lease."""
-        holder = self.service.lease.state().holder
-        return holder is not None and holder.session_id == self.looker.session_id
+        return self.service.lease.holds(self.looker)
 
     def has_role(self, role: Role) -> bool:
         """Whether the reader's role includes another."""
@@ -88,11 +90,11 @@ def look_of(request: Request) -> str:
     return wanted if wanted in LOOKS else ""
 
 
-def visitor_of(service: BenchService, request: Request) -> Visitor | None:
+def visitor_of(service: BenchService, request: Request, dismissed: Dismissed) -> Visitor | None:
     """Return who asks for a page; None where nobody is signed in."""
     token = request.cookies.get(SESSION_COOKIE, "")
     try:
         service.people.actor(token, touch=False)
     except NotSignedInError:
         return None
-    return Visitor(service, token, text_of(request), look_of(request))
+    return Visitor(service, token, text_of(request), look_of(request), dismissed)

@@ -1,0 +1,105 @@
+"""The alarms: what happened, why, what to do, and who has acknowledged it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import AlarmView
+
+__all__ = ["alarms_page"]
+
+HISTORY = 50
+
+
+def _key(alarm: AlarmView) -> str:
+    return alarm.kind.replace(" ", "_")
+
+
+class _AlarmsPage:
+    def __init__(self, visitor: Visitor) -> None:
+        self.visitor, self.text = visitor, visitor.text
+        self._shown: Any = None
+
+    def build(self) -> None:
+        with box("div", "stack"):
+            self._standing = box("div", "stack", role="region", aria_label=self.text("alarms.now"))
+            with panel(self.text("alarms.history")):
+                self._history = box("div")
+
+    def refresh(self) -> None:
+        alarms = self.visitor.service.alarms()
+        if alarms == self._shown:
+            return
+        self._shown = alarms
+        standing = [alarm for alarm in alarms if alarm.stands]
+        self._standing.clear()
+        with self._standing:
+            if standing:
+                self._acknowledging(standing)
+                for alarm in standing:
+                    self._card(alarm)
+            else:
+                note(self.text("alarms.none"), "good")
+        self._history.clear()
+        with self._history:
+            self._list([alarm for alarm in alarms if not alarm.stands])
+
+    def _acknowledging(self, standing: list[AlarmView]) -> None:
+        text = self.text
+        critical = any(alarm.level == "critical" for alarm in standing)
+        with panel(), box("div", "spread"):
+            words("p", text("alarms.latched" if critical else "alarms.warnings"))
+            name = self.visitor.looker.name
+            button(
+                text("alarms.acknowledge", who=name), self._acknowledge, "primary", picture="check"
+            )
+
+    def _card(self, alarm: AlarmView) -> None:
+        text, key = self.text, _key(alarm)
+        kind = "bad" if alarm.level == "critical" else "warn"
+        title = text.maybe(f"alarm.{key}", alarm.kind)
+        with note(alarm.found, kind, title=title), box("div", "stack"):
+            with box("div", "line small"):
+                tag(text(f"alarms.{alarm.level}"), kind)
+                words("span", f"{alarm.raised:%Y-%m-%d %H:%M:%S}", "number")
+                words("span", text("alarms.source", source=alarm.source))
+            if alarm.allowed:
+                words("p", text("alarms.allowed", allowed=alarm.allowed))
+            words("p", text("alarms.what_to_do", remedy=text.maybe(f"alarm.{key}_do", "")))
+            if alarm.remedy:
+                words("p", alarm.remedy)
+
+    def _list(self, alarms: list[AlarmView]) -> None:
+        text = self.text
+        if not alarms:
+            empty(text("alarms.no_history"), "notifications_none")
+            return
+        rows = [
+            (
+                f"{alarm.raised:%Y-%m-%d %H:%M:%S}",
+                text.maybe(f"alarm.{_key(alarm)}", alarm.kind),
+                alarm.found,
+                text("alarms.by", who=alarm.acknowledged_by)
+                if alarm.acknowledged_by
+                else text("alarms.went"),
+            )
+            for alarm in sorted(alarms, key=lambda each: -each.number)[:HISTORY]
+        ]
+        headings = ("when", "what", "cause", "end")
+        table(text("alarms.history"), [(text(f"alarms.{key}"), False) for key in headings], rows)
+
+    def _acknowledge(self) -> None:
+        visitor = self.visitor
+        visitor.attempt(lambda: visitor.service.acknowledge(visitor.actor))
+        self.refresh()
+
+
+def alarms_page(visitor: Visitor) -> None:
+    """Build the page of the alarms."""
+    page = _AlarmsPage(visitor)
+    with frame(visitor, "alarms", page.refresh):
+        page.build()

@@ -1,0 +1,106 @@
+"""The wizard's step of models: curves before and after, the compared table, the recommended one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.elements import box, note, panel, table, words
+
+if TYPE_CHECKING:
+    from torquebench.panel.pages.calibrate import CalibratePage
+
+__all__ = ["ModelsStep"]
+
+
+class ModelsStep:
+    """Fitted models beside the raw reading, and all kinds compared by cross-validation."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
+
+    def build(self) -> None:
+        """Make the step's elements."""
+        text, course = self._text, self._page.course
+        assert course.calibrate is not None
+        assert course.calibrate.result is not None
+        details = course.calibrate.result.details
+        with panel(text("models.before_after")):
+            words("p", course.calibrate.result.headline)
+            Chart(
+                text("models.curves_label"),
+                text("measure.standard_axis"),
+                text("measure.error_axis"),
+                self._curves(details),
+                tall=True,
+            )
+        with panel(text("models.compared")), box("div", "stack"):
+            self._comparison()
+
+    def refresh(self) -> None:
+        """Nothing grows here: the job's panel says how far it is."""
+
+    def _curves(self, details: Mapping[str, Any]) -> list[Line]:
+        points = details["points"]
+        standard = points["standard_nm"]
+        order = sorted(range(len(standard)), key=standard.__getitem__)
+        x = [standard[place] for place in order]
+        lines = [
+            Line(
+                self._text("live.line_raw"),
+                x,
+                [points["reading_nm"][place] - standard[place] for place in order],
+                "--series-raw",
+                points=True,
+            )
+        ]
+        for colour, model in zip(COLOURS, self._page.course.models.values(), strict=False):
+            torque = model["torque_nm"]
+            y = [torque[place] - standard[place] for place in order]
+            lines.append(Line(model["title"], x, y, colour, points=True, symbol="rect"))
+        return lines
+
+    def _comparison(self) -> None:
+        text, course = self._text, self._page.course
+        compare = course.compare
+        if compare is None or (compare.result is None and not compare.open):
+            words("p", text("models.compare_explained"), "muted")
+            button(text("models.compare"), self._compare, "primary", picture="leaderboard")
+            return
+        if compare.result is None:
+            return
+        found = compare.result.details
+        note(found["sentence"], "good", title=text("models.recommended"))
+        scores = sorted(found["scores"], key=lambda score: score["worst_nm"])
+        rows = [
+            (
+                score["title"],
+                f"{score['worst_nm']:.3f}",
+                f"{score['worst_percent_fs']:.4f}",
+                f"{score['rms_nm']:.3f}",
+                f"{score['effective_parameters']:.1f}",
+                text("models.fitted") if score["name"] in course.models else "",
+            )
+            for score in scores
+        ]
+        headings = (("model", False), ("worst", True), ("worst_percent", True), ("rms", True),
+                    ("parameters", True), ("state", False))  # fmt: skip
+        columns = [(text(f"models.{key}"), number) for key, number in headings]
+        selected = next(
+            (place for place, score in enumerate(scores) if score["name"] == found["selected"]),
+            None,
+        )
+        table(text("models.compared"), columns, rows, best=selected)
+        words("p", text("models.cross_validated"), "small muted")
+        if found["selected"] not in course.models and self._page.visitor.has_role("metrologist"):
+            button(text("models.fit"), self._fit, "primary", picture="add_chart")
+
+    def _compare(self) -> None:
+        self._page.start("compare-models", {"calibration_id": self._page.course.calibration_id})
+
+    def _fit(self) -> None:
+        course = self._page.course
+        request = {"calibration_id": course.calibration_id, "model": course.recommended}
+        self._page.start("fit", request)

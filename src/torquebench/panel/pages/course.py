@@ -1,0 +1,111 @@
+"""Where a calibration stands between mounting the calibrator and its certificate.
+
+Read from the jobs, which the server keeps: a page that is opened again, or by somebody else,
+shows the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from torquebench.panel.service import JobView
+
+__all__ = ["STEPS", "Course", "Dismissed", "Step", "find_course"]
+
+Step = Literal["prepare", "measure", "models", "verify", "sign", "certificate"]
+STEPS: tuple[Step, ...] = get_args(Step)
+
+
+@dataclass
+class Dismissed:
+    """Calibrations that somebody has put aside to begin another one."""
+
+    job_ids: set[str] = field(default_factory=set)
+
+
+@dataclass(frozen=True)
+class Course:
+    """One calibration's jobs, each the newest of its kind.
+
+    Attributes
+    ----------
+    calibrate, compare, fit, verify, certificate : JobView or None
+    fits : tuple of JobView
+        All models fitted afterwards.
+    """
+
+    calibrate: JobView | None = None
+    compare: JobView | None = None
+    fits: tuple[JobView, ...] = ()
+    verify: JobView | None = None
+    certificate: JobView | None = None
+
+    @property
+    def calibration_id(self) -> int | None:
+        """The registered calibration; None before it is measured."""
+        result = None if self.calibrate is None else self.calibrate.result
+        return None if result is None else result.calibration_id
+
+    @property
+    def reached(self) -> Step:
+        """The furthest step that there is something to do or see at."""
+        if self.calibrate is None:
+            return "prepare"
+        if self.calibration_id is None:
+            return "measure"
+        if self.certificate is not None:
+            return "certificate"
+        if self.verify is None:
+            return "models"
+        return "sign" if self.verify.result is not None else "verify"
+
+    @property
+    def models(self) -> dict[str, dict[str, Any]]:
+        """Every fitted model by its name, with its registry number as `model_id`."""
+        found: dict[str, dict[str, Any]] = {}
+        for job in (self.calibrate, *self.fits):
+            if job is None or job.result is None:
+                continue
+            for name, model in job.result.details.get("models", {}).items():
+                found[name] = {**model, "model_id": job.result.model_ids[name]}
+        return found
+
+    @property
+    def recommended(self) -> str:
+        """Name of the model that the comparison selected; empty before it."""
+        if self.compare is None or self.compare.result is None:
+            return ""
+        return str(self.compare.result.details["selected"])
+
+    @property
+    def open_job(self) -> JobView | None:
+        """The job of this course that is under way."""
+        jobs = (self.calibrate, self.compare, *self.fits, self.verify, self.certificate)
+        return next((job for job in jobs if job is not None and job.open), None)
+
+
+def find_course(jobs: list[JobView], dismissed: Dismissed) -> Course:
+    """Return the newest calibration's course; an empty one where there is none.
+
+    Parameters
+    ----------
+    jobs : list of JobView
+        The newest first.
+    dismissed : Dismissed
+    """
+    calibrate = next((job for job in jobs if job.kind == "calibrate"), None)
+    if calibrate is None or calibrate.job_id in dismissed.job_ids:
+        return Course()
+    number = None if calibrate.result is None else calibrate.result.calibration_id
+    if number is None:
+        return Course(calibrate)
+    later = [job for job in jobs if job.request.get("calibration_id") == number]
+
+    def newest(kind: str) -> JobView | None:
+        return next((job for job in later if job.kind == kind), None)
+
+    fits = tuple(job for job in later if job.kind == "fit")
+    return Course(
+        calibrate, newest("compare-models"), fits, newest("verify"), newest("certificate")
+    )

@@ -1,0 +1,35 @@
+"""Files that a page hands to the browser: read by the service by number, never by a path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from nicegui import ui
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.elements import box
+from torquebench.panel.pages.visitor import Visitor
+
+__all__ = ["certificate_buttons"]
+
+
+def certificate_buttons(visitor: Visitor, number: str, files: Sequence[str]) -> None:
+    """Offer the files of a certificate."""
+    with box("div", "line"):
+        for name in files:
+            button(
+                visitor.text("certificate.fetch", name=name),
+                partial(_fetch, visitor, number, name),
+                picture="download",
+            )
+
+
+def _fetch(visitor: Visitor, number: str, name: str) -> None:
+    try:
+        content = visitor.service.records.certificate_file(number, name)
+    except TorquebenchError as error:
+        visitor.messages.problem(error)
+        return
+    ui.download(content, name)

@@ -1,0 +1,186 @@
+"""A job under way, wherever it is shown: progress, question to the operator, pause and abort."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.dialogs import ask
+from torquebench.panel.components.elements import box, note, panel, tag, words
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import JobView, Problem
+
+__all__ = ["JobPanel", "duration_words", "problem_note"]
+
+STATES = {
+    "running": ("", "play_circle"),
+    "pausing": ("warn", "pause_circle"),
+    "paused": ("warn", "pause_circle"),
+    "aborting": ("bad", "cancel"),
+    "done": ("good", "check_circle"),
+    "failed": ("bad", "error"),
+    "aborted": ("bad", "cancel"),
+}
+
+
+def duration_words(seconds: float) -> str:
+    """Say how long something takes.
+
+    Examples
+    --------
+    >>> duration_words(42.4), duration_words(125.0), duration_words(7260.0)
+    ('42 s', '2 min 5 s', '2 h 1 min')
+    """
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def problem_note(problem: Problem, title: str = "") -> Any:
+    """Show why something failed, and what to do."""
+    frame = note(problem.found, "bad", title=title, live=True)
+    with frame, box("div", "small"):
+        for said in (problem.allowed, problem.remedy):
+            if said:
+                words("p", said)
+    return frame
+
+
+class JobPanel:
+    """One job; refreshed twice a second by the page that shows it.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    on_change : callable, optional
+        Called when the job's state changes.
+    """
+
+    def __init__(self, visitor: Visitor, on_change: Callable[[], Any] | None = None) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._on_change = on_change
+        self._job_id = ""
+        self._shown: tuple[Any, ...] = ()
+        self._parts: tuple[Any, ...] = ()
+        with panel() as self.frame, box("div", "stack"):
+            self._head = box("div", "spread")
+            with box("div", role="status"):
+                self._stage = words("div", "")
+            self._progress = box("progress", max="1", aria_label=self._text("job.progress"))
+            self._prompt = box("div")
+            self._stages = box("ul", "small muted")
+            self._end = box("div")
+        self.frame.set_visibility(False)
+
+    def refresh(self, job: JobView | None) -> None:
+        """Show the job as it is now; None hides the panel."""
+        self.frame.set_visibility(job is not None)
+        if job is None:
+            self._shown = self._parts = ()
+            return
+        self._job_id = job.job_id
+        prompt = self._visitor.service.jobs.prompt if job.open else None
+        parts = (job.job_id, job.state, self._visitor.commands, prompt)
+        if parts != self._parts:
+            changed = self._parts[:2] != parts[:2] and bool(self._parts)
+            self._parts = parts
+            self._render_head(job)
+            self._render_prompt(prompt)
+            self._render_end(job)
+            if changed and self._on_change is not None:
+                self._on_change()
+        shown = (job.stage, job.done, job.total, job.detail, len(job.stages), job.open)
+        if shown != self._shown:
+            self._shown = shown
+            self._render_progress(job)
+
+    def _render_head(self, job: JobView) -> None:
+        text = self._text
+        self._head.clear()
+        with self._head:
+            with box("div", "line"):
+                words("h2", text.maybe(f"job.{job.kind}", job.title))
+                kind, picture = STATES[job.state]
+                tag(text(f"job.state_{job.state}"), kind, picture)
+            if job.open and self._visitor.commands:
+                with box("div", "line"):
+                    if job.can_pause and job.state == "running":
+                        button(text("job.pause"), self._pause, picture="pause")
+                    if job.state in ("paused", "pausing"):
+                        button(text("job.resume"), self._resume, "primary", picture="play_arrow")
+                    if job.state != "aborting":
+                        button(text("job.abort"), self._abort, "danger", picture="close")
+
+    def _render_progress(self, job: JobView) -> None:
+        text = self._text
+        stage = job.stage
+        if stage and job.total:
+            stage = text("job.stage", stage=job.stage, done=job.done, total=job.total)
+        self._stage.set_text(f"{stage} {job.detail}".strip() if job.open else "")
+        self._progress.set_visibility(job.open)
+        if job.total:
+            self._progress.props["value"] = f"{job.done / job.total:.3f}"
+        else:
+            self._progress.props.pop("value", None)
+        self._progress.update()
+        self._stages.clear()
+        with self._stages:
+            for stage_over in job.stages:
+                took = duration_words(stage_over.seconds)
+                said = f"{stage_over.title} ({took})"
+                words("li", f"{said}: {stage_over.detail}" if stage_over.detail else said)
+
+    def _render_prompt(self, prompt: Any) -> None:
+        text = self._text
+        self._prompt.clear()
+        if prompt is None:
+            return
+        with self._prompt, note(prompt.text, "warn", title=text("job.prompt"), live=True):
+            if self._visitor.commands:
+                with box("div", "line"):
+                    button(text("job.prompt_done"), lambda: self._answer(prompt.number, True),
+                           "primary", picture="check")  # fmt: skip
+                    button(text("job.prompt_decline"), lambda: self._answer(prompt.number, False))
+
+    def _render_end(self, job: JobView) -> None:
+        self._end.clear()
+        with self._end:
+            if job.problem is not None:
+                problem_note(job.problem, self._text(f"job.state_{job.state}"))
+            elif job.result is not None:
+                kind = {"": "", "pass": "good", "fail": "bad"}.get(job.result.verdict, "warn")
+                note(job.result.headline, kind)
+
+    def _answer(self, number: int, done: bool) -> None:
+        visitor = self._visitor
+        visitor.attempt(lambda: visitor.service.jobs.answer(visitor.actor, number, done=done))
+
+    def _pause(self) -> None:
+        visitor = self._visitor
+        visitor.attempt(lambda: visitor.service.jobs.pause(visitor.actor, self._job_id))
+
+    def _resume(self) -> None:
+        visitor = self._visitor
+        visitor.attempt(lambda: visitor.service.jobs.resume(visitor.actor, self._job_id))
+
+    def _abort(self) -> None:
+        visitor, text = self._visitor, self._text
+        reason = text("job.abort_reason", who=visitor.looker.name)
+
+        def act(_: str) -> bool:
+            return visitor.attempt(
+                lambda: visitor.service.jobs.abort(visitor.actor, self._job_id, reason)
+            )
+
+        ask(
+            text("job.abort"),
+            text("job.abort_explained"),
+            text("job.abort"),
+            text("frame.close"),
+            act,
+            danger=True,
+        )
