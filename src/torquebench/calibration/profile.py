@@ -142,6 +142,17 @@ class Deviations(_Settings):
     changed_record: Literal["refuse"] = "refuse"
 
 
+class Interruption(_Settings):
+    """How a calibration that was interrupted may go on.
+
+    ``series`` repeats the interrupted series, ``position`` everything in its mounting position,
+    ``never`` the whole calibration. It goes on within `longest_h` hours, or not at all.
+    """
+
+    resume: Literal["series", "position", "never"] = "series"
+    longest_h: Annotated[float, Field(gt=0, le=8760)] = 24.0
+
+
 class Profile(_Settings):
     """A calibration profile: a sequence of steps as data, not as code.
 
@@ -174,6 +185,7 @@ class Profile(_Settings):
     deviations: Deviations = Deviations()
     positions: tuple[Position, ...] = Field(min_length=1)
     adaptive: Adaptive | None = None
+    interruption: Interruption | None = None
 
     @model_validator(mode="after")
     def _places_points_on_branches(self) -> Self:
@@ -223,8 +235,9 @@ class Profile(_Settings):
     def sha256(self) -> str:
         """SHA-256 of the profile's settings, options included, as 64 hexadecimal digits."""
         settings = self.model_dump(mode="json")
-        if self.adaptive is None:  # a profile without it has the hash that it always had
-            del settings["adaptive"]
+        for name in ("adaptive", "interruption"):
+            if settings[name] is None:  # a profile without it has the hash that it always had
+                del settings[name]
         content = json.dumps(settings, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(content.encode()).hexdigest()
 

@@ -28,6 +28,7 @@ from torquebench.procedures import (
     rehearse,
     verify,
 )
+from torquebench.procedures.resuming import Resumption
 from torquebench.station import Progress as PlanProgress
 from torquebench.station import RunRecord, Station
 
@@ -86,10 +87,24 @@ def measure_calibration(
     side: Side,
     profile: Profile,
     *,
+    resumption: Resumption | None = None,
+    metadata: Mapping[str, Any] | None = None,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> Measured[StaircaseResult]:
-    """Calibrate one module against the calibrator.
+    """Calibrate one module against the calibrator, or go on with an interrupted calibration.
+
+    Parameters
+    ----------
+    station : Station
+    side : {"input", "output"}
+    profile : Profile
+    resumption : Resumption, optional
+        Where to go on; see `campaign.resuming`.
+    metadata : mapping, optional
+        What else the run's record is to know.
+    progress, on_pause
+        As everywhere.
 
     Raises
     ------
@@ -102,10 +117,10 @@ def measure_calibration(
     """
     return _measure(
         station,
-        lambda: calibrate(station.devices, side, profile),
+        lambda: calibrate(station.devices, side, profile, resumption),
         kind=f"calibrate-{side}",
         title=f"Calibrating the {side} module",
-        metadata=_metadata(side, profile),
+        metadata={**_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )

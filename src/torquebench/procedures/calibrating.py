@@ -16,6 +16,7 @@ from torquebench.calibration import CalibrationData, Placement, Profile, Step, c
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
 from torquebench.procedures.guarding import guarded, loading_limits
+from torquebench.procedures.resuming import Resumption
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.staircase import Row, load_staircase
 
@@ -109,7 +110,9 @@ def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> d
     }
 
 
-def calibrate(devices: BenchDevices, side: Side, profile: Profile) -> Plan[StaircaseResult]:
+def calibrate(
+    devices: BenchDevices, side: Side, profile: Profile, resumption: Resumption | None = None
+) -> Plan[StaircaseResult]:
     """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
 
     An adaptive profile goes on from there with the points that it places itself. The opposite
@@ -121,6 +124,9 @@ def calibrate(devices: BenchDevices, side: Side, profile: Profile) -> Plan[Stair
     side : {"input", "output"}
     profile : Profile
         Lays out the staircase over the module's range.
+    resumption : Resumption, optional
+        Where an interrupted calibration by this profile goes on; its earlier points are part of
+        the result.
 
     Returns
     -------
@@ -131,9 +137,14 @@ def calibrate(devices: BenchDevices, side: Side, profile: Profile) -> Plan[Stair
     LimitError
         Before anything moves, where a step exceeds the drive's torque limit.
     """
-    steps = profile.staircase(_range_nm(devices, side))
+    steps: Sequence[Step] = profile.staircase(_range_nm(devices, side))
+    table = _Table()
+    if resumption is not None:
+        steps = resumption.steps
+        for step, row in resumption.earlier:
+            table.add(step, row)
     setup = Setup("calibration", side, "calibrator", "locked")
-    return (yield from _staircase(devices, setup, profile, steps, "calibrate"))
+    return (yield from _staircase(devices, setup, profile, steps, "calibrate", table))
 
 
 def verify(
@@ -157,7 +168,7 @@ def verify(
         With the number of the group as `series`.
     """
     setup = Setup("verification", side, "verification_standard", "locked")
-    return (yield from _staircase(devices, setup, profile, steps, "verify"))
+    return (yield from _staircase(devices, setup, profile, steps, "verify", _Table()))
 
 
 def _staircase(
@@ -166,9 +177,9 @@ def _staircase(
     profile: Profile,
     steps: Sequence[Step],
     plan_name: Literal["calibrate", "verify"],
+    table: _Table,
 ) -> Plan[StaircaseResult]:
     check_limits(steps, devices.context.description.module(setup.side).limits.torque_nm)
-    table = _Table()
     metadata = {
         **staircase_metadata(devices, setup.side, profile),
         "plan_name": plan_name,

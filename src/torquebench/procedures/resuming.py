@@ -1,0 +1,105 @@
+"""Where an interrupted staircase goes on: zero and preload again, then the interrupted series."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from torquebench.calibration import Step
+from torquebench.errors import InputError
+from torquebench.procedures.staircase import Row
+
+__all__ = ["Resumption", "complete_series", "steps_from"]
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """What an interrupted calibration still has to load, and what it has measured before.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        Preloads and zero again, then the profile's steps from the interrupted series on.
+    earlier : tuple of (Step, Row)
+        Acknowledged points of the complete series before, in measuring order, as they were
+        recorded; bench times are shifted so that they lie before this run's.
+    """
+
+    steps: tuple[Step, ...]
+    earlier: tuple[tuple[Step, Row], ...]
+
+
+def complete_series(steps: Sequence[Step], taken: Collection[tuple[int, int]]) -> tuple[int, ...]:
+    """Return the series, from the first on, of which every point was taken.
+
+    A series after an incomplete one doesn't count: the chain's memory goes through them in order.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Of the whole calibration.
+    taken : collection of (series, index)
+        Points that were acknowledged.
+
+    Examples
+    --------
+    >>> def point(series, index):
+    ...     return Step(kind="point", series=series, index=index, target_nm=1.0, branch=1,
+    ...                 duration_s=1.0)
+    >>> steps = [point(1, 0), point(1, 1), point(2, 0), point(2, 1)]
+    >>> complete_series(steps, {(1, 0), (1, 1), (2, 0)})
+    (1,)
+    """
+    complete = []
+    for series in sorted({step.series for step in steps if step.recorded}):
+        wanted = {(step.series, step.index) for step in steps if step.recorded}
+        if not {each for each in wanted if each[0] == series} <= set(taken):
+            break
+        complete.append(series)
+    return tuple(complete)
+
+
+def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
+    """Return the steps that go on with a series: its preloads and its zero again, then the rest.
+
+    Preloads and zero are those that came last before the series, in their order. Where the series
+    isn't the first of its mounting position the standard is to be seated in it again, since
+    nobody knows what happened meanwhile.
+
+    Raises
+    ------
+    InputError
+        There is no such series.
+    """
+    first = next(
+        (number for number, step in enumerate(steps) if step.recorded and step.series == series),
+        None,
+    )
+    if first is None:
+        raise InputError(f"series {series} to go on with", "a series of the profile")
+    before = steps[:first]
+    zero = max((n for n, step in enumerate(before) if step.kind == "zero"), default=None)
+    preloads = _last_preloads(before)
+    again = [before[n] for n in sorted({*preloads, *([zero] if zero is not None else [])})]
+    seat = _seating(before)
+    if again and seat is not None and seat.change != "none":
+        again = [again[0].model_copy(update={"change": seat.change}), *again[1:]]
+        again[1:] = [step.model_copy(update={"change": "none"}) for step in again[1:]]
+    return (*again, *steps[first:])
+
+
+def _last_preloads(before: Sequence[Step]) -> list[int]:
+    """Numbers of the preloads that came together last before a series."""
+    found: list[int] = []
+    for number in range(len(before) - 1, -1, -1):
+        if before[number].kind == "preload":
+            found.append(number)
+        elif found:
+            break
+    return found
+
+
+def _seating(before: Sequence[Step]) -> Step | None:
+    """Return the step with which the standard was last seated."""
+    changes = [step for step in before if step.change != "none"]
+    return changes[-1] if changes else None
