@@ -54,16 +54,18 @@ class AngleTap:
 
     def __init__(self, side: Side) -> None:
         self.side = side
-        self._counts: list[Ticks] = []
+        self._samples: list[tuple[NDArray[np.float64], Ticks]] = []
 
-    def put(self, counts: Ticks) -> None:
+    def put(self, time_s: NDArray[np.float64], counts: Ticks) -> None:
         """Take what the plant has made."""
-        self._counts.append(counts)
+        self._samples.append((time_s, counts))
 
-    def take(self) -> Ticks:
-        """Return what came since the last call."""
-        taken, self._counts = self._counts, []
-        return np.concatenate(taken) if taken else np.empty(0, dtype=np.int64)
+    def take(self) -> tuple[NDArray[np.float64], Ticks]:
+        """Return times and counts of what came since the last call."""
+        taken, self._samples = self._samples, []
+        if not taken:
+            return np.empty(0), np.empty(0, dtype=np.int64)
+        return np.concatenate([t for t, _ in taken]), np.concatenate([c for _, c in taken])
 
 
 class Plant:
@@ -154,7 +156,8 @@ class Plant:
             if angle.counts.size:
                 self._counts[side] = int(angle.counts[-1])
         for angles in self._angles:
-            angles.put(block.angles[angles.side].counts)
+            samples = block.angles[angles.side]
+            angles.put(samples.time_s, samples.counts)
         self._keep_torques(block)
 
     def _keep_torques(self, block: CounterBlock) -> None:

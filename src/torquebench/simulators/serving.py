@@ -260,8 +260,28 @@ def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict
     return section | {"bus": bus | {"port": split_address(true)[1]}}
 
 
+def _daqmx(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
+    require_library("nidaqmx", "nidaqmx")
+    from torquebench.simulators.daqmx import DaqmxSimulator
+
+    if section.get("address") is None:
+        raise InputError(
+            f"driver.{role} is a card in this computer",
+            "an address host:port of an NI gRPC Device Server",
+            "simulate the card behind an address",
+        )
+    wiring = {counter: channel for channel, counter in section["channels"].items()}
+    wiring |= {counter: side for side, counter in section["encoders"].items()}
+
+    def start(faults: WireFaults, host: str, port: int) -> Served:
+        return DaqmxSimulator(simulators.plant, wiring, faults, host, port)
+
+    return section | {"address": simulators.serve_at(role, section["address"], start, kind="grpc")}
+
+
 _BUILDERS: dict[str, Callable[[Simulators, str, dict[str, Any]], dict[str, Any]]] = {
     "modbus": _modbus,
     "scpi": _scpi,
     "canopen": _canopen,
+    "nidaqmx": _daqmx,
 }

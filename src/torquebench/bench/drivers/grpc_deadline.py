@@ -1,0 +1,46 @@
+"""A time limit for every gRPC call: without it a server that hangs would hang its client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import grpc
+
+__all__ = ["Deadline"]
+
+
+class _Details(NamedTuple):
+    method: str
+    timeout: float | None
+    metadata: Any
+    credentials: Any
+    wait_for_ready: bool | None
+    compression: Any
+
+
+class Deadline(grpc.UnaryUnaryClientInterceptor):
+    """Gives every call at most so long.
+
+    Parameters
+    ----------
+    timeout_s : float
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+
+    def intercept_unary_unary(
+        self, continuation: Callable[[Any, Any], Any], client_call_details: Any, request: Any
+    ) -> Any:
+        """Pass the call on with the limit."""
+        given = client_call_details
+        details = _Details(
+            given.method,
+            self._timeout_s + float(getattr(request, "timeout", 0.0)),
+            given.metadata,
+            given.credentials,
+            getattr(given, "wait_for_ready", None),
+            getattr(given, "compression", None),
+        )
+        return continuation(details, request)
