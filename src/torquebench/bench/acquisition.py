@@ -266,6 +266,7 @@ class Acquisition:
                     readings.torque_nm,
                     speeds.get(side, np.nan) * RPM,
                     temperatures.get(probe, np.nan),
+                    readings.time_s,
                 )
         return found
 
@@ -407,7 +408,7 @@ class Acquisition:
     def set_compensation(self, side: Side, active: ActiveCompensation | None) -> None:
         """Compensate a side from the next block on; None ends it."""
         if active is not None:
-            active.samples(np.zeros(1), 0.0, 20.0)  # compiles, before a block has to wait for it
+            active.warm_up()  # before a block has to wait for it
         compensations = dict(self._compensations)
         compensations.pop(side, None)
         if active is not None:

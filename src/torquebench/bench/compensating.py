@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.samples import CompensatedSamples
-from torquebench.compensation import CompensationModel, features
+from torquebench.compensation import (
+    FEATURES,
+    CompensationModel,
+    HistoryCompensator,
+    features,
+)
 from torquebench.compensation.table import CompensationTable, compile_table
 from torquebench.errors import InputError
 
@@ -17,13 +23,17 @@ __all__ = ["ActiveCompensation"]
 STATE = frozenset({"speed_rpm", "temperature_c"})
 """Features that change while a compensation is active: no table holds for all of them."""
 
+_GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
+
 
 @dataclass(frozen=True, eq=False)
 class ActiveCompensation:
     """A fitted model in use, with what it is called in the registry.
 
-    Live readings have no known branch (0), so a model with hysteresis states its middle and the
-    wider uncertainty that goes with it.
+    Where the model tells the branches of a hysteresis loop apart, the branch of a live reading
+    follows from the readings before it: every block moves the plays of a `HistoryCompensator`.
+    After the start, a gap or a fault the past is unknown, and the uncertainty says so until the
+    readings have turned round often enough. Blocks are to be handed over once and in order.
 
     Attributes
     ----------
@@ -31,45 +41,86 @@ class ActiveCompensation:
         The model compiled once, within 1e-6 of full scale: what live windows are compensated by.
         None where the model looks at speed or temperature or can't be followed by a table; then
         the model itself is asked, which takes milliseconds a block.
+    history : HistoryCompensator or None
+        Place in the loop; None without a table or for a model that doesn't look at the branch.
     """
 
     model: CompensationModel
     model_id: str
     kind: str
     table: CompensationTable | None = field(init=False)
+    history: HistoryCompensator | None = field(init=False)
+    _clock: _StreamClock = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "table", _compiled(self.model))
+        aware = "branch" in self.model.used_features and self._columns > FEATURES.index("branch")
+        table = _compiled(self.model, aware)
+        object.__setattr__(self, "table", table)
+        history = HistoryCompensator(table) if aware and table is not None else None
+        object.__setattr__(self, "history", history)
+        object.__setattr__(self, "_clock", _StreamClock())
 
     @property
     def _columns(self) -> int:
         """How many of the known columns the model was fitted to."""
         return int(self.model.n_features_in_)
 
+    def warm_up(self) -> None:
+        """Compile what the first block would have to wait for; the past stays unknown."""
+        self.samples(np.zeros(1), 0.0, 20.0)
+        self.forget()
+
+    def forget(self) -> None:
+        """Take the past as unknown."""
+        self._clock.last_s = np.nan
+        if self.history is not None:
+            self.history.forget()
+
     def value(
         self, reading_nm: float, speed_rpm: float, temperature_c: float
     ) -> tuple[float, float]:
         """Compensated torque and the model's standard uncertainty of one reading, N·m.
+
+        The reading is where the stream stands, such as the mean of its last windows.
 
         Raises
         ------
         InputError
             The reading lies outside the calibrated range.
         """
+        if self.history is not None and self._inside(np.array([reading_nm]))[0]:
+            live = self.history.peek(reading_nm)
+            return float(live.torque_nm[0]), float(live.standard_uncertainty_nm[0])
         X = features([reading_nm], 0, 0, speed_rpm, temperature_c)
         torque, uncertainty = self.model.predict(X[:, : self._columns], return_std=True)
         return float(torque[0]), float(uncertainty[0])
 
     def samples(
-        self, reading_nm: NDArray[np.float64], speed_rpm: float, temperature_c: float
+        self,
+        reading_nm: NDArray[np.float64],
+        speed_rpm: float,
+        temperature_c: float,
+        time_s: NDArray[np.float64] | None = None,
     ) -> CompensatedSamples:
-        """Compensate windows; those with a fault or out of range get no number."""
-        inside = (reading_nm >= self.model.reading_low_nm_) & (
-            reading_nm <= self.model.reading_high_nm_
-        )
+        """Compensate windows; those with a fault or out of range get no number.
+
+        Parameters
+        ----------
+        reading_nm : float64 array of shape (n,)
+            Next readings of the stream; NaN where a window has a fault.
+        speed_rpm, temperature_c : float
+            Over the block.
+        time_s : float64 array of shape (n,), optional
+            Their times, by which a gap after the block before is seen.
+        """
+        inside = self._inside(reading_nm)
         torque = np.full(reading_nm.shape, np.nan)
         uncertainty = np.full(reading_nm.shape, np.nan)
-        if self.table is not None:
+        if self.history is not None:
+            if time_s is not None and self._clock.has_gap(time_s):
+                self.history.forget()
+            self._follow(self.history, reading_nm, inside, torque, uncertainty)
+        elif self.table is not None:
             accepted = reading_nm[inside]
             torque[inside] = self.table.torque(accepted)
             uncertainty[inside] = self.table.standard_uncertainty(accepted)
@@ -83,11 +134,57 @@ class ActiveCompensation:
                 torque[inside] = uncertainty[inside] = np.nan
         return CompensatedSamples(torque, uncertainty)
 
+    def _inside(self, reading_nm: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return np.asarray(
+            (reading_nm >= self.model.reading_low_nm_) & (reading_nm <= self.model.reading_high_nm_)
+        )
 
-def _compiled(model: CompensationModel) -> CompensationTable | None:
+    @staticmethod
+    def _follow(
+        history: HistoryCompensator,
+        reading_nm: NDArray[np.float64],
+        inside: NDArray[np.bool_],
+        torque: NDArray[np.float64],
+        uncertainty: NDArray[np.float64],
+    ) -> None:
+        """Move along the readings, forgetting the past wherever one is missing."""
+        finite = np.isfinite(reading_nm)
+        runs = [slice(0, reading_nm.size)]
+        if not finite.all():
+            cuts = np.flatnonzero(np.diff(finite)) + 1
+            ends = np.concatenate(([0], cuts, [reading_nm.size]))
+            runs = [slice(start, stop) for start, stop in pairwise(ends.tolist())]
+        for run in runs:
+            if run.stop == run.start:
+                continue
+            if not finite[run.start]:
+                history.forget()
+                continue
+            live = history.push(reading_nm[run])
+            kept = inside[run]
+            torque[run][kept] = live.torque_nm[kept]
+            uncertainty[run][kept] = live.standard_uncertainty_nm[kept]
+
+
+class _StreamClock:
+    """Time of a stream's last window."""
+
+    def __init__(self) -> None:
+        self.last_s = np.nan
+
+    def has_gap(self, time_s: NDArray[np.float64]) -> bool:
+        """Say whether windows are missing since the last block; without one before, no."""
+        if time_s.size == 0:
+            return False
+        before, self.last_s = self.last_s, float(time_s[-1])
+        step = float(time_s[1] - time_s[0]) if time_s.size > 1 else float(time_s[0]) - before
+        return bool(time_s[0] - before > _GAP_STEPS * step)
+
+
+def _compiled(model: CompensationModel, branch_aware: bool) -> CompensationTable | None:
     if STATE.intersection(model.used_features):
         return None
     try:
-        return compile_table(model, branches=False)
+        return compile_table(model, branches=branch_aware)
     except InputError:  # a curve that jumps
         return None

@@ -323,6 +323,12 @@ class BranchTracker:
         self._lowest = np.full(self._widths.size, reading_nm)
         self._highest = self._lowest.copy()
 
+    def copy(self) -> BranchTracker:
+        """Return another tracker in the same state."""
+        other = BranchTracker(self.operator)
+        other._lowest, other._highest = self._lowest.copy(), self._highest.copy()
+        return other
+
     def push(self, reading_nm: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Move along the next readings of the stream.
 
@@ -369,12 +375,16 @@ class LiveTorque:
         standard uncertainty is that of a rectangular distribution.
     fault : bool array of shape (n,)
         True where the reading is outside the calibrated range.
+    standard_uncertainty_nm : float64 array of shape (n,)
+        Root sum of squares of the model's own at this place of the loop (0 for a table without
+        uncertainty) and of `half_width_nm` / √3.
     """
 
     torque_nm: FloatArray
     coordinate: FloatArray
     half_width_nm: FloatArray
     fault: NDArray[np.bool_]
+    standard_uncertainty_nm: FloatArray
 
 
 class HistoryCompensator:
@@ -408,7 +418,30 @@ class HistoryCompensator:
         LiveTorque
         """
         reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        low, high = self.tracker.push(reading)
+        return self._at(reading, *self.tracker.push(reading))
+
+    def peek(self, reading_nm: float) -> LiveTorque:
+        """Compensate a reading that the stream would pass through next, without moving on.
+
+        Parameters
+        ----------
+        reading_nm : float
+            Such as the mean of the last readings, in N·m.
+
+        Returns
+        -------
+        LiveTorque
+            Of one reading.
+        """
+        reading = np.array([reading_nm])
+        return self._at(reading, *self.tracker.copy().push(reading))
+
+    def forget(self) -> None:
+        """Take the past as unknown, as after a gap in the readings or a fault."""
+        self.tracker.forget()
+
+    def _at(self, reading: FloatArray, low: FloatArray, high: FloatArray) -> LiveTorque:
+        """Compensate readings between two bounds of the state."""
         falling_state, rising_state = self.operator.reference(reading)
         upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
         rising, fault = self.table.torque_with_faults(reading, upward)
@@ -424,12 +457,15 @@ class HistoryCompensator:
         torque_low, place_low, beyond_low = at(low)
         torque_high, place_high, beyond_high = at(high)
         unknown = 0.5 * np.abs(torque_high - torque_low)
-        extrapolated = 0.25 * np.abs(beyond_low + beyond_high)
+        half_width = unknown + 0.25 * np.abs(beyond_low + beyond_high)
+        place = 0.5 * (place_low + place_high)
+        variance = half_width**2 / 3.0
+        if self.table.uncertainty_curve is not None:
+            share = 0.5 * (1.0 + place)
+            variance += share * self.table.standard_uncertainty(reading, upward) ** 2
+            variance += (1.0 - share) * self.table.standard_uncertainty(reading, -upward) ** 2
         return LiveTorque(
-            0.5 * (torque_low + torque_high),
-            0.5 * (place_low + place_high),
-            unknown + extrapolated,
-            fault,
+            0.5 * (torque_low + torque_high), place, half_width, fault, np.sqrt(variance)
         )
 
 
