@@ -94,7 +94,7 @@ def register_calibration(
         measured_by=operator_name(),
         due=propose_due_date(datetime.now(UTC), None, longest_days=profile.valid_days),
         files={MANIFEST: sha256_of_file(measured.record.folder / MANIFEST)},
-        summary=_summary(result),
+        summary=_summary(measured),
     )
     models = {}
     for item in fitted:
@@ -109,9 +109,16 @@ def register_calibration(
     return RegisteredCalibration(entry, models)
 
 
-def _summary(result: StaircaseResult) -> dict[str, Any]:
+def _summary(measured: Measured[StaircaseResult]) -> dict[str, Any]:
     """Return what the registry keeps of a calibration beside its points."""
+    result, known = measured.result, measured.record.metadata
     summary: dict[str, Any] = {"unsettled points": result.unsettled}
+    if known.get("resumes"):
+        summary |= {
+            "goes on with": ", ".join(known["resumes"]),
+            "points of earlier runs": known["points_of_earlier_runs"],
+            "measured here from series": known["resumed_at_series"],
+        }
     if result.placement is not None:
         summary["placement"] = result.placement.sentence
     return summary

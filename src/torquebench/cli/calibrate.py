@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
     from torquebench.campaign.fitting import FittedModel
     from torquebench.campaign.measuring import Measured
     from torquebench.campaign.modules import RegisteredCalibration
-    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.campaign.resuming import InterruptedCalibration
     from torquebench.cli.progress import TerminalProgress
     from torquebench.procedures import StaircaseResult
     from torquebench.station import Station
 
-__all__ = ["confirm_start", "register"]
+__all__ = ["confirm_start", "register", "run_calibrations"]
 
 
 class Sides(StrEnum):
@@ -48,7 +49,7 @@ def register(app: typer.Typer) -> None:
 
 
 def calibrate(
-    side: Annotated[Sides, typer.Argument(help="Which module.")],
+    side: Annotated[Sides | None, typer.Argument(help="Which module.", show_default=False)] = None,
     bench: BenchOption = None,
     profile: Annotated[
         str, typer.Option(help="A profile's name, or the path of an own profile (.toml).")
@@ -81,6 +82,13 @@ def calibrate(
         bool,
         typer.Option("--dry-run", help="Print the staircase and check it; nothing moves."),
     ] = False,
+    resume: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RUN",
+            help="Go on with an interrupted calibration: its id, the beginning of it, or `latest`.",
+        ),
+    ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
     ] = False,
@@ -90,9 +98,18 @@ def calibrate(
 
     Zero, preload and the profile's staircase, each point a checkpoint: Ctrl-C pauses at the next
     point. Limits and interlocks are checked for the whole sequence before anything moves.
+    With --resume module, profile and bench are those of the interrupted run.
     """
     from torquebench.bench.description import default_bench, load_bench
     from torquebench.calibration import load_profile
+
+    if resume is not None:
+        from torquebench.cli.resume import resume_run
+
+        resume_run(resume, side.chosen if side else (), bench, model, data, real_time, yes)
+        return
+    if side is None:
+        raise InputError("no module to calibrate", "input, output or both", "name it")
 
     chosen = load_profile(profile).with_options(
         rising_only=rising_only or None,
@@ -113,7 +130,7 @@ def calibrate(
         _dry_run(description, side.chosen, chosen)
         return
     confirm_start(description, side.value, chosen, yes)
-    _calibrate(description, side.chosen, chosen, model, data, real_time=real_time, yes=yes)
+    run_calibrations(description, side.chosen, chosen, model, data, real_time=real_time, yes=yes)
 
 
 def _check_model(name: str | None) -> None:
@@ -159,7 +176,7 @@ def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> Non
     say("Limits and interlocks checked; nothing was moved.")
 
 
-def _calibrate(
+def run_calibrations(
     description: Any,
     sides: tuple[Side, ...],
     profile: Profile,
@@ -168,12 +185,16 @@ def _calibrate(
     *,
     real_time: bool,
     yes: bool,
+    interrupted: InterruptedCalibration | None = None,
 ) -> None:
+    """Calibrate modules one after the other, or go on with one, and report each."""
     from torquebench.bench.prompts import DeskOperator, PromptDesk
-    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.campaign.measuring import RunAbortedError, measure_calibration
+    from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered
     from torquebench.compensation import RECOMMENDED
     from torquebench.station import Station
 
@@ -182,14 +203,24 @@ def _calibrate(
     desk = PromptDesk()
     operator = None if description.simulated else DeskOperator(desk)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
+        tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
         for side in sides:
             progress = TerminalProgress()
             interrupts = BenchInterrupts(station, progress)
+
+            def measure(
+                side: Side = side,
+                progress: TerminalProgress = progress,
+                interrupts: BenchInterrupts = interrupts,
+            ) -> Measured[StaircaseResult]:
+                ask = interrupts.ask
+                if interrupted is not None:
+                    return resume_calibration(station, interrupted, progress=progress, on_pause=ask)
+                return measure_calibration(station, side, profile, progress=progress, on_pause=ask)
+
             try:
                 with progress, interrupts.watching(), answering(desk, progress, yes=yes):
-                    outcome = _one_side(
-                        station, side, profile, model or RECOMMENDED, progress, interrupts
-                    )
+                    outcome = _one_side(station, measure, profile, model or RECOMMENDED, progress)
             except RunAbortedError as aborted:
                 raise interrupts.reported(aborted) from None
             _report(outcome)
@@ -197,21 +228,18 @@ def _calibrate(
 
 def _one_side(
     station: Station,
-    side: Side,
+    measure: Callable[[], Measured[StaircaseResult]],
     profile: Profile,
     kind: str,
     progress: TerminalProgress,
-    interrupts: BenchInterrupts,
 ) -> _Outcome:
     from torquebench.campaign.fitting import ModelChoice, fit_models
-    from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.modules import register_calibration
 
-    measured = measure_calibration(
-        station, side, profile, progress=progress, on_pause=interrupts.ask
-    )
+    measured = measure()
+    data = measured.result.data
     fitted = fit_models(
-        measured.result.data, [ModelChoice(kind)], progress, title=f"Fitting the {side} module"
+        data, [ModelChoice(kind)], progress, title=f"Fitting the {data.side} module"
     )
     registered = register_calibration(station, measured, profile, fitted, active=kind)
     return _Outcome(measured, fitted[0], registered)

@@ -1,0 +1,320 @@
+"""Go on with a calibration that a kill, a power cut, an alarm or a person has interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import Profile, Step
+from torquebench.campaign.measuring import Measured, OnPause, measure_calibration
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.procedures import StaircaseResult
+from torquebench.procedures.resuming import Resumption, complete_series, steps_from
+from torquebench.procedures.staircase import Row
+from torquebench.records import Registry, RunFolder, RunSummary
+from torquebench.station import Station
+
+__all__ = ["InterruptedCalibration", "find_interrupted", "read_interrupted", "resume_calibration"]
+
+INTERRUPTED = ("interrupted", "aborted", "failed")
+
+
+@dataclass(frozen=True)
+class InterruptedCalibration:
+    """What the record of an interrupted calibration says.
+
+    Parameters
+    ----------
+    run_ids : tuple of str
+        The interrupted run last; before it those that it went on with itself.
+    side : {"input", "output"}
+    profile : Profile
+        As the record has it, options included.
+    known : dict
+        The start document: range, serials, counter, standard.
+    bench : dict
+        The bench description that it was measured on.
+    steps : tuple of Step
+        Of the whole calibration.
+    points : tuple of (Step, Row)
+        Every acknowledged point, complete series or not, in measuring order.
+    interrupted : datetime.datetime
+        When the last point was taken.
+    """
+
+    run_ids: tuple[str, ...]
+    side: Side
+    profile: Profile
+    known: dict[str, Any]
+    bench: dict[str, Any]
+    steps: tuple[Step, ...]
+    points: tuple[tuple[Step, Row], ...]
+    interrupted: datetime
+
+    @property
+    def series(self) -> int:
+        """The series that the calibration goes on with, by the profile's clause."""
+        taken = {(step.series, step.index) for step, _ in self.points}
+        complete = complete_series(self.steps, taken)
+        every = sorted({step.series for step in self.steps if step.recorded})
+        rest = every[len(complete) :]
+        if not rest:
+            raise InputError(
+                f"run {self.run_ids[-1]} has all its {len(every)} series",
+                "an interrupted series",
+                "nothing is left to measure: calibrate again",
+            )
+        clause = self.profile.interruption
+        if clause is None or clause.resume == "series":
+            return rest[0]
+        return _first_of_position(self.steps, rest[0])
+
+    @property
+    def kept(self) -> tuple[tuple[Step, Row], ...]:
+        """Points of the complete series before the one that is gone on with."""
+        first = self.series
+        return tuple((step, row) for step, row in self.points if step.series < first)
+
+    @property
+    def repeated(self) -> int:
+        """How many acknowledged points are measured again; their record stays."""
+        return len(self.points) - len(self.kept)
+
+
+def find_interrupted(registry: Registry, name: str) -> RunSummary:
+    """Return a run by its id, the beginning of it, or "latest" for the newest interrupted one.
+
+    Raises
+    ------
+    InputError
+        There is none, or more than one.
+    """
+    if name == "latest":
+        candidates = [
+            run
+            for run in registry.runs()
+            if run.status in INTERRUPTED and run.kind.startswith("calibrate-")
+        ][:1]
+    else:
+        candidates = registry.runs_beginning(name, limit=2)
+    if len(candidates) != 1:
+        raise InputError(
+            f"{name!r} names {'more than one run' if candidates else 'no run'}",
+            "one interrupted calibration",
+            "see `torquebench records list runs`",
+        )
+    return candidates[0]
+
+
+def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibration:
+    """Read back what an interrupted calibration has measured.
+
+    Raises
+    ------
+    InputError
+        The run isn't an interrupted calibration, or its profile doesn't let it go on.
+    RecordError
+        Its record was changed after it was sealed.
+    """
+    if run.status not in INTERRUPTED or not run.kind.startswith("calibrate-"):
+        raise InputError(
+            f"run {run.run_id} is a {run.kind} run that is {run.status}",
+            "a calibration that was interrupted, aborted or failed",
+            "wait until it ends, or calibrate again",
+        )
+    folder = RunFolder.open(run.folder)
+    folder.verify()
+    start = next((document for _, document in folder.documents("start")), None)
+    taken = list(_points(folder))
+    before = _before(registry, folder)
+    if start is None or not (taken or before):
+        raise InputError(
+            f"run {run.run_id} has no point", "at least one acknowledged point", "calibrate again"
+        )
+    profile = _profile(run, start)
+    steps = profile.staircase(float(start["range_nm"]))
+    by_stamp = {(step.series, step.index): step for step in steps if step.recorded}
+    points, last = [], datetime.fromtimestamp(float(start["time"]), UTC)
+    for stamp, row, moment in taken:
+        step = by_stamp.get(stamp)
+        if step is None or step.target_nm != row["target_nm"]:
+            raise RecordError(
+                f"run {run.run_id}: series {stamp[0]}, point {stamp[1]} isn't in its profile",
+                "points of the profile",
+                "calibrate again",
+            )
+        points.append((step, row))
+        last = moment
+    earlier = before.kept if before is not None else ()
+    if before is not None:
+        earlier = _shifted(earlier, float(taken[0][1]["time_s"]) if taken else 0.0)
+    return InterruptedCalibration(
+        run_ids=(*(before.run_ids if before is not None else ()), run.run_id),
+        side="input" if start["side"] == "input" else "output",
+        profile=profile,
+        known=start,
+        bench=folder.metadata["bench"],
+        steps=tuple(steps),
+        points=(*earlier, *points),
+        interrupted=last,
+    )
+
+
+def resume_calibration(
+    station: Station,
+    interrupted: InterruptedCalibration,
+    *,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+    now: datetime | None = None,
+) -> Measured[StaircaseResult]:
+    """Redo preload and zero, and go on with the interrupted series, in a run of its own.
+
+    The result holds the points of both runs; the new run's record names the old one.
+
+    Parameters
+    ----------
+    station : Station
+    interrupted : InterruptedCalibration
+    progress, on_pause
+        As everywhere.
+    now : datetime.datetime, optional
+        The present moment, for the profile's clause.
+
+    Raises
+    ------
+    InputError
+        The profile's clause forbids it.
+    ModelMismatchError
+        The bench has another transducer, counter, range or standard now.
+    """
+    moment = now or datetime.now(UTC)
+    _check_clause(interrupted, moment)
+    _check_bench(station, interrupted)
+    gap_s = max((moment - interrupted.interrupted).total_seconds(), 1.0)
+    resumption = Resumption(
+        steps_from(interrupted.steps, interrupted.series),
+        _shifted(interrupted.kept, station.clock.now() - gap_s),
+    )
+    return measure_calibration(
+        station,
+        interrupted.side,
+        interrupted.profile,
+        resumption=resumption,
+        metadata={
+            "resumes": list(interrupted.run_ids),
+            "resumed_at_series": interrupted.series,
+            "points_of_earlier_runs": len(interrupted.kept),
+            "points_measured_again": interrupted.repeated,
+        },
+        progress=progress,
+        on_pause=on_pause,
+    )
+
+
+def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
+    profile = interrupted.profile
+    if profile.adaptive is not None:
+        raise InputError(
+            f"going on with the adaptive calibration {interrupted.run_ids[-1]}",
+            "a profile whose points are known beforehand",
+            "calibrate again: where its next points lie depends on all points before",
+        )
+    clause = profile.interruption
+    if clause is not None and clause.resume == "never":
+        raise InputError(
+            f"profile {profile.name} after an interruption",
+            "a calibration in one go, as the profile demands",
+            "calibrate again",
+        )
+    longest_h = clause.longest_h if clause is not None else 24.0
+    passed_h = (now - interrupted.interrupted).total_seconds() / 3600.0
+    if passed_h > longest_h:
+        raise InputError(
+            f"an interruption of {passed_h:.1f} h",
+            f"at most {longest_h:g} h by the profile {profile.name}",
+            "calibrate again",
+        )
+
+
+def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
+    description, known = station.description, interrupted.known
+    module = description.module(interrupted.side)
+    for what, there, here in (
+        ("transducer", known["transducer_serial"], module.transducer.serial),
+        ("counter", known["counter_identity"], station.drivers.counter.clock_identity),
+        ("range in N·m", known["range_nm"], module.range_nm),
+        ("standard", known.get("standard_serial"), description.calibrator.serial),
+        ("standard's certificate", *_certificates(interrupted, description)),
+    ):
+        if there != here:
+            raise ModelMismatchError(
+                f"{what} {here} on this bench, {there} in run {interrupted.run_ids[-1]}",
+                "the same measuring chain and standard",
+                "go on with the chain that it was begun with, or calibrate again",
+            )
+
+
+def _certificates(interrupted: InterruptedCalibration, description: Any) -> tuple[str, str]:
+    recorded = interrupted.bench["calibrator"]["certificate_number"]
+    return str(recorded), str(description.calibrator.certificate_number)
+
+
+def _before(registry: Registry, folder: RunFolder) -> InterruptedCalibration | None:
+    """Return what a run that was itself a continuation had gone on with."""
+    resumed = folder.metadata.get("resumes")
+    return read_interrupted(registry, registry.run(str(resumed[-1]))) if resumed else None
+
+
+def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
+    profile = Profile.model_validate(start["profile"]["settings"])
+    if profile.sha256 != start["profile"]["sha256"]:
+        raise RecordError(
+            f"the profile of run {run.run_id} has another hash now",
+            f"SHA-256 {start['profile']['sha256']}",
+            "go on with the version of torquebench that it was begun with, or calibrate again",
+        )
+    return profile
+
+
+def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]]:
+    """Return stamp, values and moment of every acknowledged point."""
+    streams = {
+        document["uid"]: document
+        for _, document in folder.documents("descriptor")
+        if document.get("name") == "points"
+    }
+    found = []
+    for _, document in folder.documents("event"):
+        if document["descriptor"] not in streams:
+            continue
+        row = {
+            key.removeprefix("point-").partition("steady-")[2] or key.removeprefix("point-"): value
+            for key, value in document["data"].items()
+        }
+        moment = datetime.fromtimestamp(float(document["time"]), UTC)
+        found.append(((int(row["series"]), int(row["step"])), row, moment))
+    return found
+
+
+def _shifted(points: Sequence[tuple[Step, Row]], last_s: float) -> tuple[tuple[Step, Row], ...]:
+    """Shift bench times so that the last point was taken at a given one."""
+    if not points:
+        return ()
+    shift_s = last_s - float(points[-1][1]["time_s"])
+    return tuple((step, {**row, "time_s": row["time_s"] + shift_s}) for step, row in points)
+
+
+def _first_of_position(steps: Sequence[Step], series: int) -> int:
+    """Return the first series in the mounting position of a series."""
+    position = 0
+    positions: dict[int, int] = {}
+    for step in steps:
+        position += step.change != "none"
+        if step.recorded:
+            positions.setdefault(step.series, position)
+    return min(each for each, where in positions.items() if where == positions[series])

@@ -1,0 +1,85 @@
+"""`torquebench calibrate --resume RUN`: go on with a calibration that was interrupted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from torquebench.cli.console import note
+from torquebench.cli.options import data_directory
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.drivers.base import Side
+    from torquebench.campaign.resuming import InterruptedCalibration
+
+__all__ = ["resume_run"]
+
+
+def resume_run(
+    name: str,
+    sides: tuple[Side, ...],
+    bench: Path | None,
+    model: str | None,
+    data: Path,
+    real_time: bool,
+    yes: bool,
+) -> None:
+    """Recover what was left open, read the run back and go on with it.
+
+    Parameters
+    ----------
+    name : str
+        Of the run: its id, the beginning of it, or "latest".
+    sides : tuple of str
+        Modules that were named; empty where none was.
+    bench : pathlib.Path or None
+        The bench description; None takes the one that the run was measured on.
+    model, data, real_time, yes
+        As for a calibration.
+    """
+    from torquebench.bench.description import load_bench
+    from torquebench.cli.calibrate import confirm_start, run_calibrations
+
+    interrupted = _read(name, data)
+    if sides and sides != (interrupted.side,):
+        raise InputError(
+            f"{' and '.join(sides)} with --resume {name}",
+            f"the {interrupted.side} module, which run {interrupted.run_ids[-1]} calibrates",
+            "leave the module out",
+        )
+    description = _recorded(interrupted) if bench is None else load_bench(bench)
+    note(
+        f"going on with {interrupted.run_ids[-1]} at series {interrupted.series}: "
+        f"{len(interrupted.kept)} points are kept, {interrupted.repeated} are measured again"
+    )
+    confirm_start(description, interrupted.side, interrupted.profile, yes)
+    run_calibrations(
+        description,
+        (interrupted.side,),
+        interrupted.profile,
+        model,
+        data,
+        real_time=real_time,
+        yes=yes,
+        interrupted=interrupted,
+    )
+
+
+def _read(name: str, data: Path) -> InterruptedCalibration:
+    from torquebench.campaign.resuming import find_interrupted, read_interrupted
+    from torquebench.records import Registry
+    from torquebench.station import recover_unfinished
+
+    with Registry.open(data_directory(data)) as registry:
+        recover_unfinished(registry)
+        return read_interrupted(registry, find_interrupted(registry, name))
+
+
+def _recorded(interrupted: InterruptedCalibration) -> BenchDescription:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.description_errors import validated
+
+    source = f"the bench in the record of {interrupted.run_ids[-1]}"
+    return validated(BenchDescription, interrupted.bench, source)
