@@ -36,12 +36,26 @@ def canopen() -> dict[str, Any]:
     return {"protocol": "canopen", "bus": CAN_BUS, "node": 5, "timeout_s": TIMEOUT_S}
 
 
+def daqmx() -> dict[str, Any]:
+    return {
+        "protocol": "nidaqmx",
+        "address": ANY_PORT,
+        "device": "Dev1",
+        "channels": {"input_torque": "Dev1/ctr0", "output_torque": "Dev1/ctr1"},
+        "encoders": {"input": "Dev1/ctr2", "output": "Dev1/ctr3"},
+        "clock": "Dev1/ctr4",
+        "timeout_s": 0.4,
+    }
+
+
 def described(**sections: dict[str, Any]) -> BenchDescription:
     """Describe the simulated bench with an instrument for each role; `sections` replace them."""
     text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
     values = tomllib.loads(text)
     values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
     values["output"]["drive"]["serial"] = "402005"
+    if sections.get("counter", {}).get("protocol") == "nidaqmx":
+        values["counter"]["serial"] = "0A1B2C3D"
     values["driver"] = {
         "simulation": {"control": ANY_PORT},
         "counter": scpi_counter(),

@@ -28,6 +28,8 @@ __all__ = ["DaqmxSimulator", "device_number"]
 
 TIMEOUT_ERROR = -200284  # some or all of the samples requested have not yet been acquired
 NO_SUCH_TASK = -200088
+THREADS = 4
+DRIVER_VERSION = 26
 MODEL = "PXIe-6612 (simulated)"
 ATTRIBUTE_SERIAL = 0x632
 
@@ -191,6 +193,11 @@ class _Servicer(services.NiDAQmxServicer):
             self._fill(task)
             return messages.GetReadAttributeUInt32Response(value=int(task.waiting.size))
 
+    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: N802
+        """Return the version of the driver, which the client looks at."""
+        del request, context
+        return messages.GetSystemInfoAttributeUInt32Response(value=DRIVER_VERSION)
+
     def GetErrorString(self, request: Any, context: Any) -> Any:  # noqa: N802
         del context
         text = f"NI-DAQmx error {request.error_code} (simulated)"
@@ -250,6 +257,8 @@ class _Spoiler(grpc.ServerInterceptor):
 
     def __init__(self, faults: WireFaults) -> None:
         self._faults = faults
+        self._broken = threading.Event()
+        faults.disconnect = self._broken.set
 
     def intercept_service(self, continuation: Callable[[Any], Any], details: Any) -> Any:
         """Wrap the call."""
@@ -259,8 +268,9 @@ class _Spoiler(grpc.ServerInterceptor):
         faults = self._faults
 
         def spoilt(request: Any, context: Any) -> Any:
-            if faults.refusing:
-                context.abort(grpc.StatusCode.UNAVAILABLE, "connection refused")
+            if faults.refusing or self._broken.is_set():
+                self._broken.clear()
+                context.abort(grpc.StatusCode.UNAVAILABLE, "Socket closed")
             answer = handler.unary_unary(request, context)
             data = faults.outgoing(handler.response_serializer(answer))
             if data is None:  # as if the answer was lost on its way
@@ -290,21 +300,30 @@ class DaqmxSimulator:
         self, plant: Plant, wiring: dict[str, str], faults: WireFaults, host: str, port: int
     ) -> None:
         self.host = host
+        self.port = port
+        self._faults = faults
         self._servicer = _Servicer(plant, wiring, faults)
-        self._pool = futures.ThreadPoolExecutor(4, thread_name_prefix="simulated-daqmx")
-        self._server = grpc.server(
-            self._pool, interceptors=[_Spoiler(faults)], options=[("grpc.so_reuseport", 0)]
+        self._pool = futures.ThreadPoolExecutor(THREADS, thread_name_prefix="simulated-daqmx")
+        together = threading.Barrier(THREADS)
+        for _ in range(THREADS):  # the pool's threads live as long as the server does
+            self._pool.submit(together.wait)
+        self._server = self._serve()
+
+    def _serve(self) -> grpc.Server:
+        server = grpc.server(
+            self._pool, interceptors=[_Spoiler(self._faults)], options=[("grpc.so_reuseport", 0)]
         )
-        services.add_NiDAQmxServicer_to_server(self._servicer, self._server)
+        services.add_NiDAQmxServicer_to_server(self._servicer, server)
         try:
-            self.port: int = self._server.add_insecure_port(f"{host}:{port}")
+            self.port = server.add_insecure_port(f"{self.host}:{self.port}")
         except RuntimeError as error:
             raise BenchError(
-                f"{faults.name} can't be served on {host}:{port}",
+                f"{self._faults.name} can't be served on {self.host}:{self.port}",
                 "a free port",
                 "end what uses it, or name another one",
             ) from error
-        self._server.start()
+        server.start()
+        return server
 
     def close(self) -> None:
         """End the server. A second call does nothing."""
