@@ -4,12 +4,7 @@ Pure: torque-angle loops, no-load and break-away torque, transmission error and 
 value a `Budget` with its contributions; descriptions of reducers, verdicts and comparisons.
 """
 
-from torquebench.reducers.breakaway import (
-    BreakawayResult,
-    BreakawayRun,
-    evaluate_breakaway,
-    first_motion,
-)
+from torquebench.reducers.breakaway import BreakawayResult, BreakawayRun, evaluate_breakaway
 from torquebench.reducers.comparison import (
     COMMON_CONTRIBUTIONS,
     Change,
@@ -48,6 +43,7 @@ from torquebench.reducers.loop_rules import (
     LoopUncertainty,
     LostMotionRule,
 )
+from torquebench.reducers.motion import FirstMotion, first_motion
 from torquebench.reducers.no_load import (
     NoLoadPoint,
     NoLoadResult,
@@ -83,6 +79,7 @@ __all__ = [
     "ErrorOrder",
     "Estimate",
     "Finding",
+    "FirstMotion",
     "FrictionCurve",
     "FrictionFit",
     "FrictionResult",

@@ -1,0 +1,151 @@
+"""Detection of the first motion: the change point of an angle under a slow ramp of torque."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.reducers.columns import finite_columns
+
+__all__ = ["FirstMotion", "first_motion"]
+
+QUIET_SAMPLES = 6
+"""Least samples at rest before the first motion."""
+SIGNIFICANT = 5.0
+"""Standard deviations of the noise that count as motion."""
+
+
+@dataclass(frozen=True)
+class FirstMotion:
+    """Where an angle begins to move.
+
+    Parameters
+    ----------
+    index : int
+        Last sample at rest.
+    time_s : float
+        Moment of the change.
+    standard_uncertainty_s : float
+        Of that moment.
+    noise_rad : float
+        Standard deviation of the angle at rest, about its own slow line.
+    direction : int
+        +1 or -1.
+    """
+
+    index: int
+    time_s: float
+    standard_uncertainty_s: float
+    noise_rad: float
+    direction: int
+
+
+def first_motion(
+    time_s: ArrayLike, angle_rad: ArrayLike, *, threshold_rad: float = 0.0
+) -> FirstMotion:
+    """Find the change point at which an angle leaves its line at rest.
+
+    At rest the angle follows a slow line (elastic wind-up, drift) with noise. Motion is found
+    where it leaves that line for good, by five standard deviations of the noise or the threshold
+    if that is more; the moment itself is the start of the parabola that fits best between.
+
+    Parameters
+    ----------
+    time_s, angle_rad : array of float, shape (n,)
+        Samples of one ramp, times not falling.
+    threshold_rad : float
+        Changes up to this are no motion (resolution, presliding).
+
+    Raises
+    ------
+    InputError
+        Where it never moves, or moves from the beginning.
+
+    Examples
+    --------
+    >>> time = np.linspace(0.0, 1.0, 101)
+    >>> noise = 1e-6 * np.cos(40.0 * np.arange(101) ** 2)
+    >>> found = first_motion(time, noise + np.maximum(0.0, time - 0.6) ** 2)
+    >>> round(found.time_s, 2)
+    0.6
+    """
+    time, angle = finite_columns(8, time_s=time_s, angle_rad=angle_rad)
+    if np.any(np.diff(time) < 0.0):
+        raise InputError("times that go back", "times that rise within a run", "sort the run")
+    crossing, line, noise = _crossing(time, angle, threshold_rad)
+    if crossing < QUIET_SAMPLES:
+        raise InputError(
+            f"motion from sample {crossing + 1} on",
+            f"at least {QUIET_SAMPLES} samples at rest before the first motion",
+            "begin each ramp at rest and zero torque; check that angle and torque aren't swapped",
+        )
+    deviation = angle - np.polyval(line, time)
+    direction = 1 if deviation[crossing] > 0 else -1
+    if threshold_rad > SIGNIFICANT * noise:
+        step = time[crossing] - time[crossing - 1]
+        moment = 0.5 * (time[crossing] + time[crossing - 1])
+        return FirstMotion(
+            crossing - 1, float(moment), float(step) / np.sqrt(12.0), noise, direction
+        )
+    moment, spread = _parabola_start(time, angle, crossing, noise)
+    index = int(np.clip(np.searchsorted(time, moment, side="right") - 1, 0, crossing))
+    return FirstMotion(index, moment, spread, noise, direction)
+
+
+def _crossing(
+    time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float
+) -> tuple[int, NDArray[np.float64], float]:
+    """Return the first sample beyond the line at rest for good, that line and the noise.
+
+    The part at rest grows from the start as long as the next samples follow its line.
+    """
+    quiet = max(QUIET_SAMPLES, angle.size // 20)
+    resolution = float(np.min(np.diff(np.unique(angle)), initial=np.inf))
+    floor = 0.3 * resolution if np.isfinite(resolution) else 0.0
+    least = float(np.median(np.abs(np.diff(angle)))) * 1.05 + 1e-15
+    while True:
+        line = np.polyfit(time[:quiet] - time[0], angle[:quiet], 1)
+        line = np.array([line[0], line[1] - line[0] * time[0]])
+        rest = angle - np.polyval(line, time)
+        noise = float(np.std(rest[:quiet], ddof=2))
+        level = max(SIGNIFICANT * max(noise, min(floor, least)), threshold, 1e-15)
+        beyond = np.abs(rest) > level
+        inside = np.flatnonzero(~beyond)
+        last = int(inside[-1]) if inside.size else -1
+        crossing = last + 1
+        # The line of a short start tilts: let it grow over what follows it still.
+        grown = min(int(0.8 * crossing), angle.size)
+        if grown <= quiet or crossing >= angle.size:
+            break
+        quiet = grown
+    if crossing >= angle.size:
+        raise InputError(
+            f"an angle that stays within {np.max(np.abs(rest)):.3g} rad of its line at rest",
+            f"motion by more than {level:.3g} rad",
+            "raise the torque further, or check that the encoder turns with the shaft",
+        )
+    return crossing, line, noise
+
+
+def _parabola_start(
+    time: NDArray[np.float64], angle: NDArray[np.float64], crossing: int, noise: float
+) -> tuple[float, float]:
+    """Fit line plus parabola with a free start; return the start and its standard uncertainty."""
+    stop = min(crossing + 3, time.size)
+    begin = max(0, crossing - max(4 * QUIET_SAMPLES, crossing // 2))
+    t, values = time[begin:stop] - time[crossing], angle[begin:stop]
+    earliest = max(2, t.size - max(3 * QUIET_SAMPLES, t.size // 2))
+    candidates = np.unique(np.linspace(t[earliest], t[-2], 200))
+    squares = np.empty(candidates.size)
+    for k, start in enumerate(candidates):
+        basis = np.column_stack([np.ones_like(t), t, np.maximum(t - start, 0.0) ** 2])
+        fit, *_ = np.linalg.lstsq(basis, values, rcond=None)
+        squares[k] = float(np.sum((values - basis @ fit) ** 2))
+    best = int(np.argmin(squares))
+    likely = candidates[squares <= squares[best] + max(noise, 1e-15) ** 2]
+    half = 0.5 * float(np.ptp(likely))
+    step = float(np.median(np.diff(t)))
+    lag = float(t[-(stop - crossing)] - candidates[best])
+    spread = float(np.hypot(max(half, 0.5 * step / np.sqrt(3.0)), lag / np.sqrt(12.0)))
+    return float(candidates[best] + time[crossing]), spread
