@@ -49,17 +49,29 @@ Alarms and stop
       acknowledged); `acknowledge(actor)`; `stop(actor, reason)` -> `StopReport(seconds)` and
       `stop_here(reason)`: no lease needed.
 
-Records (`records`): `search`, `run`, `calibrations`, `calibration`, `models`, `compare`, `drift`,
-`certificates`, `certificate_file`, `export_zip`, `figure data`: ids in, values out.
+Records (`records`): identifiers in, values out, never a path
+    - `runs(text, kind=, side=, status=, since=, until=, limit=, offset=)` -> `RunPage`;
+      `run(run_id)` -> `RunDetail` (metadata, results, tables, changes); `run_columns(run_id)`,
+      `run_trend(run_id, columns, points)` -> rows with lowest and highest; `with
+      export_zip(run_id) as file`.
+    - `calibrations()`, `calibration(id)` -> `CalibrationDetail`, `models()`,
+      `error_curve(calibration_id, model_id=None)` -> `ErrorCurve`; `transducers()`,
+      `drift(serial, tolerance_percent)`; `certificates()`, `certificate_file(number, name)`.
 
-Settings (`settings`): `sections()`, `get(section)`, `preview(section, document)` -> differences,
-`change(actor, section, document, reason)`, `history()`, `undo(actor, change_id)`.
+Settings (`settings`): sections "bench", "profiles", "reducers"
+    - `items(section)`, `get(section, name)` -> `SettingsItem` (document, builtin, version),
+      `schema(section)`; `preview(section, name, document)` and `change(actor, section, name,
+      document, reason=, version=)` -> `SettingsChange` with `differences`; `history(section)`,
+      `undo(actor, number)`; `read_upload(bytes)` -> document of a TOML file.
+    - Changes of the bench count after `reopen(actor)`. It replaces `service.live`,
+      `service.station` and `service.records`: keep no reference to them.
 """
 
 from torquebench.panel.service.actors import ROLES, Actor, Role, allows
 from torquebench.panel.service.alarm_views import AlarmView, StopReport
 from torquebench.panel.service.bench_service import JOB_KINDS, BenchService
 from torquebench.panel.service.clients import Client
+from torquebench.panel.service.differences import Difference
 from torquebench.panel.service.job_values import (
     JobPoint,
     JobPreview,
@@ -89,12 +101,31 @@ from torquebench.panel.service.problems import (
     PermissionDeniedError,
     SignInError,
 )
+from torquebench.panel.service.record_views import (
+    CalibrationDetail,
+    CalibrationView,
+    CertificateView,
+    ErrorCurve,
+    ModelView,
+    RunDetail,
+    RunPage,
+    RunTable,
+    RunView,
+)
+from torquebench.panel.service.settings import (
+    SECTIONS,
+    Section,
+    SettingsChange,
+    SettingsItem,
+    read_upload,
+)
 from torquebench.panel.service.snapshot import BenchSnapshot, CompensationState, SideSnapshot
 from torquebench.panel.service.store import Event
 
 __all__ = [
     "JOB_KINDS",
     "ROLES",
+    "SECTIONS",
     "SIGNALS",
     "STALE_AFTER_S",
     "Actor",
@@ -102,8 +133,13 @@ __all__ = [
     "BenchService",
     "BenchSnapshot",
     "BusyError",
+    "CalibrationDetail",
+    "CalibrationView",
+    "CertificateView",
     "Client",
     "CompensationState",
+    "Difference",
+    "ErrorCurve",
     "Event",
     "JobPoint",
     "JobPreview",
@@ -117,16 +153,25 @@ __all__ = [
     "LiveIncrement",
     "LiveTrend",
     "LockedOutError",
+    "ModelView",
     "NotFoundError",
     "NotSignedInError",
     "PendingPrompt",
     "PermissionDeniedError",
     "Problem",
     "Role",
+    "RunDetail",
+    "RunPage",
+    "RunTable",
+    "RunView",
+    "Section",
+    "SettingsChange",
+    "SettingsItem",
     "SideSnapshot",
     "SignInError",
     "Signal",
     "StopReport",
     "User",
     "allows",
+    "read_upload",
 ]

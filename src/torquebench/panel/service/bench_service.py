@@ -20,10 +20,12 @@ from torquebench.panel.service.clients import Clients
 from torquebench.panel.service.job_calibrations import CALIBRATION_KINDS
 from torquebench.panel.service.job_checks import CERTIFICATE_KIND, CHECK_KINDS
 from torquebench.panel.service.job_values import JobView
-from torquebench.panel.service.jobs import JobDesk, JobKind
+from torquebench.panel.service.jobs import JobDesk, JobKind, Workplace
 from torquebench.panel.service.lease import CommandLease
 from torquebench.panel.service.live import STALE_AFTER_S, Connection, LiveHub
 from torquebench.panel.service.people import People
+from torquebench.panel.service.records_desk import RecordsDesk
+from torquebench.panel.service.settings import SettingsDesk
 from torquebench.panel.service.snapshot import (
     BenchSnapshot,
     CompensationState,
@@ -57,28 +59,35 @@ class BenchService:
     clients : Clients
     lease : CommandLease
     jobs : JobDesk
+    records : RecordsDesk
+    settings : SettingsDesk
     """
 
-    def __init__(self, station: Station, prompts: PromptDesk) -> None:
-        self.station = station
+    def __init__(
+        self, base: BenchDescription, data_dir: Path, store: PanelStore, *, fast: bool
+    ) -> None:
         self._closed = threading.Event()
-        self._store = PanelStore(station.data_dir)
-        self.people = People(self._store)
-        self.clients = Clients(self._store)
-        self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
-        self.jobs = JobDesk(
-            station, self.lease, prompts, JOB_KINDS, self.note, on_end=self._job_ended
-        )
-        self._viewer = station.acquisition.add_viewer(maximum=400)
-        self.live = LiveHub(
-            station.description, station.clock, self._viewer, station.drivers.operator.mounted
-        )
+        self._store = store
+        self._fast = fast
+        self._data_dir = data_dir
+        self._prompts = PromptDesk()
         self._compensation: dict[Side, tuple[CompensationState | None, str]] = {}
-        for side in SIDES:
-            self.refresh_compensation(side)
-        self.live.start()
+        self.settings = SettingsDesk(store, base)
+        self.people = People(store)
+        self.clients = Clients(store)
+        self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
+        self.station = self._open_station()
+        self._watch()
+        self.jobs = JobDesk(
+            Workplace(self.station, self.settings),
+            self.lease,
+            self._prompts,
+            JOB_KINDS,
+            self.note,
+            on_end=self._job_ended,
+        )
         self._idle = threading.Thread(target=self._keep_time, name="torquebench-idle", daemon=True)
-        if station.clock.fast:
+        if fast:
             self._idle.start()
 
     @classmethod
@@ -100,22 +109,80 @@ class BenchService:
         fast : bool
             A simulated bench works as fast as it computes while a procedure runs, and follows
             the wall while none does: for tests and demonstrations.
+
+        Raises
+        ------
+        InputError
+            The description is wrong, or contradicts what was changed in the panel.
+        BenchError
+            An instrument doesn't answer.
+        RecordError
+            The data directory can't be written.
         """
         if description is None:
             description = default_bench()
         elif not isinstance(description, BenchDescription):
             description = load_bench(description)
         folder = data_directory(data_dir)
-        prompts = PromptDesk()
-        operator = None if description.simulated else DeskOperator(prompts)
-        station = Station.open(
-            _live_paced(description), folder, real_time=not fast, operator=operator
-        )
         try:
-            return cls(station, prompts)
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordError(
+                f"can't create the data directory {folder}: {error.strerror}",
+                "a folder with write permission",
+                "choose another with --data",
+            ) from error
+        store = PanelStore(folder)
+        try:
+            return cls(description, folder, store, fast=fast)
+        except BaseException:
+            store.close()
+            raise
+
+    def _open_station(self) -> Station:
+        description = self.settings.bench()
+        operator = None if description.simulated else DeskOperator(self._prompts)
+        return Station.open(
+            _live_paced(description), self._data_dir, real_time=not self._fast, operator=operator
+        )
+
+    def _watch(self) -> None:
+        """Look at the station that is open now."""
+        station = self.station
+        try:
+            self.records = RecordsDesk(station.registry)
+            self._viewer = station.acquisition.add_viewer(maximum=400)
+            self.live = LiveHub(
+                station.description, station.clock, self._viewer, station.drivers.operator.mounted
+            )
+            for side in SIDES:
+                self.refresh_compensation(side)
         except BaseException:
             station.close()
             raise
+        self.live.start()
+
+    def reopen(self, actor: Actor) -> None:
+        """Close the bench and open it again, by the settings as they are now.
+
+        Raises
+        ------
+        PermissionDeniedError, LeaseError
+            An administrator who commands may.
+        BusyError
+            A job is under way.
+        BenchError, InputError
+            The bench can't be opened; it stays closed until a further attempt.
+        """
+        require(actor, "administrator")
+        self.jobs.command(actor)
+        with self.jobs.standing():
+            self.note(actor, "opens the bench again")
+            self.live.close()
+            self.station.close()
+            self.station = self._open_station()
+            self._watch()
+            self.jobs.move(Workplace(self.station, self.settings))
 
     def __enter__(self) -> Self:
         return self
@@ -137,15 +204,14 @@ class BenchService:
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
-        self.station.acquisition.remove_viewer(self._viewer)
         self.station.close()
         self.people.close()
         self._store.close()
 
     def _keep_time(self) -> None:
         """Let a fast bench follow the wall while no procedure asks for more."""
-        clock = self.station.clock
         while not self._closed.wait(IDLE_PERIOD_S):
+            clock = self.station.clock
             clock.require(clock.now() + IDLE_PERIOD_S)
 
     # -- what there is to see ---------------------------------------------------------------

@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import Field
 
 from torquebench.bench.roles import Side
-from torquebench.calibration import CalibrationData, Profile, load_profile, summarise_errors, verify
+from torquebench.calibration import CalibrationData, Profile, summarise_errors, verify
 from torquebench.campaign.checking import SEVERITY, judge_check
 from torquebench.campaign.fitting import (
     COMPARED_COLUMNS,
@@ -55,7 +55,7 @@ from torquebench.compensation import (
 from torquebench.errors import InputError, RecordError
 from torquebench.panel.service.aside import run_aside
 from torquebench.panel.service.job_values import JobPreview, JobResult
-from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest
+from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview
 from torquebench.procedures import rehearse
 from torquebench.procedures import verify as verify_plan
@@ -119,8 +119,8 @@ class VerifyRequest(JobRequest):
 # -- calibrate ------------------------------------------------------------------------------
 
 
-def _calibration_profile(request: CalibrateRequest) -> Profile:
-    profile = packaged_profile(request.profile).with_options(
+def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile:
+    profile = place.settings.profile(request.profile).with_options(
         rising_only=request.rising_only,
         repeats=request.repeats,
         step_percent=request.step_percent,
@@ -132,16 +132,10 @@ def _calibration_profile(request: CalibrateRequest) -> Profile:
     return profile
 
 
-def packaged_profile(name: str) -> Profile:
-    """Return a profile by its name; never by a path."""
-    if "/" in name or "\\" in name or name.endswith(".toml"):
-        raise InputError(f"profile {name[:80]!r}", "a profile's name")
-    return load_profile(name)
-
-
-def preview_calibration(station: Station, request: CalibrateRequest) -> JobPreview:
+def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPreview:
     """Rehearse the very plan that would run."""
-    profile = _calibration_profile(request)
+    station = place.station
+    profile = _calibration_profile(place, request)
     rehearsal = rehearse_calibration(station, request.side, profile)
     return staircase_preview(
         station.description, request.side, "calibrate", _calibrate_title(request), rehearsal
@@ -152,7 +146,7 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
     """Measure, fit and register; which model is used stays open."""
     station, job = context.station, context.job
     confirm_clear(station.description, request.bench_clear)
-    profile = _calibration_profile(request)
+    profile = _calibration_profile(context, request)
     choices = [ModelChoice(name) for name in dict.fromkeys(request.models)]
     for choice in choices:
         make_model(choice.name)
@@ -303,8 +297,8 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
 # -- verify ---------------------------------------------------------------------------------
 
 
-def _verification_profile(request: VerifyRequest) -> Profile:
-    profile = packaged_profile(request.profile).with_options(
+def _verification_profile(place: Workplace, request: VerifyRequest) -> Profile:
+    profile = place.settings.profile(request.profile).with_options(
         groups=request.groups, points=request.points
     )
     if profile.loading.pattern != "random":
@@ -323,10 +317,11 @@ def _side_of(station: Station, entry: CalibrationEntry) -> Side:
     )
 
 
-def preview_verification(station: Station, request: VerifyRequest) -> JobPreview:
+def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview:
     """Rehearse a verification with some seed."""
+    station = place.station
     side = _side_of(station, station.registry.calibration(request.calibration_id))
-    profile = _verification_profile(request)
+    profile = _verification_profile(place, request)
     steps = profile.staircase(
         station.description.module(side).range_nm, np.random.default_rng(request.seed or 0)
     )
@@ -353,7 +348,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     if seed is None:  # drawn anew for every verification, and kept with its points
         seed = int(np.random.default_rng().integers(2**32))
     measured = measure_verification(
-        station, side, _verification_profile(request), seed, progress=context.job
+        station, side, _verification_profile(context, request), seed, progress=context.job
     )
     data = measured.result.data
     result = verify(data, loaded)

@@ -18,9 +18,9 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.zeros import register_zeroings
-from torquebench.panel.service.job_calibrations import Name, as_details, packaged_profile
+from torquebench.panel.service.job_calibrations import Name, as_details
 from torquebench.panel.service.job_values import JobPreview, JobResult
-from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest
+from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview
 from torquebench.procedures import rehearse, zero_modules
 from torquebench.procedures import verify as verify_plan
@@ -31,7 +31,7 @@ from torquebench.reports.certificate import (
     issue_certificate,
     read_letterhead,
 )
-from torquebench.station import Progress, Station
+from torquebench.station import Progress
 
 __all__ = ["CHECK_KINDS", "CertificateRequest", "CheckRequest", "ZeroRequest"]
 
@@ -97,9 +97,10 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
     )
 
 
-def preview_check(station: Station, request: CheckRequest) -> JobPreview:
+def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
     """Rehearse a daily check."""
-    profile = packaged_profile(request.profile)
+    station = place.station
+    profile = place.settings.profile(request.profile)
     steps = profile.staircase(station.description.module(request.side).range_nm)
     plan = verify_plan(station.devices, request.side, profile, steps)
     return staircase_preview(
@@ -118,7 +119,7 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
     found = check_module(
         station,
         request.side,
-        packaged_profile(request.profile),
+        context.settings.profile(request.profile),
         request.tolerance_percent_fs,
         progress=context.job,
     )

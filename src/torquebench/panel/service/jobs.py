@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,9 +27,10 @@ from torquebench.panel.service.job_values import (
 )
 from torquebench.panel.service.lease import CommandLease
 from torquebench.panel.service.problems import BusyError, NotFoundError
+from torquebench.panel.service.settings import SettingsDesk
 from torquebench.station import Station
 
-__all__ = ["JobContext", "JobDesk", "JobKind", "JobRequest"]
+__all__ = ["JobContext", "JobDesk", "JobKind", "JobRequest", "Workplace"]
 
 KEPT = 20
 
@@ -40,19 +42,27 @@ class JobRequest(BaseModel):
 
 
 @dataclass(frozen=True)
-class JobContext:
+class Workplace:
+    """Where a job works: the open bench, and the settings that name profiles and reducers."""
+
+    station: Station
+    settings: SettingsDesk
+
+
+@dataclass(frozen=True)
+class JobContext(Workplace):
     """What a job works with.
 
     Parameters
     ----------
     station : Station
+    settings : SettingsDesk
     job : Job
         Takes the progress.
     actor : Actor
         Who has started it.
     """
 
-    station: Station
     job: Job
     actor: Actor
 
@@ -86,7 +96,7 @@ class JobKind:
     title: Callable[[Any], str]
     request: type[JobRequest]
     run: Callable[[JobContext, Any], JobResult]
-    preview: Callable[[Station, Any], JobPreview] | None = None
+    preview: Callable[[Workplace, Any], JobPreview] | None = None
     role: Role = "operator"
     moves: bool = True
     can_pause: bool = True
@@ -97,7 +107,7 @@ class JobDesk:
 
     Parameters
     ----------
-    station : Station
+    place : Workplace
     lease : CommandLease
     prompts : PromptDesk
     kinds : mapping of str to JobKind
@@ -109,14 +119,14 @@ class JobDesk:
 
     def __init__(
         self,
-        station: Station,
+        place: Workplace,
         lease: CommandLease,
         prompts: PromptDesk,
         kinds: Mapping[str, JobKind],
         note: Callable[..., None],
         on_end: Callable[[JobView], None] = lambda _view: None,
     ) -> None:
-        self._station = station
+        self._place = place
         self._lease = lease
         self._prompts = prompts
         self._note = note
@@ -127,7 +137,19 @@ class JobDesk:
         self._thread: threading.Thread | None = None
         self._closed = False
         self.kinds = kinds
-        self._unsubscribe = station.engine.run_engine.subscribe(self._document)
+        self._subscribe()
+
+    @property
+    def _station(self) -> Station:
+        return self._place.station
+
+    def _subscribe(self) -> None:
+        self._token = self._station.engine.run_engine.subscribe(self._document)
+
+    def move(self, place: Workplace) -> None:
+        """Work in another place from now on: the bench was opened again."""
+        self._place = place
+        self._subscribe()
 
     # -- starting ---------------------------------------------------------------------------
 
@@ -149,7 +171,7 @@ class JobDesk:
         asked = self._request(found, request)
         with self._lock:
             self._refuse_busy()
-            return found.preview(self._station, asked)
+            return found.preview(self._place, asked)
 
     def start(self, actor: Actor, kind: str, request: Mapping[str, Any] | JobRequest) -> JobView:
         """Start a job.
@@ -235,7 +257,7 @@ class JobDesk:
     # -- working ----------------------------------------------------------------------------
 
     def _work(self, kind: JobKind, job: Job, request: JobRequest) -> None:
-        context = JobContext(self._station, job, job.actor)
+        context = JobContext(self._station, self._place.settings, job, job.actor)
         try:
             with acting_as(job.actor.label):
                 result = kind.run(context, request)
@@ -373,6 +395,19 @@ class JobDesk:
             raise BusyError(f"{job.title} has ended", "a job under way")
         return job
 
+    @contextmanager
+    def standing(self) -> Iterator[None]:
+        """Let no job start until the block ends.
+
+        Raises
+        ------
+        BusyError
+            A job is under way.
+        """
+        with self._lock:
+            self._refuse_busy()
+            yield
+
     def close(self) -> None:
         """Abort what is under way and wait for its end; refuses further jobs."""
         with self._lock:
@@ -381,4 +416,4 @@ class JobDesk:
         if job is not None and thread is not None:
             self._abort(job, "the panel is being closed")
             thread.join()
-        self._station.engine.run_engine.unsubscribe(self._unsubscribe)
+        self._station.engine.run_engine.unsubscribe(self._token)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LevelRing", "TrendMemory", "envelope"]
+__all__ = ["LevelRing", "Rows", "TrendMemory", "envelope", "nan_mean"]
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,69 @@
+"""Documents as flat keys and values, and what differs between two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = ["Difference", "differences", "flat", "nested"]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One key whose value differs; `before` or `after` is None where the key isn't there."""
+
+    key: str
+    before: Any
+    after: Any
+
+
+def flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the leaves of a nested document by dotted keys; lists are leaves.
+
+    Examples
+    --------
+    >>> flat({"input": {"limits": {"torque_nm": 60}}, "names": ["a"]})
+    {'input.limits.torque_nm': 60, 'names': ['a']}
+    """
+    found: dict[str, Any] = {}
+    for key, value in document.items():
+        if isinstance(value, Mapping) and value:
+            found |= flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
+    return found
+
+
+def nested(leaves: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the document of some leaves: the inverse of `flat`.
+
+    Examples
+    --------
+    >>> nested({"input.limits.torque_nm": 60})
+    {'input': {'limits': {'torque_nm': 60}}}
+    """
+    document: dict[str, Any] = {}
+    for key, value in leaves.items():
+        *path, last = key.split(".")
+        place = document
+        for part in path:
+            place = place.setdefault(part, {})
+        place[last] = value
+    return document
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[Difference, ...]:
+    """Return what differs between two nested documents, by key.
+
+    Examples
+    --------
+    >>> differences({"a": {"b": 1, "c": 2}}, {"a": {"b": 1, "c": 3}})
+    (Difference(key='a.c', before=2, after=3),)
+    """
+    old, new = flat(before), flat(after)
+    return tuple(
+        Difference(key, old.get(key), new.get(key))
+        for key in sorted(old.keys() | new.keys())
+        if old.get(key) != new.get(key)
+    )

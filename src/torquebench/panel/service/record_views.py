@@ -1,0 +1,256 @@
+"""Records as pages and clients show them: values without paths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date, datetime
+from typing import Any
+
+from torquebench.records import (
+    Activation,
+    CalibrationEntry,
+    CertificateEntry,
+    ModelEntry,
+    Review,
+    RunSummary,
+    VerificationEntry,
+)
+
+__all__ = [
+    "CalibrationDetail",
+    "CalibrationView",
+    "CertificateView",
+    "ErrorCurve",
+    "ModelView",
+    "RunDetail",
+    "RunPage",
+    "RunTable",
+    "RunView",
+]
+
+
+@dataclass(frozen=True)
+class RunView:
+    """One line of the list of runs."""
+
+    run_id: str
+    kind: str
+    side: str
+    operator: str
+    started: datetime
+    finished: datetime | None
+    status: str
+    reason: str
+    simulated: bool
+    profile: str
+    bench: str
+    software_version: str
+
+    @classmethod
+    def of(cls, run: RunSummary) -> RunView:
+        """Leave out where the run's files lie."""
+        return cls(
+            run_id=run.run_id,
+            kind=run.kind,
+            side=run.side,
+            operator=run.operator,
+            started=run.started,
+            finished=run.finished,
+            status=run.status,
+            reason=run.reason,
+            simulated=run.simulated,
+            profile=run.profile_name,
+            bench=run.bench,
+            software_version=run.software_version,
+        )
+
+
+@dataclass(frozen=True)
+class RunPage:
+    """A part of the list of runs, and how many there are in all."""
+
+    runs: tuple[RunView, ...]
+    total: int
+    offset: int
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """The events of one stream of a run: a column a field.
+
+    Parameters
+    ----------
+    stream : str
+    units : mapping of column to str
+    columns : mapping of column to list
+        Without the devices' names where that is unambiguous.
+    """
+
+    stream: str
+    units: Mapping[str, str]
+    columns: Mapping[str, Sequence[Any]]
+
+
+@dataclass(frozen=True)
+class RunDetail:
+    """Everything about one run that can be shown.
+
+    Parameters
+    ----------
+    run : RunView
+    metadata : mapping
+        What was known when it started.
+    results : object
+        What it found, as JSON; None where it found nothing.
+    tables : tuple of RunTable
+    calibration_id : int or None
+        The calibration that it measured.
+    changes : tuple of str
+        What isn't as it was when the run was sealed; empty where it is intact.
+    """
+
+    run: RunView
+    metadata: Mapping[str, Any]
+    results: Any
+    tables: tuple[RunTable, ...]
+    calibration_id: int | None
+    changes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ModelView:
+    """A fitted model, and whether it is in use."""
+
+    model_id: int
+    calibration_id: int
+    kind: str
+    side: str
+    transducer_serial: str
+    counter_identity: str
+    range_nm: float
+    created: datetime
+    simulated: bool
+    metrics: Mapping[str, Any]
+    active: bool
+
+    @classmethod
+    def of(cls, model: ModelEntry, *, active: bool) -> ModelView:
+        """Leave out where the model's file lies."""
+        return cls(
+            model_id=model.model_id,
+            calibration_id=model.calibration_id,
+            kind=model.kind,
+            side=model.side,
+            transducer_serial=model.transducer_serial,
+            counter_identity=model.counter_identity,
+            range_nm=model.range_nm,
+            created=model.created,
+            simulated=model.simulated,
+            metrics=dict(model.metrics),
+            active=active,
+        )
+
+
+@dataclass(frozen=True)
+class CalibrationView:
+    """One line of the list of calibrations."""
+
+    calibration_id: int
+    run_id: str | None
+    transducer_serial: str
+    counter_identity: str
+    standard_serial: str
+    performed: datetime
+    due: date | None
+    measured_by: str
+    profile: str
+    points: int
+    range_nm: float
+    simulated: bool
+    summary: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, entry: CalibrationEntry) -> CalibrationView:
+        """Leave out hashes and files."""
+        return cls(
+            calibration_id=entry.calibration_id,
+            run_id=entry.run_id,
+            transducer_serial=entry.transducer_serial,
+            counter_identity=entry.counter_identity,
+            standard_serial=entry.standard_serial,
+            performed=entry.performed,
+            due=entry.due,
+            measured_by=entry.measured_by,
+            profile=entry.profile_name,
+            points=entry.points,
+            range_nm=entry.range_nm,
+            simulated=entry.simulated,
+            summary=dict(entry.summary),
+        )
+
+
+@dataclass(frozen=True)
+class CertificateView:
+    """A certificate that was issued; `files` are names for `records.certificate_file`."""
+
+    number: str
+    calibration_id: int
+    issued: datetime
+    authorised_by: str
+    files: tuple[str, ...]
+    summary: Mapping[str, Any]
+    supersedes: str
+    superseded_by: str
+
+    @classmethod
+    def of(cls, entry: CertificateEntry, superseded_by: str) -> CertificateView:
+        """Leave out hashes."""
+        return cls(
+            number=entry.number,
+            calibration_id=entry.calibration_id,
+            issued=entry.issued,
+            authorised_by=entry.authorised_by,
+            files=tuple(entry.files),
+            summary=dict(entry.summary),
+            supersedes=entry.supersedes,
+            superseded_by=superseded_by,
+        )
+
+
+@dataclass(frozen=True)
+class CalibrationDetail:
+    """A calibration with its models, what verified them, who checked it, its certificates."""
+
+    calibration: CalibrationView
+    models: tuple[ModelView, ...]
+    verifications: tuple[VerificationEntry, ...]
+    reviews: tuple[Review, ...]
+    certificates: tuple[CertificateView, ...]
+    activations: tuple[Activation, ...]
+
+
+@dataclass(frozen=True)
+class ErrorCurve:
+    """The error of a chain over torque: points of a calibration, raw and after a model.
+
+    Parameters
+    ----------
+    calibration_id : int
+    title : str
+    standard_nm, raw_error_nm : tuple of float
+        Torque of the standard, and reading minus standard.
+    branch : tuple of int
+        +1 up, -1 down.
+    model_id : int or None
+    model_error_nm : tuple of float
+        Compensated torque minus standard; empty where no model is chosen.
+    """
+
+    calibration_id: int
+    title: str
+    standard_nm: tuple[float, ...]
+    raw_error_nm: tuple[float, ...]
+    branch: tuple[int, ...]
+    model_id: int | None
+    model_error_nm: tuple[float, ...]

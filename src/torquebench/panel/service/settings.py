@@ -1,0 +1,497 @@
+"""Settings: every change is validated, shown as a difference, logged, and can be undone.
+
+What comes with the software or with the bench's own file is never changed: the panel keeps its
+changes in its own database and lays them over it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel
+from sqlalchemy import Connection, Row, insert, select
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.description_errors import parse_toml, validated
+from torquebench.calibration import Profile, available_profiles, load_profile
+from torquebench.errors import InputError
+from torquebench.panel.service.actors import Actor, Role, require
+from torquebench.panel.service.differences import Difference, differences, flat, nested
+from torquebench.panel.service.problems import BusyError, NotFoundError
+from torquebench.panel.service.store import PanelStore, changes, note, utc_text
+from torquebench.records import json_text
+from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
+
+__all__ = [
+    "SECTIONS",
+    "Section",
+    "SettingsChange",
+    "SettingsDesk",
+    "SettingsItem",
+    "read_upload",
+]
+
+LARGEST_UPLOAD = 64 * 1024
+NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
+BENCH = "bench"
+
+SectionName = Literal["bench", "profiles", "reducers"]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A kind of settings: what its documents are, and who changes them."""
+
+    name: SectionName
+    title: str
+    role: Role
+    model: type[BaseModel]
+
+
+SECTIONS: Mapping[str, Section] = {
+    section.name: section
+    for section in (
+        Section("bench", "Channels and limits", "administrator", BenchDescription),
+        Section("profiles", "Calibration profiles", "metrologist", Profile),
+        Section("reducers", "Reducers", "metrologist", ReducerDescription),
+    )
+}
+
+_CHANGEABLE = re.compile(
+    r"(input|output|counter|safety|recording|calibrator|verification_standard)\..+"
+    r"|bench\.(name|reducer_ratio)|temperatures"
+)
+_FILES = re.compile(r".*\.certificate")
+"""Names of files stay where nobody on a network can change them: in the bench's own file."""
+
+
+@dataclass(frozen=True)
+class SettingsItem:
+    """One document of a section.
+
+    Parameters
+    ----------
+    section, name : str
+        The bench's name is "bench".
+    builtin : bool
+        It comes with the software; copy it under a new name to change it.
+    document : mapping
+        Its content as JSON.
+    version : int
+        Number of the last change; 0 where there is none.
+    """
+
+    section: str
+    name: str
+    builtin: bool
+    document: Mapping[str, Any]
+    version: int = 0
+
+
+@dataclass(frozen=True)
+class SettingsChange:
+    """A change that was made, or would be.
+
+    Parameters
+    ----------
+    number : int
+        0 for a preview.
+    at : datetime.datetime or None
+    who, section, name, reason : str
+    differences : tuple of Difference
+    undoes, undone_by : int or None
+        Number of the change that it takes back, or that has taken it back.
+    reopens : bool
+        Whether the bench has to be opened again for it to count.
+    """
+
+    number: int
+    at: datetime | None
+    who: str
+    section: str
+    name: str
+    reason: str
+    differences: tuple[Difference, ...]
+    undoes: int | None = None
+    undone_by: int | None = None
+    reopens: bool = False
+
+
+class SettingsDesk:
+    """The settings of a data directory.
+
+    Parameters
+    ----------
+    store : PanelStore
+    base : BenchDescription
+        As the bench's own file describes it.
+    """
+
+    def __init__(self, store: PanelStore, base: BenchDescription) -> None:
+        self._store = store
+        self._base = base
+        self._base_document = base.model_dump(mode="json")
+
+    # -- looking ----------------------------------------------------------------------------
+
+    def items(self, section: str) -> list[SettingsItem]:
+        """Return all documents of a section: those that come with the software first."""
+        found = _section(section)
+        if section == BENCH:
+            return [self.get(section, BENCH)]
+        names = [*_builtin(found.name), *self._own_names(section)]
+        return [self.get(section, name) for name in names]
+
+    def get(self, section: str, name: str) -> SettingsItem:
+        """Return one document.
+
+        Raises
+        ------
+        NotFoundError
+            There is none of this name.
+        """
+        found = _section(section)
+        with self._store.transaction() as connection:
+            last = _last(connection, section, name)
+        version = 0 if last is None else last.id
+        if section == BENCH:
+            if name != BENCH:
+                raise _unknown(section, name)
+            leaves = {} if last is None else json.loads(last.after)
+            return SettingsItem(section, name, False, self._overlaid(leaves), version)
+        if name in _builtin(found.name):
+            model = _load(found.name, name)
+            return SettingsItem(section, name, True, model.model_dump(mode="json"))
+        document = None if last is None else json.loads(last.after)
+        if document is None:
+            raise _unknown(section, name)
+        return SettingsItem(section, name, False, document, version)
+
+    def schema(self, section: str) -> dict[str, Any]:
+        """Return the JSON schema of a section's documents: types, bounds and descriptions."""
+        return _section(section).model.model_json_schema()
+
+    def _own_names(self, section: str) -> list[str]:
+        query = select(changes).where(changes.c.section == section).order_by(changes.c.id)
+        with self._store.transaction() as connection:
+            latest = {row.name: row.after for row in connection.execute(query)}
+        return sorted(name for name, after in latest.items() if json.loads(after) is not None)
+
+    def profile(self, name: str) -> Profile:
+        """Return a calibration profile by its name, never by a path; raises like `get`."""
+        if name in available_profiles():
+            return load_profile(name)
+        return validated(Profile, self.get("profiles", name).document, f"profile {name}")
+
+    def reducer(self, name: str) -> ReducerDescription:
+        """Return a reducer's description by its name, never by a path; raises like `get`."""
+        if name in available_reducers():
+            return load_reducer(name)
+        return validated(ReducerDescription, self.get("reducers", name).document, f"reducer {name}")
+
+    def bench(self) -> BenchDescription:
+        """Return the bench's description with the panel's changes.
+
+        Raises
+        ------
+        InputError
+            The bench's own file has changed so that the panel's changes contradict it.
+        """
+        document = self.get(BENCH, BENCH).document
+        if document == self._base_document:
+            return self._base
+        return validated(BenchDescription, document, "the bench with the panel's changes")
+
+    def _overlaid(self, leaves: Mapping[str, Any]) -> dict[str, Any]:
+        return nested(flat(self._base_document) | dict(leaves))
+
+    # -- changing ---------------------------------------------------------------------------
+
+    def preview(
+        self, section: str, name: str, document: Mapping[str, Any] | None
+    ) -> SettingsChange:
+        """Validate a document and return what it would change; nothing is changed.
+
+        Parameters
+        ----------
+        section, name : str
+        document : mapping or None
+            The whole document; None deletes an own profile or reducer.
+
+        Raises
+        ------
+        InputError
+            A wrong value, with key and what is allowed; or nothing that may be changed here.
+        """
+        before, after = self._checked(section, name, document)
+        return SettingsChange(
+            0, None, "", section, name, "", differences(before, after), reopens=section == BENCH
+        )
+
+    def change(
+        self,
+        actor: Actor,
+        section: str,
+        name: str,
+        document: Mapping[str, Any] | None,
+        *,
+        reason: str = "",
+        version: int | None = None,
+    ) -> SettingsChange:
+        """Change, add or delete a document.
+
+        Parameters
+        ----------
+        version : int, optional
+            That of the item which was edited: refuses when somebody else was faster.
+
+        Raises
+        ------
+        PermissionDeniedError
+            The role doesn't allow it.
+        InputError
+            As for `preview`, or nothing differs.
+        BusyError
+            Somebody else has changed it meanwhile.
+        """
+        require(actor, _section(section).role)
+        before, after = self._checked(section, name, document)
+        return self._enter(actor, section, name, (before, after), reason, version)
+
+    def _checked(
+        self, section: str, name: str, document: Mapping[str, Any] | None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return a document as it is and as it would be."""
+        found = _section(section)
+        if section != BENCH and name in _builtin(found.name):
+            raise InputError(
+                f"{name} comes with the software", "an own name", "copy it under a new name"
+            )
+        if section != BENCH and not NAME.fullmatch(name):
+            raise InputError(f"name {name[:80]!r}", "2 to 64 of a-z 0-9 . -")
+        try:
+            before = dict(self.get(section, name).document)
+        except NotFoundError:
+            if section == BENCH or document is None:
+                raise
+            before = {}
+        if document is None:
+            if section == BENCH:
+                raise InputError("the bench can't be deleted", "a changed description")
+            return before, {}
+        if section == BENCH:
+            document = nested(flat(before) | flat(document))
+            _refuse_fixed(differences(before, document))
+        model = validated(found.model, document, f"{section} {name}")
+        if section != BENCH and getattr(model, "name", name) != name:
+            raise InputError(f"name {getattr(model, 'name', '')!r} in the document", repr(name))
+        return before, model.model_dump(mode="json")
+
+    def _enter(
+        self,
+        actor: Actor,
+        section: str,
+        name: str,
+        documents: tuple[dict[str, Any], dict[str, Any]],
+        reason: str,
+        version: int | None,
+        undoes: int | None = None,
+    ) -> SettingsChange:
+        before, after = documents
+        found = differences(before, after)
+        if not found:
+            raise InputError("nothing differs", "a change")
+        kept = self._kept(section, after)
+        with self._store.transaction() as connection:
+            last = _last(connection, section, name)
+            if version is not None and version != (0 if last is None else last.id):
+                raise BusyError(
+                    f"{name} was changed by {'somebody' if last is None else last.who} meanwhile",
+                    f"version {0 if last is None else last.id}",
+                    "look at it again and repeat the change",
+                )
+            row = connection.execute(
+                insert(changes)
+                .values(
+                    at=utc_text(),
+                    who=actor.label,
+                    section=section,
+                    name=name,
+                    reason=reason[:500],
+                    before=json_text(before or None),
+                    after=json_text(kept),
+                    undoes=undoes,
+                )
+                .returning(*changes.c)
+            ).one()
+            note(
+                connection,
+                actor.label,
+                "changed settings" if undoes is None else "undid a change of settings",
+                section=section,
+                name=name,
+                number=row.id,
+                keys=[each.key for each in found][:50],
+            )
+        return self._view(row, found, None)
+
+    def _kept(self, section: str, after: dict[str, Any]) -> dict[str, Any] | None:
+        """Return what is stored: of the bench only what differs from its own file."""
+        if section != BENCH:
+            return after or None
+        base = flat(self._base_document)
+        return {key: value for key, value in flat(after).items() if base.get(key) != value}
+
+    # -- history ----------------------------------------------------------------------------
+
+    def history(self, section: str | None = None, limit: int = 100) -> list[SettingsChange]:
+        """Return changes, the newest first."""
+        query = select(changes).order_by(changes.c.id.desc()).limit(min(max(limit, 1), 1000))
+        if section is not None:
+            query = query.where(changes.c.section == _section(section).name)
+        with self._store.transaction() as connection:
+            rows = connection.execute(query).all()
+            undone = dict(
+                connection.execute(
+                    select(changes.c.undoes, changes.c.id).where(changes.c.undoes.is_not(None))
+                ).all()
+            )
+        return [
+            self._view(row, differences(*self._documents(row)), undone.get(row.id)) for row in rows
+        ]
+
+    def undo(self, actor: Actor, number: int, reason: str = "") -> SettingsChange:
+        """Take a change back, as a further change.
+
+        Only the keys that it has changed go back; where one of them was changed again since, it
+        is refused.
+
+        Raises
+        ------
+        PermissionDeniedError
+            The role doesn't allow it.
+        NotFoundError
+            There is no change with this number.
+        BusyError
+            One of its keys was changed again since.
+        """
+        with self._store.transaction() as connection:
+            row = connection.execute(select(changes).where(changes.c.id == number)).one_or_none()
+        if row is None:
+            raise NotFoundError(f"no change {number}", "a number of the history")
+        require(actor, _section(row.section).role)
+        made = differences(*self._documents(row))
+        try:
+            current = dict(self.get(row.section, row.name).document)
+        except NotFoundError:
+            current = {}
+        leaves = flat(current)
+        later = [each.key for each in made if leaves.get(each.key) != each.after]
+        if later:
+            raise BusyError(
+                f"{later[0]} was changed again since",
+                "a change that still counts",
+                "change it by hand, or undo the later change first",
+            )
+        for each in made:
+            if each.before is None:
+                leaves.pop(each.key, None)
+            else:
+                leaves[each.key] = each.before
+        document = nested(leaves) if leaves else None
+        documents = self._checked(row.section, row.name, document)
+        return self._enter(
+            actor, row.section, row.name, documents, reason or f"undo {number}", None, number
+        )
+
+    def _documents(self, row: Row[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        before = json.loads(row.before) or {}
+        after = json.loads(row.after) or {}
+        return before, self._overlaid(after) if row.section == BENCH else after
+
+    @staticmethod
+    def _view(
+        row: Row[Any], found: tuple[Difference, ...], undone_by: int | None
+    ) -> SettingsChange:
+        return SettingsChange(
+            row.id,
+            datetime.fromisoformat(row.at),
+            row.who,
+            row.section,
+            row.name,
+            row.reason,
+            found,
+            row.undoes,
+            undone_by,
+            row.section == BENCH,
+        )
+
+
+def read_upload(content: bytes) -> dict[str, Any]:
+    """Return the document of an uploaded TOML file.
+
+    Raises
+    ------
+    InputError
+        Too large, not UTF-8, or no TOML.
+
+    Examples
+    --------
+    >>> read_upload(b'name = "slow"')
+    {'name': 'slow'}
+    """
+    if len(content) > LARGEST_UPLOAD:
+        raise InputError(
+            f"an upload of {len(content)} bytes", f"at most {LARGEST_UPLOAD} bytes of TOML"
+        )
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"an upload that isn't UTF-8 at byte {error.start}", "UTF-8") from None
+    return parse_toml(text, "the upload")
+
+
+def _section(name: str) -> Section:
+    if name not in SECTIONS:
+        raise NotFoundError(f"no settings {name[:40]!r}", ", ".join(SECTIONS))
+    return SECTIONS[name]
+
+
+def _unknown(section: str, name: str) -> NotFoundError:
+    return NotFoundError(f"no {name[:80]!r} among {section}", "a name of the list")
+
+
+def _builtin(section: SectionName) -> tuple[str, ...]:
+    if section == "profiles":
+        return available_profiles()
+    return available_reducers() if section == "reducers" else ()
+
+
+def _load(section: SectionName, name: str) -> BaseModel:
+    loader: Callable[[str], BaseModel] = load_profile if section == "profiles" else load_reducer
+    return loader(name)
+
+
+def _last(connection: Connection, section: str, name: str) -> Row[Any] | None:
+    query = (
+        select(changes)
+        .where(changes.c.section == section, changes.c.name == name)
+        .order_by(changes.c.id.desc())
+        .limit(1)
+    )
+    return connection.execute(query).one_or_none()
+
+
+def _refuse_fixed(found: tuple[Difference, ...]) -> None:
+    for each in found:
+        if not _CHANGEABLE.fullmatch(each.key) or _FILES.fullmatch(each.key):
+            raise InputError(
+                f"{each.key} can't be changed in the panel",
+                "channels, limits, safety, counter, recording",
+                "change it in the bench's own file",
+            )
