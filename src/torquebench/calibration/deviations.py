@@ -369,7 +369,10 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
     loaded = np.abs(data.nominal_nm) > UNLOADED_SHARE * data.range_nm
     off = np.zeros(len(data))
     nominal = data.nominal_nm[loaded]
-    off[loaded] = 100.0 * np.abs(data.standard_nm[loaded] - nominal) / np.abs(nominal)
+    of_range = profile.loading.step_tolerance_of == "range"
+    scale = data.range_nm if of_range else np.abs(nominal)
+    off[loaded] = 100.0 * np.abs(data.standard_nm[loaded] - nominal) / scale
+    unit = "% of full scale" if of_range else "%"
     for number in dict.fromkeys(data.series[off > tolerance].tolist()):
         member = np.flatnonzero((data.series == number) & (off > tolerance))
         worst = member[np.argmax(off[member])]
@@ -379,9 +382,9 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
             "step_off",
             "loading.step_tolerance_percent",
             f"the step {data.nominal_nm[worst]:.6g} N·m of series {number} was loaded with "
-            f"{data.standard_nm[worst]:.6g} N·m, {off[worst]:.2g} % off{more}",
-            f"at most {tolerance:g} % off",
-            "step_off",
+            f"{data.standard_nm[worst]:.6g} N·m, {off[worst]:.2g} {unit} off{more}",
+            f"at most {tolerance:g} {unit} off",
+            "step_off_range" if of_range else "step_off",
             series=int(number),
             nominal=float(data.nominal_nm[worst]),
             standard=float(data.standard_nm[worst]),

@@ -67,7 +67,8 @@ class Loading(_Settings):
     """Which steps are loaded, how long, and how often.
 
     Exactly one of `step_percent` and `steps_percent` is given, in % of full scale; for random
-    points `step_percent` is the grid that they keep off.
+    points `step_percent` is the grid that they keep off. A step may be loaded
+    `step_tolerance_percent` off its nominal torque: % of the step, or of the range.
     """
 
     pattern: Literal["ladder", "cycle", "random"]
@@ -81,6 +82,7 @@ class Loading(_Settings):
     points: Annotated[int, Field(ge=4, le=10000)] | None = None
     zero_return: bool = False
     step_tolerance_percent: Percent | None = None
+    step_tolerance_of: Literal["step", "range"] = "step"
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -238,6 +240,8 @@ class Profile(_Settings):
         for name in ("adaptive", "interruption"):
             if settings[name] is None:  # a profile without it has the hash that it always had
                 del settings[name]
+        if self.loading.step_tolerance_of == "step":
+            del settings["loading"]["step_tolerance_of"]
         content = json.dumps(settings, sort_keys=True, ensure_ascii=False)
         return hashlib.sha256(content.encode()).hexdigest()
 
