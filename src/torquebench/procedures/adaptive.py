@@ -52,6 +52,8 @@ def load_adaptively(
     steps: Sequence[Step],
     on_row: Callable[[Step, Row], None],
     data: Callable[[], CalibrationData],
+    *,
+    earlier: int = 0,
 ) -> Plan[Placement | None]:
     """Load a coarse series, then points where they lower the model's uncertainty most.
 
@@ -71,6 +73,8 @@ def load_adaptively(
         Called with every recorded step and its steady value by field.
     data : callable
         Returns all points so far.
+    earlier : int
+        Points of an interrupted run that `data` has beside those of these steps.
 
     Returns
     -------
@@ -80,7 +84,7 @@ def load_adaptively(
     settings = profile.adaptive
     assert settings is not None
     range_nm = float(devices.context.description.module(setup.side).range_nm)
-    measured = sum(step.recorded for step in steps)
+    measured = earlier + sum(step.recorded for step in steps)
     rounds = -(-(settings.points - measured) // settings.points_at_a_time)
     # Each round goes through two turns in each direction beside its points.
     total = len(steps) + settings.points - measured + rounds * 2 * len(profile.signs)

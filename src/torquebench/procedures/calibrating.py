@@ -193,7 +193,13 @@ def _staircase(
             yield from load_staircase(devices, setup, steps, table.add)
             return
         table.placement = yield from load_adaptively(
-            devices, setup, profile, steps, table.add, lambda: table.data(devices, setup.side)
+            devices,
+            setup,
+            profile,
+            steps,
+            table.add,
+            lambda: table.data(devices, setup.side),
+            earlier=len(table.rows),
         )
 
     def in_bench() -> Plan[None]:
