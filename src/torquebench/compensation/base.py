@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import functools
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from numbers import Real
-from typing import Any, ClassVar, Literal, Self, TypeVar, overload
+from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +18,6 @@ from threadpoolctl import ThreadpoolController
 
 from torquebench.compensation.checks import (
     CalibrationPoints,
-    PointsReducedWarning,
     WildPoint,
     check_points,
     point_weights,
@@ -33,7 +31,8 @@ from torquebench.compensation.columns import (
     features,
 )
 from torquebench.compensation.curve_uncertainty import CurveUncertainty
-from torquebench.compensation.judging import judge
+from torquebench.compensation.judging import judge_model
+from torquebench.compensation.kinds import MODELS, make_model, register
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 
@@ -68,8 +67,6 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-_FEWEST_JUDGED = 8  # fewer say nothing of what a form can't follow
-_JUDGED_POINTS = 200  # more are averaged: a posterior in some fifty milliseconds
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
 
 
@@ -204,7 +201,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         points, weights = self._fit_values(X, y, progress)
         if self.judged:
             with single_blas_thread():
-                self.uncertainty_ = self._judge(points, weights)
+                self.uncertainty_ = judge_model(self, MODELS["hybrid"], points, weights)
         return self
 
     def fit_values(self, X: ArrayLike, y: ArrayLike) -> Self:
@@ -248,40 +245,6 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
             ) from problem
         self.degrees_of_freedom_ = max(points.y.size - self.effective_parameters_, 1.0)
         return points, weights
-
-    def _judge(self, points: CalibrationPoints, weights: FloatArray) -> CurveUncertainty | None:
-        """Compare the curve with the posterior of the truth that the same points give."""
-        if points.y.size < _FEWEST_JUDGED:
-            return None
-        reference = MODELS["hybrid"](range_nm=self.full_scale_nm_, range_margin=self.range_margin)
-        for limit in ("full_scale_nm_", "reading_low_nm_", "reading_high_nm_"):
-            setattr(reference, limit, getattr(self, limit))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PointsReducedWarning)
-            points, weights = reduce_points(
-                points, weights, _JUDGED_POINTS, reference.used_features
-            )
-        reference._fit(points.X, points.y, weights, None)
-        scale, width = self.full_scale_nm_, points.X.shape[1]
-
-        def rows(u: FloatArray, branch: FloatArray) -> FloatArray:
-            return features(scale * u, branch, points.X[0, 2] if width > 2 else 0.0)
-
-        def values(u: FloatArray, branch: FloatArray) -> FloatArray:
-            return self._predict(rows(u, branch)[:, :width], return_std=False)[0] / scale - u
-
-        def posterior(u: FloatArray, branch: FloatArray) -> tuple[FloatArray, FloatArray]:
-            torque, std = reference._predict(rows(u, branch), return_std=True)
-            return torque / scale - u, np.asarray(std) / scale
-
-        branches = np.unique(np.sign(feature_column(points.X, "branch")))
-        return judge(
-            values,
-            posterior,
-            (self.reading_low_nm_ / scale, self.reading_high_nm_ / scale),
-            branch_aware="branch" in self.used_features,
-            branches=frozenset(branches[branches != 0.0].tolist()),
-        )
 
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> FloatArray: ...
@@ -488,70 +451,3 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 f"{self.reading_low_nm_:.6g} to {self.reading_high_nm_:.6g} N·m, margin included",
                 "calibrate over the whole range that is measured",
             )
-
-
-MODELS: dict[str, type[CompensationModel]] = {}
-"""Every kind of model by its name on the command line and in model files."""
-
-_Model = TypeVar("_Model", bound=type[CompensationModel])
-
-
-def register(kind: str) -> Callable[[_Model], _Model]:
-    """Enter a class into `MODELS` under its name.
-
-    Parameters
-    ----------
-    kind : str
-        Lower-case name with hyphens, such as "bayesian-network".
-
-    Returns
-    -------
-    decorator : callable
-        Class decorator that sets `kind`.
-    """
-
-    def enter(model: _Model) -> _Model:
-        model.kind = kind
-        MODELS[kind] = model
-        return model
-
-    return enter
-
-
-def make_model(name: str, **parameters: Any) -> CompensationModel:
-    """Make an unfitted model by its name.
-
-    Parameters
-    ----------
-    name : str
-        One of `MODELS`; "polynomial-3" is short for a polynomial of degree 3.
-    **parameters
-        The model's own parameters.
-
-    Returns
-    -------
-    model : CompensationModel
-
-    Raises
-    ------
-    InputError
-        When the name or a parameter isn't known.
-
-    Examples
-    --------
-    >>> make_model("polynomial", degree=3).degree
-    3
-    """
-    kind = name
-    stem, _, suffix = name.rpartition("-")
-    if stem == "polynomial" and suffix.isdigit():
-        kind, parameters = "polynomial", {"degree": int(suffix), **parameters}
-    if kind not in MODELS:
-        raise InputError(f"model {name!r}", ", ".join(sorted(MODELS)), "name one of these")
-    known = MODELS[kind]._get_param_names()
-    for parameter in parameters:
-        if parameter not in known:
-            raise InputError(
-                f"parameter {parameter!r} of model {name!r}", ", ".join(known), "name one of these"
-            )
-    return MODELS[kind](**parameters)

@@ -442,31 +442,51 @@ class HistoryCompensator:
 
     def _at(self, reading: FloatArray, low: FloatArray, high: FloatArray) -> LiveTorque:
         """Compensate readings between two bounds of the state."""
-        falling_state, rising_state = self.operator.reference(reading)
+        count = reading.size
         upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
-        rising, fault = self.table.torque_with_faults(reading, upward)
-        falling, _ = self.table.torque_with_faults(reading, -upward)
-        width = np.maximum(rising_state - falling_state, 1e-9)
-
-        def at(state: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            inside = np.clip(state, falling_state, rising_state)
-            share = (inside - falling_state) / width
-            beyond = self.operator.amplitude_nm * (state - inside)
-            return falling + share * (rising - falling) + beyond, 2.0 * share - 1.0, beyond
-
-        torque_low, place_low, beyond_low = at(low)
-        torque_high, place_high, beyond_high = at(high)
-        unknown = 0.5 * np.abs(torque_high - torque_low)
-        half_width = unknown + 0.25 * np.abs(beyond_low + beyond_high)
-        place = 0.5 * (place_low + place_high)
-        variance = half_width**2 / 3.0
+        both, branch = np.concatenate((reading, reading)), np.concatenate((upward, -upward))
+        torque, fault = self.table.torque_with_faults(both, branch)
+        std = _NO_UNCERTAINTY
         if self.table.uncertainty_curve is not None:
-            share = 0.5 * (1.0 + place)
-            variance += share * self.table.standard_uncertainty(reading, upward) ** 2
-            variance += (1.0 - share) * self.table.standard_uncertainty(reading, -upward) ** 2
-        return LiveTorque(
-            0.5 * (torque_low + torque_high), place, half_width, fault, np.sqrt(variance)
-        )
+            std = self.table.standard_uncertainty(both, branch)
+        result = np.empty((4, count))
+        falling, rising = self.operator.reference(reading)
+        _mix(low, high, falling, rising, torque, std, self.operator.amplitude_nm, result)
+        return LiveTorque(result[0], result[1], result[2], fault[:count], result[3])
+
+
+_NO_UNCERTAINTY = np.zeros(0)
+
+
+@njit(cache=True)
+def _mix(low, high, falling, rising, torque, std, amplitude, result):  # type: ignore[no-untyped-def]
+    """Fill torque, place, half-width and standard uncertainty between the bounds of the state.
+
+    `torque` and `std` hold the rising curve's values first and the falling one's after them.
+    """
+    count = low.size
+    bound = np.empty(2)
+    place = np.empty(2)
+    for k in range(count):
+        width = max(rising[k] - falling[k], 1e-9)
+        outside = 0.0
+        for side in range(2):
+            state = low[k] if side == 0 else high[k]
+            inside = max(falling[k], min(rising[k], state))
+            share = (inside - falling[k]) / width
+            beyond = amplitude * (state - inside)
+            bound[side] = torque[count + k] + share * (torque[k] - torque[count + k]) + beyond
+            place[side] = 2.0 * share - 1.0
+            outside += beyond
+        result[0, k] = 0.5 * (bound[0] + bound[1])
+        result[1, k] = 0.5 * (place[0] + place[1])
+        half_width = 0.5 * abs(bound[1] - bound[0]) + 0.25 * abs(outside)
+        variance = half_width * half_width / 3.0
+        if std.size > 0:
+            share = 0.5 * (1.0 + result[1, k])
+            variance += share * std[k] ** 2 + (1.0 - share) * std[count + k] ** 2
+        result[2, k] = half_width
+        result[3, k] = np.sqrt(variance)
 
 
 def _rising_and_falling(
