@@ -18,12 +18,66 @@ from torquebench.compensation import (
 from torquebench.compensation.table import CompensationTable, compile_table
 from torquebench.errors import InputError
 
-__all__ = ["ActiveCompensation"]
+__all__ = ["AcceptedCounter", "ActiveCompensation"]
 
 STATE = frozenset({"speed_rpm", "temperature_c"})
 """Features that change while a compensation is active: no table holds for all of them."""
 
 _GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
+
+
+@dataclass(frozen=True)
+class AcceptedCounter:
+    """Another counter whose models are accepted with the present one, at a price in uncertainty.
+
+    Two timebases that differ by a relative d make the same edges differ by d·f in frequency. The
+    torque that this looks like is d·f/s with the sensitivity s, which is d·(f₀/s + T): it shifts
+    the zero, as long as none was measured with the present counter, and the gain. Nobody knows d
+    but for its limit, so its distribution is rectangular (GUM 4.3.7).
+
+    Parameters
+    ----------
+    identity : str
+        Counter and clock that the model was made with.
+    tolerance_ppm : float
+        Largest relative difference of the two timebases, 1e-6: the sum of both tolerances.
+
+    Raises
+    ------
+    InputError
+        The tolerance isn't above 0 and at most 1000 ppm.
+
+    Examples
+    --------
+    >>> accepted = AcceptedCounter("PXI-1/oscillator-1", tolerance_ppm=100.0)
+    >>> accepted.standard_uncertainty_nm(np.array([0.0, 2000.0]), zero_nm=4000.0).round(3).tolist()
+    [0.231, 0.346]
+    """
+
+    identity: str
+    tolerance_ppm: float = 100.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tolerance_ppm <= 1000.0:
+            raise InputError(
+                f"timebases that differ by {self.tolerance_ppm:g} ppm",
+                "above 0 and at most 1000 ppm",
+                "state the sum of both clocks' tolerances",
+            )
+
+    def standard_uncertainty_nm(
+        self, torque_nm: NDArray[np.float64], zero_nm: float
+    ) -> NDArray[np.float64]:
+        """Return the standard uncertainty (k = 1) that it adds, N·m.
+
+        Parameters
+        ----------
+        torque_nm : float64 array
+        zero_nm : float
+            The zero's frequency over the sensitivity, N·m.
+        """
+        limit = self.tolerance_ppm * 1e-6 * (zero_nm + np.abs(torque_nm))
+        return np.asarray(limit / np.sqrt(3.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +95,10 @@ class ActiveCompensation:
         The model compiled once, within 1e-6 of full scale: what live windows are compensated by.
         None where the model looks at speed or temperature or can't be followed by a table; then
         the model itself is asked, which takes milliseconds a block.
+    accepted : AcceptedCounter or None
+        Set where the model was made with another counter, whose uncertainty is added.
+    zero_nm : float
+        The zero's frequency over the sensitivity of the transducer, N·m.
     history : HistoryCompensator or None
         Place in the loop; None without a table or for a model that doesn't look at the branch.
     """
@@ -48,6 +106,8 @@ class ActiveCompensation:
     model: CompensationModel
     model_id: str
     kind: str
+    accepted: AcceptedCounter | None = None
+    zero_nm: float = 0.0
     table: CompensationTable | None = field(init=False)
     history: HistoryCompensator | None = field(init=False)
     _clock: _StreamClock = field(init=False)
@@ -93,7 +153,16 @@ class ActiveCompensation:
             return float(live.torque_nm[0]), float(live.standard_uncertainty_nm[0])
         X = features([reading_nm], 0, 0, speed_rpm, temperature_c)
         torque, uncertainty = self.model.predict(X[:, : self._columns], return_std=True)
-        return float(torque[0]), float(uncertainty[0])
+        return float(torque[0]), float(self._widened(torque, uncertainty)[0])
+
+    def _widened(
+        self, torque_nm: NDArray[np.float64], uncertainty_nm: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Add what another counter's clock may have changed."""
+        if self.accepted is None:
+            return uncertainty_nm
+        added = self.accepted.standard_uncertainty_nm(torque_nm, self.zero_nm)
+        return np.asarray(np.hypot(uncertainty_nm, added))
 
     def samples(
         self,
@@ -132,7 +201,7 @@ class ActiveCompensation:
                 )
             except InputError:  # a speed or temperature that the model refuses
                 torque[inside] = uncertainty[inside] = np.nan
-        return CompensatedSamples(torque, uncertainty)
+        return CompensatedSamples(torque, self._widened(torque, uncertainty))
 
     def _inside(self, reading_nm: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.asarray(

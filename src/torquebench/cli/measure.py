@@ -11,6 +11,7 @@ from torquebench.cli.console import note, out
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
 
 if TYPE_CHECKING:
+    from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import Side
     from torquebench.bench.samples import AcquiredBlock, Viewer
     from torquebench.station import Station
@@ -32,6 +33,18 @@ def measure(
     count: Annotated[
         int | None, typer.Option(min=1, help="End after so many lines; without it by Ctrl-C.")
     ] = None,
+    accept_counter: Annotated[
+        str | None,
+        typer.Option(
+            "--accept-counter",
+            help="Also use models that were made with this counter (serial/clock), with more "
+            "uncertainty.",
+        ),
+    ] = None,
+    clock_tolerance_ppm: Annotated[
+        float,
+        typer.Option(min=0.001, max=1000, help="How much the two counters' clocks may differ."),
+    ] = 100.0,
     zero: Annotated[
         bool, typer.Option("--zero", help="First take the unloaded bench's reading for zero.")
     ] = False,
@@ -41,11 +54,13 @@ def measure(
     Nothing is moved. A line that averages `--interval` seconds is rewritten in place; into a pipe
     it is written line by line.
     """
+    from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import SIDES
     from torquebench.station import Station
 
     with Station.open(bench, data, real_time=True) as station:
-        states = {side: _activate(station, side) for side in SIDES}
+        accepted = AcceptedCounter(accept_counter, clock_tolerance_ppm) if accept_counter else None
+        states = {side: _activate(station, side, accepted) for side in SIDES}
         if zero:
             _take_zero(station)
         if station.description.simulated:
@@ -59,15 +74,20 @@ def measure(
         note("measuring ended; nothing was moved")
 
 
-def _activate(station: Station, side: Side) -> str:
+def _activate(station: Station, side: Side, accepted: AcceptedCounter | None) -> str:
     """Use the side's active model where there is one, and say which."""
     from torquebench.errors import ModelMismatchError
 
     try:
-        active = station.activate_compensation(side)
+        active = station.activate_compensation(side, accepted)
     except ModelMismatchError as error:
         return f"not compensated, {error.found}"
-    return f"compensated by model-{active.model_id} ({active.kind})"
+    made = ""
+    if active.accepted is not None:
+        made = (
+            f", made with {active.accepted.identity}: {active.accepted.tolerance_ppm:g} ppm added"
+        )
+    return f"compensated by model-{active.model_id} ({active.kind}){made}"
 
 
 def _take_zero(station: Station) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torquebench
+from torquebench.bench.compensating import ActiveCompensation
 from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import SIDES
@@ -101,15 +102,21 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
         "bench_name": description.name,
         "simulated": description.simulated,
         "counter_identity": context.drivers.counter.clock_identity,
+        "timebase_hz": context.drivers.counter.timebase_hz,
         "identities": [asdict(identity) for identity in context.drivers.identities()],
         "compensation": {
-            side: {"model_id": model.model_id, "kind": model.kind}
+            side: {"model_id": model.model_id, "kind": model.kind, **_accepted(model)}
             for side, model in active.items()
             if model is not None
         },
         "real_time": not context.clock.fast,
         "bench_time_s": context.clock.now(),
     }
+
+
+def _accepted(active: ActiveCompensation) -> dict[str, Any]:
+    """Say where a model was made with another counter, and how much that adds."""
+    return {} if active.accepted is None else {"accepted_counter": asdict(active.accepted)}
 
 
 def run_summary(writer: RunWriter, kind: str, known: Mapping[str, Any]) -> RunSummary:
