@@ -7,20 +7,20 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.doctor_bench import Finding
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
 from torquebench.errors import TorquebenchError
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
-    from torquebench.station import Station
 
 __all__ = ["register"]
 
@@ -37,26 +37,8 @@ LIBRARIES = (
     "matplotlib",
 )
 FREE_DISK_GB = 1.0
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at.
-
-    Parameters
-    ----------
-    what : str
-    state : {"ok", "note", "problem"}
-        A note needs nothing to be done before working.
-    found : str
-    remedy : str
-        What to do, where something is to be done.
-    """
-
-    what: str
-    state: Literal["ok", "note", "problem"]
-    found: str
-    remedy: str = ""
+NEEDED = ("Configured", "Reachable")
+"""Steps without which the later ones can't be done."""
 
 
 def register(app: typer.Typer) -> None:
@@ -64,20 +46,41 @@ def register(app: typer.Typer) -> None:
     app.command("doctor")(doctor)
 
 
-def doctor(bench: BenchOption = None, data: DataOption = DEFAULT_DATA) -> None:
+def doctor(
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    test_drives: Annotated[
+        bool,
+        typer.Option(
+            "--test-drives",
+            help="Also power each drive at zero torque to see that its stop and watchdog work.",
+        ),
+    ] = False,
+) -> None:
     """Look at the installation, the bench description, the instruments and the records.
 
-    Nothing is moved. Ends with 1 where something is to be done before working.
+    Nothing is moved, and no drive is powered without `--test-drives`. Ends with 1 where something
+    is to be done before working.
     """
+    from torquebench.cli import doctor_bench
+
     findings: list[Finding] = []
-    for title, examine in (
+    steps: list[tuple[str, Callable[[], Iterator[Finding]]]] = [
         ("Installed", installation),
         ("Configured", lambda: configuration(bench, data)),
-        ("Reachable", lambda: instruments(bench, data)),
-    ):
+        ("Reachable", lambda: doctor_bench.instruments(_description(bench))),
+        ("Clock", lambda: doctor_bench.clock(_description(bench))),
+        ("Signals", lambda: doctor_bench.signals(_description(bench), data)),
+    ]
+    if test_drives:
+        steps.append(("Drives", lambda: doctor_bench.drives(_description(bench))))
+    for title, examine in steps:
         found = list(_guarded(examine))
         _print(title, found)
         findings += found
+        if title in NEEDED and any(finding.state == "problem" for finding in found):
+            note(f"what comes after {title!r} was left out")
+            break
     problems = sum(finding.state == "problem" for finding in findings)
     if problems:
         say(f"{problems} thing{'s' if problems > 1 else ''} to do before working.")
@@ -87,8 +90,6 @@ def doctor(bench: BenchOption = None, data: DataOption = DEFAULT_DATA) -> None:
 
 def installation() -> Iterator[Finding]:
     """Look at Python, the libraries and the terminal."""
-    from importlib import metadata
-
     from torquebench import __version__
 
     yield Finding("torquebench", "ok", __version__)
@@ -155,42 +156,6 @@ def _records(data: Path) -> Iterator[Finding]:
     with Registry.open(data) as registry:
         runs, models = registry.number_of_runs(), len(registry.models())
         yield Finding("records", "ok", f"{runs} runs and {models} models in {data}")
-
-
-def instruments(bench: Path | None, data: Path) -> Iterator[Finding]:
-    """Open the bench without moving it and look at who answers and whether pulses come."""
-    import tempfile
-
-    from torquebench.station import Station
-
-    with tempfile.TemporaryDirectory() as scratch:
-        known = (data / "registry.sqlite").is_file()
-        with Station.open(_description(bench), data if known else Path(scratch)) as station:
-            for identity in station.devices.context.drivers.identities():
-                name = f"{identity.manufacturer} {identity.model}, serial {identity.serial}"
-                yield Finding(identity.role, "ok", name)
-            station.clock.wait(0.2)
-            yield from _signals(station)
-
-
-def _signals(station: Station) -> Iterator[Finding]:
-    from torquebench.bench.drivers.base import SIDES, torque_channel
-
-    for side in SIDES:
-        try:
-            latest = station.acquisition.latest(torque_channel(side))
-        except TorquebenchError as error:
-            yield Finding(f"{side} pulses", "problem", error.found, error.remedy)
-            continue
-        yield Finding(f"{side} pulses", "ok", f"{latest.frequency_hz:.2f} Hz")
-    for side in SIDES:
-        try:
-            active = station.activate_compensation(side)
-        except TorquebenchError as error:
-            remedy = error.remedy or f"torquebench calibrate {side}"
-            yield Finding(f"{side} model", "note", error.found, remedy)
-            continue
-        yield Finding(f"{side} model", "ok", f"model-{active.model_id} ({active.kind})")
 
 
 def _description(bench: Path | None) -> BenchDescription:

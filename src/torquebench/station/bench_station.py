@@ -15,7 +15,7 @@ from torquebench.bench.acquisition import Acquisition
 from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
 from torquebench.bench.auditing import audited
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.compensating import AcceptedCounter, ActiveCompensation
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.context import BenchContext
@@ -424,8 +424,17 @@ class Station:
 
     # -- compensation -----------------------------------------------------------------------
 
-    def activate_compensation(self, side: Side) -> ActiveCompensation:
+    def activate_compensation(
+        self, side: Side, accepted: AcceptedCounter | None = None
+    ) -> ActiveCompensation:
         """Compensate a side by the registry's active model of its transducer and counter.
+
+        Parameters
+        ----------
+        side : {"input", "output"}
+        accepted : AcceptedCounter, optional
+            Where there is no model of this counter, one of that counter is used with more
+            uncertainty.
 
         Raises
         ------
@@ -434,9 +443,19 @@ class Station:
         RecordError
             The model's file is missing or was changed.
         """
-        serial = self.description.module(side).transducer.serial
-        counter = self.drivers.counter.clock_identity
-        entry = self.registry.active_model(serial, counter)
+        transducer = self.description.module(side).transducer
+        serial, counter = transducer.serial, self.drivers.counter.clock_identity
+        try:
+            entry = self.registry.active_model(serial, counter)
+        except ModelMismatchError:
+            if accepted is None:
+                raise
+            entry = None
+        if entry is not None or accepted is None or accepted.identity == counter:
+            accepted = None
+        else:
+            counter = accepted.identity
+            entry = self.registry.active_model(serial, counter)
         if entry is None:
             raise ModelMismatchError(
                 f"no active model of transducer {serial} with counter {counter}",
@@ -445,7 +464,10 @@ class Station:
             )
         stored = load_model(entry.check_file())
         stored.check_fits(serial, counter, self.description.module(side).range_nm)
-        active = ActiveCompensation(stored.model, str(entry.model_id), entry.kind)
+        zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
+        active = ActiveCompensation(
+            stored.model, str(entry.model_id), entry.kind, accepted, zero_nm
+        )
         self.acquisition.set_compensation(side, active)
         return active
 

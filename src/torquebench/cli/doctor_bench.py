@@ -1,0 +1,301 @@
+"""What `torquebench doctor` looks at on a configured bench, instrument by instrument."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from torquebench.errors import ModelMismatchError, TorquebenchError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.drivers.base import Drive, DriverSet, Side
+    from torquebench.station import Station
+
+__all__ = ["Finding", "clock", "drives", "instruments", "signals"]
+
+SETTLING_S = 0.3
+WATCHDOG_MARGIN_S = 0.5
+ZERO_TOLERANCE = 0.05
+"""Share of the zero's frequency within which an unloaded transducer's output lies."""
+ROOM_C = (-10.0, 60.0)
+ROLES = (
+    "counter",
+    "angles",
+    "input_drive",
+    "output_drive",
+    "reference",
+    "temperature",
+    "modes",
+    "clamp",
+)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Parameters
+    ----------
+    what : str
+    state : {"ok", "note", "problem"}
+        A note needs nothing to be done before working.
+    found : str
+    remedy : str
+        What to do, where something is to be done.
+    """
+
+    what: str
+    state: Literal["ok", "note", "problem"]
+    found: str
+    remedy: str = ""
+
+
+def _problem(what: str, error: TorquebenchError) -> Finding:
+    remedy = "; ".join(part for part in (error.allowed, error.remedy) if part)
+    return Finding(what, "problem", error.found, remedy)
+
+
+# -- reachable, identified --------------------------------------------------------------------
+
+
+def instruments(description: BenchDescription) -> Iterator[Finding]:
+    """Reach every instrument by itself and ask who it is; one that fails hides no other."""
+    if description.bench.driver != "instruments":
+        from torquebench.bench.drivers import open_drivers
+
+        drivers = open_drivers(description)
+        try:
+            for identity in drivers.identities():
+                yield _identified(description, identity.role, identity)
+        finally:
+            drivers.close()
+        return
+    yield from _simulators(description)
+    for role in ROLES:
+        if description.driver.get(role) is not None:
+            yield _instrument(description, role)
+
+
+def _simulators(description: BenchDescription) -> Iterator[Finding]:
+    if "simulation" in description.driver:
+        yield Finding("simulators", "note", "every instrument of this bench is simulated")
+
+
+def _instrument(description: BenchDescription, role: str) -> Finding:
+    from torquebench.bench.drivers.base import Identified
+    from torquebench.bench.drivers.instruments import open_role
+
+    name = role.replace("_", " ")
+    try:
+        instrument = open_role(description, role)
+    except TorquebenchError as error:
+        return _problem(name, error)
+    try:
+        if isinstance(instrument, Identified):
+            return _identified(description, name, instrument.identity())
+        counts = instrument.counts()
+        return Finding(name, "ok", ", ".join(f"{side} {count}" for side, count in counts.items()))
+    except TorquebenchError as error:
+        return _problem(name, error)
+    finally:
+        instrument.close()
+
+
+def _identified(description: BenchDescription, name: str, identity: Any) -> Finding:
+    found = f"{identity.manufacturer} {identity.model}, serial {identity.serial}"
+    described = description.serials.get(identity.role)
+    if described not in (None, identity.serial):
+        return Finding(
+            name,
+            "problem",
+            f"{found}; described is {described}",
+            "connect the described instrument or correct the bench description",
+        )
+    return Finding(name, "ok", found)
+
+
+# -- clock, signals ---------------------------------------------------------------------------
+
+
+def clock(description: BenchDescription) -> Iterator[Finding]:
+    """Compare the counter's clock with the description."""
+    from torquebench.bench.drivers import open_drivers
+
+    drivers = open_drivers(description)
+    try:
+        counter = drivers.counter
+        present, timebase_hz = counter.clock_identity, counter.timebase_hz
+    finally:
+        drivers.close()
+    described = description.counter.identity
+    if present != described:
+        yield Finding(
+            "clock", "problem", f"{present}; described is {described}", "correct counter.serial"
+        )
+    else:
+        yield Finding("clock", "ok", f"{present}, {timebase_hz / 1e6:g} MHz")
+
+
+def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Open the bench without moving it and look whether its signals are plausible."""
+    from torquebench.station import Station
+
+    with tempfile.TemporaryDirectory() as scratch:
+        known = (data / "registry.sqlite").is_file()
+        with Station.open(description, data if known else Path(scratch)) as station:
+            station.clock.wait(SETTLING_S)
+            yield from _pulses(station)
+            yield from _encoders(station)
+            yield from _temperatures(station)
+            yield from _compensations(station)
+
+
+def _pulses(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES, torque_channel
+
+    for side in SIDES:
+        what = f"{side} pulses"
+        try:
+            latest = station.acquisition.latest(torque_channel(side))
+        except TorquebenchError as error:
+            yield Finding(what, "problem", error.found, error.remedy)
+            continue
+        zero_hz = station.description.module(side).transducer.option_khz * 1e3
+        found = f"{latest.frequency_hz:.2f} Hz"
+        if abs(latest.frequency_hz - zero_hz) > ZERO_TOLERANCE * zero_hz:
+            yield Finding(
+                what,
+                "problem",
+                f"{found}, far from {zero_hz:g} Hz unloaded",
+                "unload the side, or check option_khz and whether the cables are swapped",
+            )
+        else:
+            yield Finding(what, "ok", found)
+
+
+def _encoders(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES
+
+    for side in SIDES:
+        what = f"{side} encoder"
+        try:
+            rpm = station.acquisition.speed_rad_s(side) * 60.0 / (2.0 * math.pi)
+            degrees = math.degrees(station.acquisition.angle_rad(side))
+        except TorquebenchError as error:
+            yield _problem(what, error)
+            continue
+        limit = station.description.safety.standstill_rpm
+        if abs(rpm) > limit:
+            yield Finding(what, "problem", f"turns with {rpm:.2f} rpm", "bring the side to rest")
+        else:
+            yield Finding(what, "ok", f"{degrees:.3f}°, at rest")
+
+
+def _temperatures(station: Station) -> Iterator[Finding]:
+    present = station.acquisition.latest_block.temperatures
+    missing = [probe for probe in station.description.temperatures if probe not in present]
+    strange = {
+        probe: value for probe, value in present.items() if not ROOM_C[0] <= value <= ROOM_C[1]
+    }
+    if missing:
+        text = ", ".join(missing)
+        yield Finding("probes", "problem", f"no value of {text}", "check the probes' connections")
+    elif strange:
+        probe, value = next(iter(strange.items()))
+        yield Finding(
+            "probes", "problem", f"{probe} {value:.1f} °C", "check the probe and its wires"
+        )
+    else:
+        shown = ", ".join(f"{probe} {value:.1f} °C" for probe, value in present.items())
+        yield Finding("probes", "ok", shown)
+
+
+def _compensations(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES
+
+    for side in SIDES:
+        try:
+            active = station.activate_compensation(side)
+        except TorquebenchError as error:
+            remedy = error.remedy or f"torquebench calibrate {side}"
+            if isinstance(error, ModelMismatchError) and "counter" in error.allowed:
+                remedy = f"made with {error.allowed}; {remedy}, or `measure --accept-counter`"
+            yield Finding(f"{side} model", "note", error.found, remedy)
+            continue
+        yield Finding(f"{side} model", "ok", f"model-{active.model_id} ({active.kind})")
+
+
+# -- drives -----------------------------------------------------------------------------------
+
+
+def drives(description: BenchDescription) -> Iterator[Finding]:
+    """Power each drive at zero torque and see that it stops when told, and when nobody feeds it."""
+    from torquebench.bench.drivers import open_drivers
+    from torquebench.bench.drivers.base import SIDES, torque_channel
+
+    drivers = open_drivers(description)
+    try:
+        drivers.counter.select(frozenset(torque_channel(side) for side in SIDES))
+        for side in SIDES:
+            try:
+                yield _stop(drivers, description, side)
+                yield _watchdog(drivers, description, side)
+            except TorquebenchError as error:
+                yield _problem(f"{side} drive", error)
+            finally:
+                _off(drivers.drives[side])
+    finally:
+        drivers.close()
+
+
+def _off(drive: Drive) -> None:
+    try:
+        drive.disable()
+    except TorquebenchError:
+        return
+
+
+def _pass(drivers: DriverSet, description: BenchDescription, duration_s: float) -> None:
+    """Let bench time pass: a counter's block takes as long as it covers."""
+    block_s = description.counter.block_s
+    for _ in range(math.ceil(duration_s / block_s)):
+        drivers.counter.read_block(block_s)
+
+
+def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
+    what, drive = f"{side} stop", drivers.drives[side]
+    drive.enable()
+    drive.feed_watchdog()
+    if not drive.state().enabled:
+        return Finding(what, "problem", "it stays off", "check the safety circuit and its supply")
+    drive.ramp_to_zero(description.safety.ramp_to_zero_s)
+    started = time.perf_counter()
+    drive.disable()
+    took_ms = (time.perf_counter() - started) * 1e3
+    if drive.state().enabled:
+        return Finding(
+            what, "problem", "it stays on when disabled", "don't use the bench: repair the drive"
+        )
+    return Finding(what, "ok", f"disabled, answered in {took_ms:.1f} ms")
+
+
+def _watchdog(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
+    what, drive = f"{side} watchdog", drivers.drives[side]
+    limit_s = description.module(side).drive.watchdog_s
+    drive.enable()
+    _pass(drivers, description, limit_s + WATCHDOG_MARGIN_S)
+    state = drive.state()
+    if state.enabled:
+        return Finding(
+            what,
+            "problem",
+            f"still on {limit_s + WATCHDOG_MARGIN_S:g} s after it was last fed",
+            "don't use the bench: set up the drive's own watchdog, it is the last line of defence",
+        )
+    return Finding(what, "ok", f"it stopped by itself: {state.fault or 'disabled'}")
