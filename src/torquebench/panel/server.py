@@ -17,6 +17,7 @@ from fastapi import FastAPI
 from nicegui import ui
 
 from torquebench.errors import InputError
+from torquebench.panel.api import API_PATH, Guard, create_api
 from torquebench.panel.pages import register_pages
 from torquebench.panel.service import BenchService
 
@@ -52,6 +53,15 @@ class Address:
     def secure(self) -> bool:
         """Whether connections are encrypted."""
         return self.tls_cert is not None
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """Names that requests may call this server by; none where any may.
+
+        On the loopback address only its own names: a page elsewhere whose name is made to point
+        here gets no answer.
+        """
+        return (self.host, "localhost", "127.0.0.1", "::1") if _is_loopback(self.host) else ()
 
     def check(self) -> None:
         """Refuse to listen to a network in clear.
@@ -125,6 +135,8 @@ def create_app(service: BenchService, address: Address | None = None) -> FastAPI
     """Return the application with pages and API around a service."""
     address = address or Address()
     app = FastAPI(title="torquebench", docs_url=None, redoc_url=None, openapi_url=None)
+    app.mount(API_PATH, create_api(service))
+    app.add_middleware(Guard, hosts=address.hosts, secure=address.secure)
     register_pages(service)
     ui.run_with(
         app,

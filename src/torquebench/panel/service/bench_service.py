@@ -13,7 +13,7 @@ from typing import Any, Self
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import SIDES, Side
-from torquebench.errors import InterlockError, ModelMismatchError, RecordError
+from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
 from torquebench.panel.service.actors import SERVER, Actor, require
 from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.clients import Clients
@@ -161,6 +161,14 @@ class BenchService:
             station.close()
             raise
         self.live.start()
+
+    @property
+    def reopen_needed(self) -> bool:
+        """Whether settings of the bench were changed that count only once it is opened again."""
+        try:
+            return _live_paced(self.settings.bench()) != self.station.description
+        except InputError:
+            return True
 
     def reopen(self, actor: Actor) -> None:
         """Close the bench and open it again, by the settings as they are now.

@@ -1,0 +1,73 @@
+"""Who calls: a client by its token, or a person by the token of a session."""
+
+from __future__ import annotations
+
+from typing import Annotated, TypeAlias
+
+from fastapi import Depends, Request
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from torquebench.panel.service import Actor, BenchService, NotSignedInError
+from torquebench.panel.service.clients import PREFIX
+
+__all__ = ["Caller", "Service", "Token", "Watched", "address_of", "caller_of", "service_of"]
+
+_bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="bearer",
+    description="A client's token (tb_…), or the token of a session that `POST /session` opened.",
+)
+
+
+def service_of(request: Request) -> BenchService:
+    """Return the bench that this application serves."""
+    service: BenchService = request.app.state.service
+    return service
+
+
+def caller_of(service: BenchService, token: str, *, touch: bool = True) -> Actor:
+    """Return who a token belongs to.
+
+    Raises
+    ------
+    NotSignedInError
+        It is unknown, revoked or expired.
+    """
+    if token.startswith(PREFIX):
+        return service.clients.actor(token)
+    return service.people.actor(token, touch=touch)
+
+
+def address_of(request: Request) -> str:
+    """Return the address that a request comes from."""
+    return request.client.host if request.client else "unknown"
+
+
+def _token(
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
+) -> str:
+    if credentials is None:
+        raise NotSignedInError(
+            "no token", "Authorization: Bearer …", "ask an administrator for a client's token"
+        )
+    return credentials.credentials
+
+
+Token: TypeAlias = Annotated[str, Depends(_token)]
+Service: TypeAlias = Annotated[BenchService, Depends(service_of)]
+
+
+def _caller(service: Service, token: Token) -> Actor:
+    return caller_of(service, token)
+
+
+Caller: TypeAlias = Annotated[Actor, Depends(_caller)]
+
+
+def _watched(service: Service, caller: Caller) -> BenchService:
+    del caller  # whoever is signed in may look
+    return service
+
+
+Watched: TypeAlias = Annotated[BenchService, Depends(_watched)]
+"""The bench, for whoever is signed in."""

@@ -1,0 +1,62 @@
+"""The application of the HTTP API."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+import torquebench
+from torquebench.panel.api import bench_routes, job_routes, people_routes, record_routes, stream
+from torquebench.panel.api.problems import PROBLEMS, ProblemDetails, add_handlers
+from torquebench.panel.service import BenchService
+
+__all__ = ["API_PATH", "create_api"]
+
+API_PATH = "/api/v1"
+DESCRIPTION = """\
+Everything that the operator panel does, for programs. Every request carries
+`Authorization: Bearer TOKEN`: the token of a client, which an administrator makes, or that of a
+person's session. Whoever commands the bench holds the command lease (`/command`); a stop needs
+none. Refusals are problem details (RFC 9457). Live data over a WebSocket: `/api/v1/stream`.
+
+All torques are in N·m, clockwise positive; null stands where there is no number.
+"""
+
+
+def create_api(service: BenchService) -> FastAPI:
+    """Return the API's application around a service, to be mounted at `API_PATH`."""
+    api = FastAPI(
+        title="torquebench",
+        version=torquebench.__version__,
+        description=DESCRIPTION,
+        docs_url=None,  # their pages come from a content delivery network
+        redoc_url=None,
+        openapi_url="/openapi.json",
+        responses=PROBLEMS,
+        generate_unique_id_function=lambda route: route.name,
+        servers=[{"url": API_PATH}],
+        root_path_in_servers=False,
+    )
+    api.state.service = service
+    for routes in (bench_routes, people_routes, job_routes, record_routes, stream):
+        api.include_router(routes.router)
+    api.include_router(record_routes.settings_router)
+    add_handlers(api)
+
+    def described() -> dict[str, Any]:
+        if api.openapi_schema is None:
+            found = get_openapi(
+                title=api.title,
+                version=api.version,
+                description=api.description,
+                routes=api.routes,
+                servers=api.servers,
+            )
+            found["components"]["schemas"]["ProblemDetails"] = ProblemDetails.model_json_schema()
+            api.openapi_schema = found
+        return api.openapi_schema
+
+    api.openapi = described  # type: ignore[method-assign]
+    return api

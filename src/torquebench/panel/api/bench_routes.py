@@ -1,0 +1,242 @@
+"""Operations on the live bench: what it reads, who commands, stop, alarms."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Path, Query, Response
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from torquebench.bench.roles import Side
+from torquebench.panel.api.access import Caller, Service, Token, Watched, caller_of
+from torquebench.panel.api.models import LeaseBody, LiveRows, ReasonBody, SignalValue, StopBody
+from torquebench.panel.service import (
+    SIGNALS,
+    AlarmView,
+    BenchService,
+    CompensationState,
+    LeaseState,
+    LiveIncrement,
+    LiveTrend,
+    StopReport,
+)
+
+__all__ = ["finite_list", "live_rows", "router"]
+
+router = APIRouter(tags=["bench"])
+
+_stopping = ThreadPoolExecutor(max_workers=2, thread_name_prefix="torquebench-stop")
+"""Threads for the stop alone: it never waits for another request."""
+
+SignalNames = Annotated[
+    list[Annotated[str, Query(max_length=64)]] | None,
+    Query(description="Names of signals; all by default.", max_length=32),
+]
+
+
+class SideState(BaseModel):
+    """One side: its limits and its compensation; readings are in `signals`."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    side: Side
+    range_nm: float
+    limit_nm: float
+    limit_rpm: float
+    transducer_serial: str
+    compensation: CompensationState | None
+    compensation_problem: str
+
+
+class BenchState(BaseModel):
+    """The bench right now."""
+
+    bench_name: str
+    simulated: bool
+    connection: str
+    connection_problem: str
+    bench_time_s: float
+    age_s: float
+    sequence: int
+    mounted: str
+    stopped: bool
+    alarms: int
+    job_id: str | None
+    commanded_by: str | None
+    sides: list[SideState]
+    signals: list[SignalValue]
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _signals(service: BenchService) -> list[SignalValue]:
+    latest = service.live.latest()
+    return [
+        SignalValue(
+            name=signal.name,
+            title=signal.title,
+            unit=signal.unit,
+            value=latest[signal.name].value,
+            age_s=_finite(latest[signal.name].age_s),
+            stale=latest[signal.name].stale,
+            fault=latest[signal.name].fault,
+        )
+        for signal in SIGNALS
+    ]
+
+
+@router.get("/bench")
+def bench(service: Watched) -> BenchState:
+    """Return the bench right now: connection, both sides, every signal's newest number."""
+    found = service.snapshot()
+    return BenchState(
+        bench_name=found.bench_name,
+        simulated=found.simulated,
+        connection=found.connection,
+        connection_problem=found.connection_problem,
+        bench_time_s=found.bench_time_s,
+        age_s=found.age_s,
+        sequence=found.sequence,
+        mounted=found.mounted,
+        stopped=found.stopped,
+        alarms=found.alarms,
+        job_id=found.job_id,
+        commanded_by=found.commanded_by,
+        sides=[SideState.model_validate(side) for side in found.sides.values()],
+        signals=_signals(service),
+    )
+
+
+def _lists(columns: Any) -> dict[str, list[float | None]]:
+    return {name: finite_list(values) for name, values in columns.items()}
+
+
+def finite_list(values: NDArray[np.float64]) -> list[float | None]:
+    """Return numbers as JSON has them: null where there is none."""
+    found: list[float | None] = values.tolist()
+    if not np.isfinite(values).all():
+        return [value if value is not None and math.isfinite(value) else None for value in found]
+    return found
+
+
+def live_rows(found: LiveIncrement | LiveTrend) -> LiveRows:
+    """Return rows as JSON has them: null where there is no number."""
+    return LiveRows(
+        sequence=found.sequence,
+        missed=found.missed if isinstance(found, LiveIncrement) else 0,
+        time_s=found.time_s.tolist(),
+        values=_lists(found.values),
+        low=_lists(found.low),
+        high=_lists(found.high),
+    )
+
+
+@router.get("/live")
+def live(
+    service: Watched,
+    since: Annotated[int, Query(ge=0, le=2**53)] = 0,
+    signals: SignalNames = None,
+) -> LiveRows:
+    """Return the rows of live signals that are new since a sequence number."""
+    return live_rows(service.live.since(since, signals))
+
+
+@router.get("/trend")
+def trend(
+    service: Watched,
+    seconds: Annotated[float, Query(gt=0, le=3600, allow_inf_nan=False)] = 60.0,
+    points: Annotated[int, Query(ge=1, le=5000)] = 600,
+    signals: SignalNames = None,
+) -> LiveRows:
+    """Return the last seconds of live signals, reduced so that no extreme is lost."""
+    return live_rows(service.live.trend(seconds, signals, points))
+
+
+# -- command --------------------------------------------------------------------------------
+
+
+@router.get("/command")
+def who_commands(service: Watched) -> LeaseState:
+    """Return which session commands the bench."""
+    return service.lease.state()
+
+
+@router.post("/command")
+def take_command(service: Service, caller: Caller, body: LeaseBody) -> LeaseState:
+    """Command the bench from now on."""
+    service.lease.take(caller, force=body.force)
+    return service.lease.state()
+
+
+@router.delete("/command", status_code=204)
+def give_command_back(service: Service, caller: Caller) -> Response:
+    """Command no longer; does nothing for a session that doesn't."""
+    service.lease.give_back(caller)
+    return Response(status_code=204)
+
+
+# -- stop and alarms ------------------------------------------------------------------------
+
+
+@router.post("/stop")
+async def stop(service: Service, token: Token, body: StopBody) -> StopReport:
+    """Bring the bench to its safe state at once; needs no command lease.
+
+    This is no emergency stop in the sense of machine safety: that one is a red button.
+    """
+
+    def stopped() -> StopReport:
+        return service.stop(caller_of(service, token), body.reason)
+
+    return await asyncio.get_running_loop().run_in_executor(_stopping, stopped)
+
+
+@router.get("/alarms")
+def alarms(
+    service: Watched,
+    standing: Annotated[bool, Query(description="Only those that still concern it.")] = False,
+) -> list[AlarmView]:
+    """Return alarms and warnings since the bench was opened, the newest first."""
+    return service.alarms(standing=standing)
+
+
+@router.post("/alarms/acknowledge")
+def acknowledge(service: Service, caller: Caller) -> AlarmView | None:
+    """Clear the latched alarm by name, once its cause is gone; null where there was none."""
+    return service.acknowledge(caller)
+
+
+# -- compensation and the bench itself ------------------------------------------------------
+
+
+@router.post("/models/{model_id}/activate", status_code=204)
+def activate(
+    service: Service,
+    caller: Caller,
+    model_id: Annotated[int, Path(ge=1, le=2**53)],
+    body: ReasonBody,
+) -> Response:
+    """Put a model into use on its chain."""
+    service.activate(caller, model_id, body.reason)
+    return Response(status_code=204)
+
+
+@router.post("/sides/{side}/deactivate", status_code=204)
+def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -> Response:
+    """Take the compensation of a side out of use."""
+    service.deactivate(caller, side, body.reason)
+    return Response(status_code=204)
+
+
+@router.post("/bench/reopen", status_code=204)
+def reopen(service: Service, caller: Caller) -> Response:
+    """Close the bench and open it again by the settings as they are now."""
+    service.reopen(caller)
+    return Response(status_code=204)

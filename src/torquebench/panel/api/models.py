@@ -1,0 +1,177 @@
+"""Bodies of requests, and of answers that aren't the service's own values."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from torquebench.panel.service import Client, Role
+
+__all__ = [
+    "AbortBody",
+    "AnswerBody",
+    "CertificateBody",
+    "ClientBody",
+    "DocumentBody",
+    "LeaseBody",
+    "LiveRows",
+    "MadeClient",
+    "OpenedSession",
+    "PasswordBody",
+    "ReasonBody",
+    "SignInBody",
+    "SignOffBody",
+    "SignalValue",
+    "StopBody",
+    "UserBody",
+    "UserChangeBody",
+    "WhoAmI",
+]
+
+Text = Annotated[str, Field(max_length=500)]
+Secret = Annotated[str, Field(min_length=1, max_length=256)]
+Name = Annotated[str, Field(min_length=1, max_length=128)]
+
+
+class Body(BaseModel):
+    """What a request carries: known fields only."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class SignInBody(Body):
+    """Name and password of a person."""
+
+    name: Name
+    password: Secret
+
+
+class OpenedSession(BaseModel):
+    """The token of a session: send it as `Authorization: Bearer …`."""
+
+    token: str
+
+
+class WhoAmI(BaseModel):
+    """Who a token belongs to."""
+
+    name: str
+    role: Role
+    kind: Literal["person", "client", "server"]
+    commands: bool = Field(description="Whether this session commands the bench.")
+
+
+class PasswordBody(Body):
+    """A person's change of the own password."""
+
+    old: Secret
+    new: Secret
+
+
+class LeaseBody(Body):
+    """How to take the command."""
+
+    force: bool = Field(default=False, description="Take it over; for metrologists and above.")
+
+
+class StopBody(Body):
+    """Why the bench is stopped."""
+
+    reason: Annotated[str, Field(max_length=200)] = ""
+
+
+class ReasonBody(Body):
+    """Why something is done."""
+
+    reason: Text = ""
+
+
+class AbortBody(ReasonBody):
+    """Why a job is ended."""
+
+
+class AnswerBody(Body):
+    """Whether the person at the bench has done what was asked."""
+
+    done: bool
+
+
+class SignOffBody(Body):
+    """A metrologist's signature under a calibration."""
+
+    password: Secret
+    accepted: bool = True
+    remark: Text = ""
+
+
+class CertificateBody(Body):
+    """A metrologist's signature under a certificate, and what it is to be like."""
+
+    password: Secret
+    languages: Annotated[
+        tuple[Literal["en", "de", "zh"], ...], Field(min_length=1, max_length=3)
+    ] = ("en",)
+    tolerance_percent_fs: Annotated[float, Field(gt=0, le=100)] = 0.1
+    number: Annotated[str, Field(max_length=64, pattern=r"^([A-Za-z0-9][A-Za-z0-9_-]*)?$")] = ""
+
+
+class DocumentBody(Body):
+    """A document of the settings."""
+
+    document: dict[str, Any]
+    reason: Text = ""
+    version: Annotated[int, Field(ge=0, le=2**53)] | None = None
+
+
+class UserBody(Body):
+    """A new account."""
+
+    name: Name
+    role: Role
+    password: Secret
+
+
+class UserChangeBody(Body):
+    """What changes of an account."""
+
+    role: Role | None = None
+    active: bool | None = None
+    password: Secret | None = None
+
+
+class ClientBody(Body):
+    """A new client."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+    role: Role
+
+
+class MadeClient(BaseModel):
+    """A client and its token, which is never shown again."""
+
+    client: Client
+    token: str
+
+
+class SignalValue(BaseModel):
+    """The newest number of a signal: null before the first, with its age in s."""
+
+    name: str
+    title: str
+    unit: str
+    value: float | None
+    age_s: float | None
+    stale: bool
+    fault: str
+
+
+class LiveRows(BaseModel):
+    """Rows of live signals: means, and lowest and highest within each row; null: no number."""
+
+    sequence: int = Field(description="Ask with `since` at this number next time.")
+    missed: int = Field(description="Rows that are forgotten already.")
+    time_s: list[float]
+    values: dict[str, list[float | None]]
+    low: dict[str, list[float | None]]
+    high: dict[str, list[float | None]]

@@ -1,0 +1,118 @@
+"""Operations on people: sign in, accounts, clients, and what everybody did."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Query, Request, Response
+
+from torquebench.panel.api.access import Caller, Service, Token, address_of
+from torquebench.panel.api.models import (
+    ClientBody,
+    MadeClient,
+    OpenedSession,
+    PasswordBody,
+    SignInBody,
+    UserBody,
+    UserChangeBody,
+    WhoAmI,
+)
+from torquebench.panel.service import Client, Event, PermissionDeniedError, User
+from torquebench.panel.service.actors import require
+
+__all__ = ["router"]
+
+router = APIRouter(tags=["people"])
+
+UserName = Annotated[str, Path(min_length=1, max_length=128)]
+
+
+@router.post("/session")
+def sign_in(service: Service, request: Request, body: SignInBody) -> OpenedSession:
+    """Open a session of a person; wrong passwords lock out for a while."""
+    return OpenedSession(
+        token=service.people.sign_in(body.name, body.password, address_of(request))
+    )
+
+
+@router.get("/session")
+def who_am_i(service: Service, caller: Caller) -> WhoAmI:
+    """Return who this token belongs to."""
+    return WhoAmI(
+        name=caller.name,
+        role=caller.role,
+        kind=caller.kind,
+        commands=service.lease.holds(caller),
+    )
+
+
+@router.delete("/session", status_code=204)
+def sign_out(service: Service, caller: Caller, token: Token) -> Response:
+    """End the session of this token; a client's token is revoked instead."""
+    if caller.kind != "person":
+        raise PermissionDeniedError("a client has no session", "a person's token", "revoke it")
+    service.lease.give_back(caller)
+    service.people.sign_out(token)
+    return Response(status_code=204)
+
+
+@router.put("/password", status_code=204)
+def change_password(
+    service: Service, caller: Caller, request: Request, body: PasswordBody
+) -> Response:
+    """Change the own password; other sessions of the person end."""
+    service.people.change_password(caller, body.old, body.new, address_of(request))
+    return Response(status_code=204)
+
+
+@router.get("/users")
+def users(service: Service, caller: Caller) -> list[User]:
+    """Return all accounts; for administrators."""
+    return service.people.users(caller)
+
+
+@router.post("/users", status_code=201)
+def add_user(service: Service, caller: Caller, body: UserBody) -> User:
+    """Add an account; for administrators."""
+    return service.people.add_user(caller, body.name, body.role, body.password)
+
+
+@router.patch("/users/{name}")
+def change_user(service: Service, caller: Caller, name: UserName, body: UserChangeBody) -> User:
+    """Change an account and end its sessions; for administrators."""
+    return service.people.change_user(
+        caller, name, role=body.role, active=body.active, password=body.password
+    )
+
+
+@router.get("/clients")
+def clients(service: Service, caller: Caller) -> list[Client]:
+    """Return all clients, revoked ones too; for administrators."""
+    return service.clients.list(caller)
+
+
+@router.post("/clients", status_code=201)
+def add_client(service: Service, caller: Caller, body: ClientBody) -> MadeClient:
+    """Make a token for a program; it is shown this once."""
+    client, token = service.clients.add(caller, body.name, body.role)
+    return MadeClient(client=client, token=token)
+
+
+@router.delete("/clients/{client_id}")
+def revoke_client(
+    service: Service, caller: Caller, client_id: Annotated[int, Path(ge=1, le=2**53)]
+) -> Client:
+    """Let a token count no longer; for administrators."""
+    return service.clients.revoke(caller, client_id)
+
+
+@router.get("/log")
+def log(
+    service: Service,
+    caller: Caller,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    before: Annotated[int | None, Query(ge=1, le=2**53)] = None,
+) -> list[Event]:
+    """Return what was done in the panel, the newest first; for metrologists and above."""
+    require(caller, "metrologist")
+    return service.log(limit, before)

@@ -1,0 +1,148 @@
+"""Refusals as problem details (RFC 9457), whatever raised them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from torquebench.errors import (
+    BenchError,
+    InputError,
+    InterlockError,
+    LimitError,
+    ModelMismatchError,
+    RecordError,
+    SignalFault,
+    TorquebenchError,
+)
+from torquebench.panel.service import (
+    BusyError,
+    LeaseError,
+    LockedOutError,
+    NotFoundError,
+    NotSignedInError,
+    PermissionDeniedError,
+    SignInError,
+)
+
+__all__ = ["PROBLEMS", "ProblemDetails", "add_handlers", "problem_response"]
+
+MEDIA_TYPE = "application/problem+json"
+
+_STATUS: tuple[tuple[type[TorquebenchError], int, str], ...] = (
+    (LockedOutError, 429, "Too many attempts"),
+    (NotSignedInError, 401, "Not signed in"),
+    (SignInError, 401, "Not signed in"),
+    (PermissionDeniedError, 403, "Not allowed"),
+    (NotFoundError, 404, "Not found"),
+    (LeaseError, 409, "Another session commands"),
+    (BusyError, 409, "Busy"),
+    (InterlockError, 409, "The bench's state forbids it"),
+    (LimitError, 422, "Beyond a limit"),
+    (InputError, 422, "Unusable input"),
+    (ModelMismatchError, 409, "A model of another chain"),
+    (RecordError, 409, "The records don't allow it"),
+    (SignalFault, 503, "No signal"),
+    (BenchError, 503, "The bench failed"),
+)
+
+
+class ProblemDetails(BaseModel):
+    """Why a request was refused: what was found, what is allowed, what to do."""
+
+    type: str = Field(description="A name for programs, such as torquebench:LeaseError.")
+    title: str
+    status: int
+    detail: str = Field(description="What was found.")
+    allowed: str = ""
+    remedy: str = ""
+
+
+def _described(words: str) -> dict[str, Any]:
+    return {
+        "description": words,
+        "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}},
+    }
+
+
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    400: _described("The request can't be read."),
+    401: _described("No valid token."),
+    403: _described("The role doesn't allow it."),
+    404: _described("There is nothing with this identifier."),
+    409: _described("The bench's or the records' state forbids it, or another session commands."),
+    413: _described("The body is too large."),
+    422: _described("A value is wrong or beyond a limit."),
+    429: _described("Too many wrong passwords; Retry-After says how long to wait."),
+    503: _described("The bench doesn't deliver."),
+}
+"""What every operation may answer instead."""
+
+
+def problem_response(
+    status: int,
+    title: str,
+    detail: str,
+    *,
+    kind: str = "about:blank",
+    allowed: str = "",
+    remedy: str = "",
+    headers: dict[str, str] | None = None,
+) -> JSONResponse:
+    """Return problem details as a response."""
+    content = ProblemDetails(
+        type=kind, title=title, status=status, detail=detail, allowed=allowed, remedy=remedy
+    )
+    return JSONResponse(content.model_dump(), status, headers, MEDIA_TYPE)
+
+
+def _refused(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, TorquebenchError)
+    status, title = next(
+        ((status, title) for kind, status, title in _STATUS if isinstance(error, kind)),
+        (409, "Refused"),
+    )
+    headers: dict[str, str] = {}
+    if status == 401:
+        headers["WWW-Authenticate"] = "Bearer"
+    if isinstance(error, LockedOutError):
+        headers["Retry-After"] = f"{error.wait_s:.0f}"
+    return problem_response(
+        status,
+        title,
+        error.found,
+        kind=f"torquebench:{type(error).__name__}",
+        allowed=error.allowed,
+        remedy=error.remedy,
+        headers=headers,
+    )
+
+
+def _invalid(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    found = [
+        ".".join(str(part) for part in each["loc"]) + f": {each['msg']}"
+        for each in error.errors()[:5]
+    ]
+    return problem_response(422, "Unusable input", "; ".join(found), kind="torquebench:InputError")
+
+
+def _http(_request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    headers = dict(error.headers) if error.headers else None
+    return problem_response(
+        error.status_code, str(error.detail), str(error.detail), headers=headers
+    )
+
+
+def add_handlers(app: FastAPI) -> None:
+    """Have every error answered as problem details."""
+    app.add_exception_handler(TorquebenchError, _refused)
+    app.add_exception_handler(RequestValidationError, _invalid)
+    app.add_exception_handler(HTTPException, _http)

@@ -1,0 +1,311 @@
+"""Operations on records and settings: identifiers in, values out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Response
+from fastapi.responses import StreamingResponse
+from pydantic import AwareDatetime, BaseModel
+
+from torquebench.bench.roles import Side
+from torquebench.panel.api.access import Caller, Service, Watched
+from torquebench.panel.api.bench_routes import finite_list
+from torquebench.panel.api.models import CertificateBody, DocumentBody, ReasonBody, SignOffBody
+from torquebench.panel.service import (
+    CalibrationDetail,
+    CalibrationView,
+    CertificateView,
+    ErrorCurve,
+    JobView,
+    ModelView,
+    RunDetail,
+    RunPage,
+    SettingsChange,
+    SettingsItem,
+)
+
+__all__ = ["router", "settings_router"]
+
+router = APIRouter(tags=["records"])
+settings_router = APIRouter(tags=["settings"])
+
+Text = Annotated[str, Query(max_length=200)]
+RunId = Annotated[str, Path(max_length=100)]
+Number = Annotated[int, Path(ge=1, le=2**53)]
+Word = Annotated[str | None, Query(max_length=64)]
+CHUNK = 256 * 1024
+
+
+class TrendOfRun(BaseModel):
+    """Raw samples of a run over time: lowest, highest and mean of each row."""
+
+    time_s: list[float]
+    columns: dict[str, dict[str, list[float | None]]]
+
+
+class Drift(BaseModel):
+    """One quantity of a transducer over time, with its control chart's findings."""
+
+    title: str
+    unit: str
+    moments: list[AwareDatetime]
+    values: list[float]
+    remarks: list[str]
+    tolerance: float
+    centre: float | None
+    lower: float | None
+    upper: float | None
+    simulated: bool
+
+
+@router.get("/runs")
+def runs(
+    service: Watched,
+    text: Text = "",
+    kind: Word = None,
+    side: Annotated[Side | None, Query()] = None,
+    status: Word = None,
+    since: Annotated[AwareDatetime | None, Query()] = None,
+    until: Annotated[AwareDatetime | None, Query()] = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = 50,
+    offset: Annotated[int, Query(ge=0, le=10**9)] = 0,
+) -> RunPage:
+    """Search the runs, the newest first."""
+    return service.records.runs(
+        text,
+        kind=kind,
+        side=side,
+        status=status,
+        since=since,
+        until=until,
+        limit=limit,
+        offset=offset,
+    )
+
+
+@router.get("/runs/{run_id}")
+def run(service: Watched, run_id: RunId) -> RunDetail:
+    """Return everything about one run, and whether its files are as they were sealed."""
+    return service.records.run(run_id)
+
+
+@router.get("/runs/{run_id}/columns")
+def run_columns(service: Watched, run_id: RunId) -> list[str]:
+    """Return what the raw stream of a run holds beside the time."""
+    return list(service.records.run_columns(run_id))
+
+
+@router.get("/runs/{run_id}/trend")
+def run_trend(
+    service: Watched,
+    run_id: RunId,
+    columns: Annotated[list[Annotated[str, Query(max_length=64)]], Query(max_length=16)],
+    points: Annotated[int, Query(ge=1, le=5000)] = 1000,
+) -> TrendOfRun:
+    """Return raw samples of a run, reduced so that no extreme is lost."""
+    rows = service.records.run_trend(run_id, columns, points)
+    return TrendOfRun(
+        time_s=rows.time_s.tolist(),
+        columns={
+            name: {
+                "low": finite_list(rows.low[place]),
+                "high": finite_list(rows.high[place]),
+                "mean": finite_list(rows.mean[place]),
+            }
+            for place, name in enumerate(columns)
+        },
+    )
+
+
+@router.get(
+    "/runs/{run_id}/export",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"application/zip": {}}, "description": "A ZIP archive."}},
+)
+def export(service: Watched, run_id: RunId) -> StreamingResponse:
+    """Return a run in open formats as a ZIP archive."""
+    opened = service.records.export_zip(run_id)
+    file = opened.__enter__()
+
+    def content() -> Iterator[bytes]:
+        try:
+            while chunk := file.read(CHUNK):
+                yield chunk
+        finally:
+            opened.__exit__(None, None, None)
+
+    headers = {"Content-Disposition": f'attachment; filename="{run_id}.zip"'}
+    return StreamingResponse(content(), media_type="application/zip", headers=headers)
+
+
+@router.get("/calibrations")
+def calibrations(
+    service: Watched,
+    transducer: Word = None,
+    limit: Annotated[int, Query(ge=1, le=500)] = 100,
+) -> list[CalibrationView]:
+    """Return calibrations, the newest first."""
+    return service.records.calibrations(transducer, limit)
+
+
+@router.get("/calibrations/{calibration_id}")
+def calibration(service: Watched, calibration_id: Number) -> CalibrationDetail:
+    """Return a calibration with its models, verifications, reviews and certificates."""
+    return service.records.calibration(calibration_id)
+
+
+@router.get("/calibrations/{calibration_id}/errors")
+def errors(
+    service: Watched,
+    calibration_id: Number,
+    model_id: Annotated[int | None, Query(ge=1, le=2**53)] = None,
+) -> ErrorCurve:
+    """Return the error of a chain over torque, raw and after a model."""
+    return service.records.error_curve(calibration_id, model_id)
+
+
+@router.post("/calibrations/{calibration_id}/sign-off", status_code=204)
+def sign_off(
+    service: Service, caller: Caller, calibration_id: Number, body: SignOffBody
+) -> Response:
+    """Sign that a calibration was looked over, with the password; not by whoever measured it."""
+    service.sign_off(
+        caller, calibration_id, body.password, accepted=body.accepted, remark=body.remark
+    )
+    return Response(status_code=204)
+
+
+@router.post("/calibrations/{calibration_id}/certificate", status_code=202)
+def certificate(
+    service: Service, caller: Caller, calibration_id: Number, body: CertificateBody
+) -> JobView:
+    """Issue the certificate of a calibration as a job, signed with the password."""
+    request: dict[str, Any] = body.model_dump(exclude={"password"})
+    return service.issue_certificate(
+        caller, request | {"calibration_id": calibration_id}, body.password
+    )
+
+
+@router.get("/models")
+def models(service: Watched, transducer: Word = None) -> list[ModelView]:
+    """Return models, and which of them are in use."""
+    return service.records.models(transducer)
+
+
+@router.get("/transducers")
+def transducers(service: Watched) -> list[str]:
+    """Return the serial numbers of all registered transducers."""
+    return service.records.transducers()
+
+
+@router.get("/transducers/{serial}/drift")
+def drift(
+    service: Watched,
+    serial: Annotated[str, Path(max_length=200)],
+    tolerance_percent: Annotated[float, Query(gt=0, le=100, allow_inf_nan=False)] = 0.1,
+) -> list[Drift]:
+    """Return span, zero and checks of a transducer over time, with control charts."""
+    return [
+        Drift(
+            title=series.title,
+            unit=series.unit,
+            moments=list(series.moments),
+            values=list(series.values),
+            remarks=[series.remark(row) for row in range(len(series.values))],
+            tolerance=series.tolerance,
+            centre=None if series.chart is None else series.chart.centre,
+            lower=None if series.chart is None else series.chart.lower,
+            upper=None if series.chart is None else series.chart.upper,
+            simulated=series.simulated,
+        )
+        for series in service.records.drift(serial, tolerance_percent)
+    ]
+
+
+@router.get("/certificates")
+def certificates(service: Watched) -> list[CertificateView]:
+    """Return all certificates, the newest first."""
+    return service.records.certificates()
+
+
+@router.get(
+    "/certificates/{number}/{name}",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {"application/pdf": {}, "application/xml": {}, "application/json": {}},
+            "description": "The file, checked by its registered hash.",
+        }
+    },
+)
+def certificate_file(
+    service: Watched,
+    number: Annotated[str, Path(max_length=100)],
+    name: Annotated[str, Path(max_length=200)],
+) -> Response:
+    """Return one file of a certificate."""
+    content, media_type = service.records.certificate_file(number, name)
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(content, media_type=media_type, headers=headers)
+
+
+# -- settings -------------------------------------------------------------------------------
+
+SectionPath = Annotated[str, Path(max_length=40)]
+ItemPath = Annotated[str, Path(max_length=80)]
+
+
+@settings_router.get("/settings/{section}")
+def items(service: Watched, section: SectionPath) -> list[SettingsItem]:
+    """Return all documents of a section: bench, profiles or reducers."""
+    return service.settings.items(section)
+
+
+@settings_router.get("/settings/{section}/{name}")
+def item(service: Watched, section: SectionPath, name: ItemPath) -> SettingsItem:
+    """Return one document."""
+    return service.settings.get(section, name)
+
+
+@settings_router.post("/settings/{section}/{name}/preview")
+def preview(
+    service: Watched, section: SectionPath, name: ItemPath, body: DocumentBody
+) -> SettingsChange:
+    """Validate a document and return what it would change; nothing is changed."""
+    return service.settings.preview(section, name, body.document)
+
+
+@settings_router.put("/settings/{section}/{name}")
+def change(
+    service: Service, caller: Caller, section: SectionPath, name: ItemPath, body: DocumentBody
+) -> SettingsChange:
+    """Change or add a document."""
+    return service.settings.change(
+        caller, section, name, body.document, reason=body.reason, version=body.version
+    )
+
+
+@settings_router.delete("/settings/{section}/{name}")
+def delete(
+    service: Service, caller: Caller, section: SectionPath, name: ItemPath
+) -> SettingsChange:
+    """Delete an own profile or reducer; the history keeps it."""
+    return service.settings.change(caller, section, name, None)
+
+
+@settings_router.get("/changes")
+def history(
+    service: Watched,
+    section: Word = None,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+) -> list[SettingsChange]:
+    """Return changes of the settings, the newest first."""
+    return service.settings.history(section, limit)
+
+
+@settings_router.post("/changes/{number}/undo")
+def undo(service: Service, caller: Caller, number: Number, body: ReasonBody) -> SettingsChange:
+    """Take a change back, as a further change."""
+    return service.settings.undo(caller, number, body.reason)

@@ -1,0 +1,128 @@
+"""What guards the server below every page and operation: origin, host, size, headers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from torquebench.panel.api.problems import problem_response
+
+__all__ = ["Guard"]
+
+LARGEST_BODY = 1024 * 1024
+API_POLICY = "default-src 'none'; frame-ancestors 'none'"
+PAGE_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+    "connect-src 'self' ws: wss:; worker-src 'self' blob:; object-src 'none'; base-uri 'self'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
+"""NiceGUI compiles its templates in the browser, which takes inline scripts and `eval`."""
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+class Guard:
+    """ASGI middleware: refuses foreign hosts and origins and large bodies, adds headers.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    hosts : iterable of str
+        Names that this server answers to; none lets every name pass.
+    secure : bool
+        Whether connections are encrypted: browsers are then told to insist on it.
+    """
+
+    def __init__(self, app: ASGIApp, hosts: Iterable[str] = (), *, secure: bool = False) -> None:
+        self._app = app
+        self._hosts = frozenset(hosts)
+        self._secure = secure
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        found = self._foreign(scope, headers)
+        if found:
+            await _refuse(scope, receive, send, 403, "Not allowed", found)
+            return
+        if scope["type"] == "websocket":
+            await self._app(scope, receive, send)
+            return
+        declared = headers.get("content-length", "0")
+        if not declared.isdigit() or int(declared) > LARGEST_BODY:
+            found = f"a body of {declared[:20]} bytes, at most {LARGEST_BODY} are taken"
+            await _refuse(scope, receive, send, 413, "Too large", found)
+            return
+        await self._app(scope, _limited(receive), self._with_headers(scope, send))
+
+    def _foreign(self, scope: Scope, headers: Headers) -> str:
+        """Return why this comes from a place that isn't trusted; empty where it is."""
+        host = headers.get("host", "")
+        if self._hosts and _name(f"//{host}") not in self._hosts:
+            return f"the host name {host[:80]!r} isn't this server's"
+        origin = headers.get("origin")
+        if origin is None or (scope["type"] == "http" and scope["method"] in SAFE_METHODS):
+            return ""
+        if urlsplit(origin).netloc != host:
+            return f"a request from the pages of {origin[:80]!r}"
+        return ""
+
+    def _with_headers(self, scope: Scope, send: Send) -> Send:
+        api = scope["path"].startswith("/api/")
+
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers["X-Content-Type-Options"] = "nosniff"
+                headers["X-Frame-Options"] = "DENY"
+                headers["Referrer-Policy"] = "no-referrer"
+                headers["Cross-Origin-Opener-Policy"] = "same-origin"
+                headers["Cross-Origin-Resource-Policy"] = "same-origin"
+                headers["Permissions-Policy"] = "camera=(), microphone=(), geolocation=()"
+                headers["Content-Security-Policy"] = API_POLICY if api else PAGE_POLICY
+                if api:
+                    headers["Cache-Control"] = "no-store"
+                if self._secure:
+                    headers["Strict-Transport-Security"] = "max-age=31536000"
+            await send(message)
+
+        return sending
+
+
+def _name(url: str) -> str:
+    try:
+        return urlsplit(url).hostname or ""
+    except ValueError:
+        return ""
+
+
+def _limited(receive: Receive) -> Receive:
+    """Count a body that doesn't say its length, and cut the connection where it is too long."""
+    taken = 0
+
+    async def receiving() -> Message:
+        nonlocal taken
+        message = await receive()
+        if message["type"] == "http.request":
+            taken += len(message.get("body", b""))
+            if taken > LARGEST_BODY:
+                return {"type": "http.disconnect"}
+        return message
+
+    return receiving
+
+
+async def _refuse(
+    scope: Scope, receive: Receive, send: Send, status: int, title: str, found: str
+) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 1008, "reason": title})
+        return
+    await problem_response(status, title, found)(scope, receive, send)

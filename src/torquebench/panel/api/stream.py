@@ -1,0 +1,86 @@
+"""Live data over a WebSocket: increments, as often as the watcher wants and can take.
+
+The watcher sends one JSON message, `{"token": "…", "signals": […], "since": 0, "rate": 30}`; only
+the token is required. Then every message from the server is one `LiveRows`. A browser can't send
+headers with a WebSocket, and a token in an address ends up in logs: hence the first message.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from typing import Annotated
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.api.access import caller_of
+from torquebench.panel.api.bench_routes import live_rows
+from torquebench.panel.service import BenchService
+
+__all__ = ["StreamRequest", "router"]
+
+router = APIRouter()
+
+FIRST_MESSAGE_S = 5.0
+LOOK_AGAIN_S = 5.0
+"""How often a token is looked at again: it may have been revoked."""
+REFUSED = 1008
+
+
+class StreamRequest(BaseModel):
+    """The first message of a watcher."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    token: Annotated[str, Field(min_length=1, max_length=200)]
+    signals: Annotated[list[str], Field(max_length=32)] | None = None
+    since: Annotated[int, Field(ge=0, le=2**53)] = 0
+    rate: Annotated[float, Field(gt=0, le=50, description="Messages a second at most.")] = 30.0
+
+
+@router.websocket("/stream")
+async def stream(websocket: WebSocket) -> None:
+    """Send increments until the watcher leaves or its token counts no longer."""
+    service: BenchService = websocket.app.state.service
+    await websocket.accept()
+    try:
+        request = await _first(websocket)
+        await _send(websocket, service, request)
+    except (TimeoutError, ValidationError, TorquebenchError, ValueError, KeyError) as error:
+        reason = error.found if isinstance(error, TorquebenchError) else "an unusable message"
+        await websocket.close(REFUSED, reason[:100])
+    except (WebSocketDisconnect, RuntimeError):  # it has left, perhaps while something was sent
+        return
+
+
+async def _first(websocket: WebSocket) -> StreamRequest:
+    text = await asyncio.wait_for(websocket.receive_text(), FIRST_MESSAGE_S)
+    return StreamRequest.model_validate_json(text)
+
+
+async def _send(websocket: WebSocket, service: BenchService, request: StreamRequest) -> None:
+    left = asyncio.ensure_future(_until_left(websocket))
+    try:
+        sequence, looked = request.since, 0.0
+        while not left.done():
+            now = time.monotonic()
+            if now - looked > LOOK_AGAIN_S:
+                await asyncio.to_thread(caller_of, service, request.token, touch=False)
+                looked = now
+            found = service.live.since(sequence, request.signals)
+            if found.time_s.size or found.sequence != sequence:
+                sequence = found.sequence
+                await websocket.send_text(json.dumps(live_rows(found).model_dump()))
+            await asyncio.sleep(1.0 / request.rate)
+    finally:
+        left.cancel()
+
+
+async def _until_left(websocket: WebSocket) -> None:
+    while True:
+        message = await websocket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
