@@ -1,11 +1,29 @@
 """Torque-angle loops: stiffness, backlash, lost motion and hysteresis loss, with uncertainties."""
 
-from numpy.typing import ArrayLike
+from collections.abc import Callable
 
-from torquebench.reducers.loop_results import HysteresisResult
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.reducers.columns import finite_columns, labels
+from torquebench.reducers.description import NM_PER_RAD_OF_NM_PER_ARCMIN
+from torquebench.reducers.loop_branches import cut_loops
+from torquebench.reducers.loop_features import features_of, key_points_of
+from torquebench.reducers.loop_findings import (
+    check_closure,
+    check_columns,
+    loop_findings,
+    saturation,
+)
+from torquebench.reducers.loop_results import HysteresisResult, LoopFeatures, StiffnessRegions
 from torquebench.reducers.loop_rules import LoopSettings, LoopUncertainty
+from torquebench.reducers.quantities import Contribution, budget
+from torquebench.reducers.repeatability import over_positions
+from torquebench.uncertainty import Budget
 
 __all__ = ["evaluate_hysteresis"]
+
+ARCMIN_PER_RAD = 180.0 * 60.0 / np.pi
 
 
 def evaluate_hysteresis(
@@ -21,6 +39,11 @@ def evaluate_hysteresis(
 ) -> HysteresisResult:
     """Evaluate torque-angle loops, input locked and output loaded.
 
+    Branches are fitted locally (`LocalLines`); stiffness is ΔT/Δθ by least squares over its
+    interval on the branches that are being loaded. Values are means over the loops of a position
+    and over positions (the worst position where the rule asks for it); a torque uncertainty
+    becomes an angle uncertainty through the local slope of the loop.
+
     Parameters
     ----------
     torque_nm : array of float, shape (n,)
@@ -32,7 +55,8 @@ def evaluate_hysteresis(
     position : array of float, shape (n,), optional
         Label of the output position of each sample; one position by default.
     loop : array of int, shape (n,), optional
-        Number of the loop at its position; found from the torque's reversals by default.
+        Number of the loop at its position; found from the torque's reversals by default, and
+        where labelled loops don't begin and end at their largest torque.
     demanded_nm : array of float, shape (n,), optional
         Torque that the drive was asked for: only to find where it saturates.
     bench_compliance_rad_per_nm : float
@@ -46,4 +70,211 @@ def evaluate_hysteresis(
         Where the data can't be used: not finite, no whole loop, a loop that doesn't close,
         swapped columns, a loop that never reaches the stiffness interval.
     """
-    raise NotImplementedError
+    torque, measured = finite_columns(16, torque_nm=torque_nm, angle_rad=angle_rad)
+    place = labels(position, torque.size, 0.0, "position")
+    number = None if loop is None else labels(loop, torque.size, 0.0, "loop")
+    demanded = None if demanded_nm is None else labels(demanded_nm, torque.size, 0.0, "demand")
+    known = uncertainty or LoopUncertainty()
+    angle = measured - bench_compliance_rad_per_nm * torque
+    for label in np.unique(place):
+        here = place == label
+        check_columns(torque[here], angle[here], settings.rated_torque_nm)
+    loops = [
+        features_of(raw, torque, angle, settings)
+        for raw in cut_loops(torque, place, number)
+        if raw.number > settings.settling_loops
+    ]
+    check_closure(loops, settings)
+    findings = [*saturation(torque, demanded), *loop_findings(loops, settings)]
+    stiffness, positive, negative = _stiffnesses(loops, settings, known)
+    return HysteresisResult(
+        settings=settings,
+        stiffness=stiffness,
+        stiffness_positive=positive,
+        stiffness_negative=negative,
+        backlash=_backlash(loops, known),
+        lost_motion=_lost_motion(loops, settings, known),
+        energy=_energy(loops, known),
+        regions=_regions(loops, settings, known),
+        loops=tuple(loops),
+        key_points=key_points_of(loops[0], settings),
+        findings=tuple(findings),
+    )
+
+
+def _over(
+    loops: list[LoopFeatures], value: Callable[[LoopFeatures], float]
+) -> tuple[float, list[Contribution]]:
+    values = np.array([value(each) for each in loops])
+    return over_positions(values, np.array([each.position for each in loops]))
+
+
+def _mean(loops: list[LoopFeatures], value: Callable[[LoopFeatures], float]) -> float:
+    return float(np.mean([value(each) for each in loops]))
+
+
+def _arcmin(value: float, parts: list[Contribution]) -> Budget:
+    scaled = [
+        Contribution(
+            part.name,
+            part.standard_uncertainty * ARCMIN_PER_RAD,
+            part.degrees_of_freedom,
+            part.sensitivity,
+        )
+        for part in parts
+    ]
+    return budget(value * ARCMIN_PER_RAD, "arcmin", scaled)
+
+
+def _backlash(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
+    value, parts = _over(loops, lambda each: each.backlash_rad)
+    slope = _mean(loops, lambda each: abs(each.slope_at_zero_rad_per_nm))
+    tilt = _mean(loops, lambda each: abs(each.slope_difference_at_zero_rad_per_nm))
+    positions = len({each.position for each in loops})
+    parts += [
+        Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * slope),
+        Contribution("torque zero", known.torque_zero_nm * tilt / positions**0.5),
+        Contribution("angle", 2.0**0.5 * known.angle_rad),
+        Contribution("angle scale", known.angle_relative * abs(value)),
+        *_single(loops, lambda each: each.backlash_error_rad),
+    ]
+    return _arcmin(value, parts)
+
+
+def _lost_motion(
+    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
+) -> Budget:
+    rule = settings.lost_motion_rule
+    chosen = loops
+    if rule.positions == "worst":
+        by_position = {
+            label: [each for each in loops if each.position == label]
+            for label in dict.fromkeys(each.position for each in loops)
+        }
+        chosen = max(by_position.values(), key=lambda each: _mean(each, _lost))
+    value, parts = _over(chosen, _lost)
+    slope = _mean(chosen, lambda each: abs(each.slope_at_lost_motion_rad_per_nm))
+    share = rule.share * settings.rated_torque_nm
+    positions = len({each.position for each in chosen})
+    parts += [
+        Contribution("torque branch", known.torque_branch_nm * slope),
+        Contribution("torque zero", known.torque_zero_nm * slope / positions**0.5),
+        Contribution("torque scale", known.torque_relative * 2.0 * share * slope),
+        Contribution("angle", known.angle_rad),
+        Contribution("angle scale", known.angle_relative * abs(value)),
+        Contribution(
+            "bench compliance", known.bench_compliance_rad_per_nm * 2.0 * share, sensitivity=-1.0
+        ),
+        *_single(chosen, lambda each: each.lost_motion_error_rad),
+    ]
+    return _arcmin(value, parts)
+
+
+def _lost(each: LoopFeatures) -> float:
+    return each.lost_motion_rad
+
+
+def _single(
+    loops: list[LoopFeatures], error: Callable[[LoopFeatures], float]
+) -> list[Contribution]:
+    """Return the uncertainty of the local fits, where no repeats show it."""
+    if len(loops) > 1:
+        return []
+    return [Contribution("local fit", error(loops[0]))]
+
+
+def _stiffness_budget(
+    value: float,
+    repeats: list[Contribution],
+    torque_range_nm: float,
+    known: LoopUncertainty,
+    *,
+    per: float,
+    unit: str,
+) -> Budget:
+    """Budget of a stiffness in N·m/rad, divided by `per` into its unit."""
+    angle_range = torque_range_nm / abs(value)
+    parts = [
+        *repeats,
+        Contribution("torque scale", known.torque_relative * abs(value)),
+        Contribution(
+            "torque branch", 2.0**0.5 * known.torque_branch_nm / torque_range_nm * abs(value)
+        ),
+        Contribution(
+            "angle", 2.0**0.5 * known.angle_rad / angle_range * abs(value), sensitivity=-1.0
+        ),
+        Contribution("angle scale", known.angle_relative * abs(value), sensitivity=-1.0),
+        Contribution("bench compliance", known.bench_compliance_rad_per_nm * value**2),
+    ]
+    scaled = [
+        Contribution(
+            part.name,
+            part.standard_uncertainty / per,
+            part.degrees_of_freedom,
+            part.sensitivity,
+        )
+        for part in parts
+    ]
+    return budget(value / per, unit, scaled)
+
+
+def _stiffnesses(
+    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
+) -> tuple[Budget, Budget, Budget]:
+    low, high = settings.stiffness_interval
+    reach = (high - low) * settings.rated_torque_nm
+
+    def both(each: LoopFeatures) -> float:
+        # The mean of compliances: equal torques on both sides, angles averaged.
+        positive, negative = each.stiffness_positive_nm_per_rad, each.stiffness_negative_nm_per_rad
+        return 2.0 / (1.0 / positive + 1.0 / negative)
+
+    found = []
+    for choose in (
+        both,
+        lambda each: each.stiffness_positive_nm_per_rad,
+        lambda each: each.stiffness_negative_nm_per_rad,
+    ):
+        value, parts = _over(loops, choose)
+        found.append(
+            _stiffness_budget(
+                value, parts, reach, known, per=NM_PER_RAD_OF_NM_PER_ARCMIN, unit="N·m/arcmin"
+            )
+        )
+    return found[0], found[1], found[2]
+
+
+def _regions(
+    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
+) -> StiffnessRegions | None:
+    if settings.region_torques_nm is None:
+        return None
+    first, second = settings.region_torques_nm
+    largest = min(each.largest_torque_nm for each in loops)
+    budgets: list[Budget | None] = []
+    for k, reach in enumerate((first, second - first, largest - second)):
+        values = np.array([each.regions_nm_per_rad[k] for each in loops])
+        if np.any(np.isnan(values)):
+            budgets.append(None)
+            continue
+        value, parts = over_positions(values, np.array([each.position for each in loops]))
+        budgets.append(_stiffness_budget(value, parts, reach, known, per=1.0, unit="N·m/rad"))
+    return StiffnessRegions(first, second, budgets[0], budgets[1], budgets[2])
+
+
+def _energy(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
+    value, parts = _over(loops, lambda each: each.energy_j)
+    twist = _mean(loops, _twist)
+    load = _mean(loops, lambda each: 2.0 * each.largest_torque_nm)
+    parts += [
+        Contribution("torque scale", known.torque_relative * abs(value)),
+        Contribution("angle scale", known.angle_relative * abs(value)),
+        Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * twist),
+        Contribution("angle", 2.0**0.5 * known.angle_rad * load),
+    ]
+    return budget(value, "J", parts)
+
+
+def _twist(each: LoopFeatures) -> float:
+    ends: NDArray[np.float64] = np.concatenate([each.curve.rising_rad, each.curve.falling_rad])
+    return float(np.ptp(ends))

@@ -71,8 +71,12 @@ class LoopFeatures:
         Mean of both branches' slope at zero torque.
     slope_at_lost_motion_rad_per_nm : float
         Mean slope at ±p of the lost motion rule.
+    slope_difference_at_zero_rad_per_nm : float
+        Falling less rising slope at zero torque.
     largest_torque_nm : float
         Reached on both sides.
+    backlash_error_rad, lost_motion_error_rad : float
+        Standard errors by the local fits.
     """
 
     position: float
@@ -87,7 +91,10 @@ class LoopFeatures:
     closure_rad: float
     slope_at_zero_rad_per_nm: float
     slope_at_lost_motion_rad_per_nm: float
+    slope_difference_at_zero_rad_per_nm: float
     largest_torque_nm: float
+    backlash_error_rad: float
+    lost_motion_error_rad: float
 
 
 @dataclass(frozen=True)
@@ -98,15 +105,15 @@ class StiffnessRegions:
     ----------
     first_corner_nm, second_corner_nm : float
         T1 and T2.
-    first, second, third : Budget
-        K1 up to T1, K2 from T1 to T2, K3 above; N·m/rad. K3 is None where the loop doesn't
-        go far enough beyond T2.
+    first, second, third : Budget or None
+        K1 up to T1, K2 from T1 to T2, K3 above; N·m/rad. None where the loop doesn't go far
+        enough into a region.
     """
 
     first_corner_nm: float
     second_corner_nm: float
-    first: Budget
-    second: Budget
+    first: Budget | None
+    second: Budget | None
     third: Budget | None
 
 
@@ -158,7 +165,7 @@ class HysteresisResult:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         low, high = self.settings.stiffness_interval
-        interval = f"{100 * low:g}-{100 * high:g} % of the rated torque"
+        interval = f"{100 * low:g}-{100 * high:g} % of the rated torque, loading branches"
         rows = [
             ResultQuantity("stiffness", "torsional stiffness", self.stiffness, interval),
             ResultQuantity(
@@ -173,22 +180,13 @@ class HysteresisResult:
         ]
         if self.regions is not None:
             t1, t2 = self.regions.first_corner_nm, self.regions.second_corner_nm
-            rows.append(
-                ResultQuantity(
-                    "stiffness_1", "stiffness K1", self.regions.first, f"0 to {t1:g} N·m"
-                )
-            )
-            rows.append(
-                ResultQuantity(
-                    "stiffness_2", "stiffness K2", self.regions.second, f"{t1:g} to {t2:g} N·m"
-                )
-            )
-            if self.regions.third is not None:
-                rows.append(
-                    ResultQuantity(
-                        "stiffness_3", "stiffness K3", self.regions.third, f"above {t2:g} N·m"
-                    )
-                )
+            for key, title, estimate, where in (
+                ("stiffness_1", "stiffness K1", self.regions.first, f"0 to {t1:g} N·m"),
+                ("stiffness_2", "stiffness K2", self.regions.second, f"{t1:g} to {t2:g} N·m"),
+                ("stiffness_3", "stiffness K3", self.regions.third, f"above {t2:g} N·m"),
+            ):
+                if estimate is not None:
+                    rows.append(ResultQuantity(key, title, estimate, where))
         rows += [
             ResultQuantity("backlash", "backlash", self.backlash, "loop width at zero torque"),
             ResultQuantity("lost_motion", "lost motion", self.lost_motion, self.rule.words()),

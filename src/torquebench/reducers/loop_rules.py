@@ -79,8 +79,8 @@ class LoopSettings:
     region_torques_nm : pair of float or None
         T1 and T2 for three regions of stiffness; None for none.
     window_share : float
-        Half width of the window of a local fit, as a share of the loop's largest torque; only
-        the lower bound where backlash or noise ask for more points.
+        Largest half width of the window of a local fit, as a share of the loop's largest
+        torque; narrower where the branch bends.
     least_samples : int
         Least samples in each local fit.
     settling_loops : int
@@ -93,7 +93,7 @@ class LoopSettings:
     rule: str = "nabtesco"
     stiffness_interval: tuple[float, float] = (0.5, 1.0)
     region_torques_nm: tuple[float, float] | None = None
-    window_share: float = 0.02
+    window_share: float = 0.05
     least_samples: int = 8
     settling_loops: int = 0
     closure_share: float = 0.05

@@ -1,0 +1,132 @@
+"""Local straight lines through a branch of a loop, with windows as wide as the data allow."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+
+__all__ = ["LocalFit", "LocalLines"]
+
+Floats = NDArray[np.float64]
+GROWTH = 1.5
+CONFIDENCE = 2.5
+"""Standard errors within which fits of neighbouring windows have to agree."""
+
+
+@dataclass(frozen=True, eq=False)
+class LocalFit:
+    """Values of local lines.
+
+    Parameters
+    ----------
+    value, slope, standard_error : array of float, shape (n,)
+        At each place; the slope per unit of the abscissa.
+    samples : array of int, shape (n,)
+        In each window.
+    """
+
+    value: Floats
+    slope: Floats
+    standard_error: Floats
+    samples: NDArray[np.int64]
+
+
+class LocalLines:
+    """Local linear regression of a branch: angle against torque.
+
+    The window at each place grows from the least number of samples as long as all fits so far
+    agree within their standard errors (intersection of confidence intervals: Goldenshluger and
+    Nemirovski, Mathematical Methods of Statistics 6 (1997) 135), so that backlash isn't smeared
+    and straight parts are averaged. Sums are accumulated once, so a fit costs no pass over the
+    data.
+
+    Parameters
+    ----------
+    abscissa, value : array of float, shape (n,)
+        In any order.
+    least_samples : int
+        In each window.
+    largest_half_width : float
+        Of a window, in the abscissa's unit; wider only where it holds too few samples.
+
+    Examples
+    --------
+    >>> torque = np.linspace(-10.0, 10.0, 2001)
+    >>> angle = np.where(torque < 0.0, torque, torque + 1.0)  # a jump of 1 at zero
+    >>> fit = LocalLines(torque, angle, 8, 1.0).at([-0.1, 0.1, 5.0])
+    >>> fit.value.round(6).tolist(), fit.slope.round(6).tolist()
+    ([-0.1, 1.1, 6.0], [1.0, 1.0, 1.0])
+    """
+
+    def __init__(
+        self, abscissa: Floats, value: Floats, least_samples: int, largest_half_width: float
+    ) -> None:
+        if abscissa.size < least_samples:
+            raise InputError(
+                f"{abscissa.size} samples in a branch of a loop",
+                f"at least {least_samples}",
+                "record more samples per loop",
+            )
+        order = np.argsort(abscissa, kind="stable")
+        self._x = abscissa[order]
+        self._least = least_samples
+        self._widest = largest_half_width
+        self._offset = float(value.mean())
+        y = value[order] - self._offset
+        sums = np.column_stack([np.ones_like(y), self._x, self._x**2, y, self._x * y, y**2])
+        self._sums = np.vstack([np.zeros(6), np.cumsum(sums, axis=0)])
+
+    def at(self, places: ArrayLike) -> LocalFit:
+        """Return the local lines at places, array of float, shape (n,)."""
+        x = np.atleast_1d(np.asarray(places, dtype=np.float64))
+        half = self._least_half_width(x)
+        best = self._lines(x, half)
+        low = best.value - CONFIDENCE * best.standard_error
+        high = best.value + CONFIDENCE * best.standard_error
+        open_ = half < self._widest
+        while np.any(open_):
+            half = np.where(open_, np.minimum(half * GROWTH, self._widest), half)
+            wider = self._lines(x, half)
+            low = np.maximum(low, wider.value - CONFIDENCE * wider.standard_error)
+            high = np.minimum(high, wider.value + CONFIDENCE * wider.standard_error)
+            agree = open_ & (low <= high)
+            best = LocalFit(
+                np.where(agree, wider.value, best.value),
+                np.where(agree, wider.slope, best.slope),
+                np.where(agree, wider.standard_error, best.standard_error),
+                np.where(agree, wider.samples, best.samples),
+            )
+            open_ = agree & (half < self._widest)
+        return best
+
+    def _least_half_width(self, places: Floats) -> Floats:
+        """Return the half width around each place that holds the least number of samples."""
+        size, need = self._x.size, self._least
+        middle = np.searchsorted(self._x, places)
+        starts = np.clip(middle[:, None] - np.arange(need + 1), 0, size - need)
+        first, last = self._x[starts], self._x[starts + need - 1]
+        reach = np.maximum(np.abs(places[:, None] - first), np.abs(last - places[:, None]))
+        scale = max(float(np.ptp(self._x)), 1e-300)
+        return np.asarray(reach.min(axis=1) * (1 + 1e-12) + 1e-12 * scale)
+
+    def _lines(self, x: Floats, half: Floats) -> LocalFit:
+        left = np.searchsorted(self._x, x - half, side="left")
+        right = np.searchsorted(self._x, x + half, side="right")
+        n, sx, sxx, sy, sxy, syy = (self._sums[right] - self._sums[left]).T
+        mean_x, mean_y = sx / n, sy / n
+        spread = np.maximum(sxx / n - mean_x**2, 0.0)
+        flat = spread <= 1e-18 * max(float(np.max(np.abs(self._x))), 1e-300) ** 2
+        slope = np.where(flat, 0.0, (sxy / n - mean_x * mean_y) / np.where(flat, 1.0, spread))
+        squares = np.maximum(syy / n - mean_y**2 - slope**2 * spread, 0.0)
+        variance = squares * n / np.maximum(n - 2, 1)
+        leverage = 1.0 / n + np.where(
+            flat, 0.0, (x - mean_x) ** 2 / (n * np.where(flat, 1.0, spread))
+        )
+        return LocalFit(
+            value=mean_y + slope * (x - mean_x) + self._offset,
+            slope=slope,
+            standard_error=np.sqrt(variance * leverage),
+            samples=n.astype(np.int64),
+        )
