@@ -67,6 +67,9 @@ def certificate(
         float,
         typer.Option(min=1e-6, max=100, help="Tolerance of the error after it, % of full scale."),
     ] = 0.1,
+    conformity: Annotated[
+        bool, typer.Option(help="Whether it states conformity with the tolerance.")
+    ] = True,
     number: Annotated[str, typer.Option(help="Its unique number; made up by default.")] = "",
     data: DataOption = DEFAULT_DATA,
 ) -> None:
@@ -90,7 +93,8 @@ def certificate(
             return
         assert run is not None
         calibration = find_calibration(registry, run)
-        issue = _issue(registry, language, authorised_by, laboratory, tolerance, number)
+        judged = tolerance if conformity else None
+        issue = _issue(registry, language, authorised_by, laboratory, judged, number)
         record = build_record(registry, calibration, issue)
         if checked_by:  # entered only where nothing refuses the certificate
             registry.review(
@@ -133,7 +137,7 @@ def _issue(
     language: list[Language] | None,
     authorised_by: list[str] | None,
     laboratory: Path | None,
-    tolerance: float,
+    tolerance: float | None,
     number: str,
 ) -> Issue:
     from torquebench.campaign.measuring import operator_name
@@ -162,17 +166,20 @@ def _issued(issued: IssuedCertificate) -> None:
     simulated = " - simulated" if record.simulated else ""
     say(f"[bold]Certificate {escape(record.number)}[/bold]{simulated}")
     conformity = record.conformity
-    say(
-        f"{conformity.verdict.label}: tolerance {conformity.tolerance_percent_fs:g} % of full "
-        f"scale, guard band w = U"
-    )
+    if conformity is None:
+        say("It states no conformity.")
+    else:
+        say(
+            f"{conformity.verdict.label}: tolerance {conformity.tolerance_percent_fs:g} % of full "
+            f"scale, guard band w = U"
+        )
     if record.supersedes:
         say(f"It replaces {escape(record.supersedes)}.")
     for path in issued.files:
         typer.echo(str(path))
     for deviation in record.deviations:
         warn(f"it states a deviation: {deviation.found} (clause {deviation.clause})")
-    if record.verification is None:
+    if record.compensation and record.verification is None:
         warn("no verification at fresh points is registered for this compensation; it says so")
 
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from torquebench.cli.console import narrow_table, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import RangeOption, check_output
+from torquebench.cli.options import DEFAULT_DATA, DataOption, RangeOption, check_output
 
 if TYPE_CHECKING:
     from torquebench.calibration import (
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         Profile,
         StaticEvaluation,
     )
+    from torquebench.campaign.measured_elsewhere import Elsewhere
 
 __all__ = ["app"]
 
@@ -60,14 +61,35 @@ def static(
         datetime | None, typer.Option(help="Last day of the standard's certificate.")
     ] = None,
     reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = "",
+    reference_model: Annotated[str, typer.Option(help="Type of the standard.")] = "",
+    reference_certificate: Annotated[
+        str, typer.Option(help="Number of the standard's certificate.")
+    ] = "",
+    reference_laboratory: Annotated[
+        str, typer.Option(help="Laboratory that has calibrated the standard.")
+    ] = "",
+    register: Annotated[
+        bool,
+        typer.Option("--register", help="Enter it in the registry, so that it gets a certificate."),
+    ] = False,
+    transducer: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
+    manufacturer: Annotated[str, typer.Option(help="Manufacturer of the transducer.")] = "",
+    transducer_model: Annotated[str, typer.Option(help="Type of the transducer.")] = "",
+    indicator: Annotated[
+        str, typer.Option(help="Counter or amplifier that the transducer was read with.")
+    ] = "",
+    place: Annotated[str, typer.Option(help="Bench or laboratory where it was measured.")] = "",
+    measured_by: Annotated[str, typer.Option(help="Who measured it.")] = "",
     result: Annotated[
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
+    records: DataOption = DEFAULT_DATA,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
 
     The table is held against the profile; each departure is named with the clause that it breaks.
-    Exit code 1 where the profile refuses a certificate because of one.
+    Exit code 1 where the profile refuses a certificate because of one. With --register, table,
+    equipment and circumstances are entered, whatever was found.
     """
     from torquebench.calibration import (
         CalibrationRecord,
@@ -77,12 +99,22 @@ def static(
         find_deviations,
         load_profile,
     )
-    from torquebench.records import json_text, read_calibration_csv, write_atomically
+    from torquebench.campaign.measured_elsewhere import Elsewhere
+    from torquebench.records import (
+        Equipment,
+        Report,
+        json_text,
+        read_calibration_csv,
+        write_atomically,
+    )
 
     chosen = load_profile(profile)
     if result is not None:
         check_output(result, data)
-    points = assign_nominal(read_calibration_csv(data, range_nm=range_nm), chosen)
+    read = read_calibration_csv(
+        data, range_nm=range_nm, transducer_serial=transducer, counter_identity=indicator
+    )
+    points = assign_nominal(read, chosen)
     moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)
     reference = ReferenceStandard(
         serial=reference_serial,
@@ -110,9 +142,58 @@ def static(
             }
             write_atomically(result, json_text(content, indent=2) + "\n")
             say(f"Every number: {result}")
+    if register:
+        report = Report(
+            "calibrator",
+            reference_serial,
+            reference_certificate,
+            laboratory=reference_laboratory,
+            due=reference.due,
+            expanded_uncertainty_percent=reference_uncertainty,
+        )
+        kind = Equipment(
+            "transducer",
+            points.transducer_serial,
+            manufacturer,
+            transducer_model,
+            points.range_nm,
+        )
+        circumstances = Elsewhere(
+            moment,
+            measured_by,
+            place,
+            kind,
+            points.counter_identity,
+            report,
+            reference_model,
+            resolution,
+        )
+        _register(records, data, points, chosen, circumstances, model)
     if refused:
         warn("the profile refuses a certificate for this calibration")
         raise typer.Exit(CHECK_FAILED)
+
+
+def _register(
+    folder: Path,
+    table: Path,
+    points: CalibrationData,
+    profile: Profile,
+    circumstances: Elsewhere,
+    model: Path | None,
+) -> None:
+    from torquebench.campaign.measured_elsewhere import register_table
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.records import Registry
+
+    with Registry.open(folder) as registry:
+        entered = register_table(
+            registry, table, points, profile, circumstances, operator=operator_name(), model=model
+        )
+    say(f"Entered as calibration-{entered.calibration.calibration_id}.")
+    if entered.model is not None:
+        say(f"Compensation: model-{entered.model.model_id}.")
+    say(f"Run: {entered.run_id}")
 
 
 def _compensated(file: Path, points: CalibrationData) -> Any:

@@ -177,11 +177,14 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
         Equipment("calibrator", serial),
     )
     bench = folder.metadata.get("bench")
-    # What the bench description said when the run was made, not what it says today.
+    # What bench description or table said when the run was made, not what is said today.
     standard: Mapping[str, Any] = (bench or {}).get("calibrator", {})
     if standard.get("serial") != serial:
         standard = {**described.details, "model": described.model}
-    report = _report(registry, serial)
+    report = _report(registry, serial, calibration.performed.date())
+    stated: Mapping[str, Any] | None = folder.metadata.get("standard")
+    if stated is not None:
+        standard, report = stated, _stated_report(stated)
     percent = report.expanded_uncertainty_percent or standard.get("expanded_uncertainty_percent")
     if percent is None:
         raise RecordError(
@@ -201,9 +204,24 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
     )
 
 
-def _report(registry: Registry, serial: str) -> Report:
+def _report(registry: Registry, serial: str, day: date) -> Report:
+    """Return the certificate that a standard had on a day: a later one says nothing of it."""
     reports = registry.reports(serial)
-    return reports[0] if reports else Report("calibrator", serial, "")
+    had = [each for each in reports if each.performed is None or each.performed <= day]
+    return (had or reports or [Report("calibrator", serial, "")])[0]
+
+
+def _stated_report(stated: Mapping[str, Any]) -> Report:
+    """Return the certificate of the standard that came with a table."""
+    return Report(
+        "calibrator",
+        str(stated["serial"]),
+        str(stated["certificate_number"]),
+        laboratory=str(stated["laboratory"]),
+        performed=_day(stated["performed"]),
+        due=_day(stated["due"]),
+        expanded_uncertainty_percent=float(stated["expanded_uncertainty_percent"]),
+    )
 
 
 def _day(text: object) -> date | None:
