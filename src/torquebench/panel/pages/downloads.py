@@ -28,8 +28,8 @@ def certificate_buttons(visitor: Visitor, number: str, files: Sequence[str]) -> 
 
 def _fetch(visitor: Visitor, number: str, name: str) -> None:
     try:
-        content = visitor.service.records.certificate_file(number, name)
+        content, media = visitor.service.records.certificate_file(number, name)
     except TorquebenchError as error:
         visitor.messages.problem(error)
         return
-    ui.download(content, name)
+    ui.download(content, name, media)

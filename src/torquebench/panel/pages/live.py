@@ -12,7 +12,7 @@ from torquebench.panel.components.elements import box, panel, tag, words
 from torquebench.panel.components.trend import Band, Trace, Trend
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import SIGNALS, BenchSnapshot, SideSnapshot
+from torquebench.panel.service import SIGNALS, BenchSnapshot, LiveHub, SideSnapshot
 from torquebench.panel.text import Text
 
 __all__ = ["live_page"]
@@ -134,10 +134,10 @@ class _LivePage:
 
     def __init__(self, visitor: Visitor) -> None:
         self.visitor, self.text = visitor, visitor.text
-        self.hub = visitor.service.live
+        self.hub: LiveHub | None = None
         self.sides = visitor.service.snapshot().sides
         self.sequence = 0
-        self.started = False
+        self.span = "seconds_10"
 
     def build(self) -> None:
         """Make the page's elements."""
@@ -190,9 +190,11 @@ class _LivePage:
 
     def choose(self, key: str) -> None:
         """Show another span of time."""
+        self.span = key
         for name, made in self.spans.items():
             made.props["aria-pressed"] = "true" if name == key else "false"
             made.update()
+        self.hub = self.visitor.service.live
         past = self.hub.trend(SPANS[key], [trace.name for trace in _traces()])
         self.sequence = past.sequence
         self.trend.reset(SPANS[key], past)
@@ -207,15 +209,15 @@ class _LivePage:
 
     def push(self) -> None:
         """Send the rows that came since."""
-        if not self.started:
-            self.started = True
-            self.choose("seconds_10")
+        hub = self.visitor.service.live
+        if hub is not self.hub:  # the first time, and when the bench was opened again
+            self.choose(self.span)
             return
-        if self.hub.sequence == self.sequence:
+        if hub.sequence == self.sequence:
             return
-        increment = self.hub.since(self.sequence, [trace.name for trace in _traces()])
+        increment = hub.since(self.sequence, [trace.name for trace in _traces()])
         self.sequence = increment.sequence
-        latest = self.hub.latest()
+        latest = hub.latest()
         numbers: dict[str, float | None] = {
             signal.name: latest[signal.name].value if not latest[signal.name].stale else None
             for signal in SIGNALS

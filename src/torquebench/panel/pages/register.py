@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import Form, Request
@@ -16,9 +16,11 @@ from torquebench.panel.pages.alarms import alarms_page
 from torquebench.panel.pages.calibrate import calibrate_page
 from torquebench.panel.pages.course import Dismissed
 from torquebench.panel.pages.live import live_page
+from torquebench.panel.pages.records import records_page
+from torquebench.panel.pages.settings import settings_page
 from torquebench.panel.pages.sign_in import safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
-from torquebench.panel.service import BenchService, LockedOutError, NotSignedInError
+from torquebench.panel.service import Actor, BenchService, LockedOutError, NotSignedInError
 from torquebench.panel.text import Text
 
 __all__ = ["register_pages"]
@@ -27,6 +29,8 @@ STATIC = Path(__file__).parents[1] / "static"
 PAGES: dict[str, Callable[[Visitor], None]] = {
     "/": live_page,
     "/calibrate": calibrate_page,
+    "/records": records_page,
+    "/settings": settings_page,
     "/alarms": alarms_page,
 }
 Entry = Annotated[str, Form(max_length=200)]
@@ -130,10 +134,10 @@ def _stop(service: BenchService) -> None:
         """
         if request.headers.get("x-torquebench") != "panel":
             return JSONResponse({"stopped": False}, status_code=403)
-        text: Any = Text("en")
+        text = Text("en")
         try:
             actor = service.people.actor(request.cookies.get(SESSION_COOKIE, ""))
-            service.stop(actor, text("stop.reason", who=actor.name))
         except NotSignedInError:
-            service.stop_here(text("stop.reason", who=text("stop.nobody")))
+            actor = Actor(text("stop.nobody"), "operator", _address(request))
+        service.stop(actor, text("stop.reason"))
         return JSONResponse({"stopped": True})

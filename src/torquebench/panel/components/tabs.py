@@ -1,0 +1,45 @@
+"""Parts of a page of which one is shown at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from torquebench.panel.components.elements import box, words
+
+__all__ = ["Tabs"]
+
+
+class Tabs:
+    """Buttons for the parts above the one that is shown, which is made anew each time.
+
+    Parameters
+    ----------
+    label : str
+        What the parts are parts of.
+    titles : mapping of name to title
+    views : mapping of name to callable
+        Each makes a part.
+    """
+
+    def __init__(
+        self, label: str, titles: Mapping[str, str], views: Mapping[str, Callable[[], Any]]
+    ) -> None:
+        self._views = views
+        self._buttons: dict[str, Any] = {}
+        with box("div", "tabs", role="group", aria_label=label):
+            for name, title in titles.items():
+                made = words("button", title, "control", type="button", aria_pressed="false")
+                made.on("click", lambda name=name: self.show(name), [])
+                self._buttons[name] = made
+        self._content = box("div", "stack")
+        self.show(next(iter(titles)))
+
+    def show(self, name: str) -> None:
+        """Show one part."""
+        for each, made in self._buttons.items():
+            made.props["aria-pressed"] = "true" if each == name else "false"
+            made.update()
+        self._content.clear()
+        with self._content:
+            self._views[name]()
