@@ -25,6 +25,7 @@ __all__ = [
     "RunSummary",
     "VerificationEntry",
     "Zeroing",
+    "archived_at",
 ]
 
 EquipmentKind = Literal[
@@ -399,3 +400,19 @@ class CertificateEntry:
     files: Mapping[str, str]
     summary: Mapping[str, Any]
     supersedes: str = ""
+
+    @property
+    def archive(self) -> str:
+        """Folder of its files, as a path of its own or within the data directory."""
+        return archived_at(self.number, self.summary)
+
+
+def archived_at(number: str, summary: Mapping[str, Any]) -> str:
+    """Return the folder in which the files of a certificate were put when it was issued.
+
+    Examples
+    --------
+    >>> archived_at("TB-1", {})
+    'certificates/TB-1'
+    """
+    return str(summary.get("archive", f"certificates/{number}"))

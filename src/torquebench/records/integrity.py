@@ -12,11 +12,13 @@ from sqlalchemy.orm import Session
 from torquebench.errors import InputError, RecordError
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
 from torquebench.records.database import Database, content_of
+from torquebench.records.entries import archived_at
 from torquebench.records.files import sha256_of_file
 from torquebench.records.run_folder import MANIFEST, RunFolder
 from torquebench.records.schema import (
     Base,
     CalibrationRow,
+    CertificateRow,
     LinkRow,
     ModelRow,
     ReportRow,
@@ -223,12 +225,18 @@ class _Check:
 
     def single_files(self) -> Iterator[Finding]:
         with self.registry.session() as session:
-            files = [
+            files: list[Any] = [
                 *session.execute(select(ModelRow.file, ModelRow.file_sha256)),
                 *session.execute(
                     select(ReportRow.file, ReportRow.file_sha256).where(ReportRow.file != "")
                 ),
             ]
+            issued = session.execute(
+                select(CertificateRow.number, CertificateRow.files, CertificateRow.summary)
+            )
+            for number, contents, summary in issued:
+                archive = archived_at(number, summary)
+                files += [(f"{archive}/{name}", digest) for name, digest in contents.items()]
         for name, digest in files:
             path = self.registry.root / name
             self.files += 1

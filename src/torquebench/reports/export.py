@@ -24,7 +24,6 @@ from torquebench.records import (
 )
 from torquebench.reports.certificate import (
     Issue,
-    archive_folder,
     build_record,
     certificate_files,
     run_data,
@@ -220,7 +219,7 @@ def _write_certificates(export: _Export, registry: Registry, calibration: Calibr
     issued = registry.certificates(calibration.calibration_id)
     for entry in issued:
         for name, digest in entry.files.items():
-            path = archive_folder(registry, entry.number) / name
+            path = registry.root / entry.archive / name
             if not path.is_file() or sha256_of_file(path) != digest:
                 export.remarks.append(f"NOT INTACT: {name} of certificate {entry.number}")
                 continue
