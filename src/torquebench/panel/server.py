@@ -6,9 +6,11 @@ import contextlib
 import ipaddress
 import os
 import secrets
+import signal
 import socket
 import ssl
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -176,10 +178,26 @@ def serve(
         ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
         timeout_graceful_shutdown=GRACE_S,
     )
-    server = uvicorn.Server(config)
+    server = _Server(config)
     on_ready(address.url(port))
     with listening:
         server.run(sockets=[listening])
+
+
+class _Server(uvicorn.Server):
+    """A server whose end is no sudden death: who called it still has a bench to unload."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """End serving at Ctrl-C, at a request to terminate and when the terminal is closed."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        wanted = [signal.SIGINT, signal.SIGTERM]
+        wanted += [signal.SIGHUP] if hasattr(signal, "SIGHUP") else []
+        for number in wanted:
+            signal.signal(number, self.handle_exit)
+        yield  # the handlers stay: a second signal must not cut the unloading short
 
 
 def _listen(address: Address) -> socket.socket:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated, Any
 
 import numpy as np
@@ -29,9 +28,6 @@ from torquebench.panel.service import (
 __all__ = ["finite_list", "live_rows", "router"]
 
 router = APIRouter(tags=["bench"])
-
-_stopping = ThreadPoolExecutor(max_workers=2, thread_name_prefix="torquebench-stop")
-"""Threads for the stop alone: it never waits for another request."""
 
 SignalNames = Annotated[
     list[Annotated[str, Query(max_length=64)]] | None,
@@ -195,7 +191,8 @@ async def stop(service: Service, token: Token, body: StopBody) -> StopReport:
     def stopped() -> StopReport:
         return service.stop(caller_of(service, token), body.reason)
 
-    return await asyncio.get_running_loop().run_in_executor(_stopping, stopped)
+    # Beside the threads of all other operations: a stop never waits for one of them.
+    return await asyncio.to_thread(stopped)
 
 
 @router.get("/alarms")

@@ -20,6 +20,7 @@ __all__ = [
     "OpenedSession",
     "PasswordBody",
     "ReasonBody",
+    "SetUpBody",
     "SignInBody",
     "SignOffBody",
     "SignalValue",
@@ -45,6 +46,12 @@ class SignInBody(Body):
 
     name: Name
     password: Secret
+
+
+class SetUpBody(SignInBody):
+    """The first administrator, and the code on the server's console."""
+
+    code: Annotated[str, Field(min_length=1, max_length=64)]
 
 
 class OpenedSession(BaseModel):

@@ -12,6 +12,7 @@ from torquebench.panel.api.models import (
     MadeClient,
     OpenedSession,
     PasswordBody,
+    SetUpBody,
     SignInBody,
     UserBody,
     UserChangeBody,
@@ -25,6 +26,13 @@ __all__ = ["router"]
 router = APIRouter(tags=["people"])
 
 UserName = Annotated[str, Path(min_length=1, max_length=128)]
+
+
+@router.post("/setup")
+def set_up(service: Service, request: Request, body: SetUpBody) -> OpenedSession:
+    """Make the first administrator by the code on the server's console, and open a session."""
+    token = service.people.set_up(body.code, body.name, body.password, address_of(request))
+    return OpenedSession(token=token)
 
 
 @router.post("/session")

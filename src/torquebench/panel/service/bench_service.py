@@ -275,8 +275,9 @@ class BenchService:
     # -- what is done -----------------------------------------------------------------------
 
     def note(self, actor: Actor, what: str, **details: Any) -> None:
-        """Enter what somebody did into the panel's log."""
+        """Enter what somebody did into the panel's log and into the bench's audit log."""
         self._store.note(actor.label, what, **details)
+        self.station.audit.write(f"panel: {what}", who=actor.label, **details)
 
     def log(self, limit: int = 100, before: int | None = None) -> list[Event]:
         """Return what was done, the newest first; `before` is an event's number."""

@@ -1,0 +1,252 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from torquebench.errors import InputError, RecordError
+from torquebench.panel.service import (
+    Actor,
+    LockedOutError,
+    NotFoundError,
+    NotSignedInError,
+    PermissionDeniedError,
+    SignInError,
+)
+from torquebench.panel.service.clients import Clients
+from torquebench.panel.service.guard import PER_PERSON_AND_ADDRESS, WINDOW_S
+from torquebench.panel.service.people import People
+from torquebench.panel.service.sessions import IDLE_S, LONGEST_S
+from torquebench.panel.service.store import PANEL_FILE, PanelStore
+
+PASSWORD = "correct horse battery"
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 1_000_000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[PanelStore]:
+    opened = PanelStore(tmp_path)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def people(store: PanelStore, clock: Clock) -> People:
+    return People(store, clock)
+
+
+@pytest.fixture
+def administrator(people: People) -> Actor:
+    code = people.setup_code
+    assert code is not None
+    return people.actor(people.set_up(code, "Ana", PASSWORD, "here"))
+
+
+def test_the_first_administrator_needs_the_code_of_the_console(people: People) -> None:
+    code = people.setup_code
+    assert code is not None
+    with pytest.raises(SignInError):
+        people.set_up("AAAA-AAAA-AAAA", "Eve", PASSWORD, "there")
+    with pytest.raises(InputError):
+        people.set_up(code, "Ana", "short", "here")
+    actor = people.actor(people.set_up(code.lower(), "Ana", PASSWORD, "here"))
+    assert (actor.name, actor.role) == ("Ana", "administrator")
+    assert people.setup_code is None
+    with pytest.raises(SignInError):
+        people.set_up(code, "Eve", PASSWORD, "there")
+
+
+def test_guessing_the_code_locks_out(people: People) -> None:
+    code = people.setup_code
+    assert code is not None
+    for _ in range(PER_PERSON_AND_ADDRESS):
+        with pytest.raises(SignInError):
+            people.set_up("WRONG", "Eve", PASSWORD, "there")
+    with pytest.raises(LockedOutError):
+        people.set_up(code, "Eve", PASSWORD, "there")
+    people.set_up(code, "Ana", PASSWORD, "here")
+
+
+def test_no_password_is_kept(people: People, administrator: Actor, tmp_path: Path) -> None:
+    del administrator
+    token = people.sign_in("ana", PASSWORD, "here")
+    content = b"".join(path.read_bytes() for path in tmp_path.iterdir())
+    assert b"$argon2id$" in content
+    assert PASSWORD.encode() not in content
+    assert token.encode() not in content
+    assert (tmp_path / PANEL_FILE).stat().st_mode & 0o077 == 0
+
+
+def test_wrong_passwords_lock_a_person_out_from_one_address_for_a_while(
+    people: People, administrator: Actor, clock: Clock
+) -> None:
+    del administrator
+    for _ in range(PER_PERSON_AND_ADDRESS):
+        with pytest.raises(SignInError):
+            people.sign_in("Ana", "wrong password", "there")
+    with pytest.raises(LockedOutError) as refused:
+        people.sign_in("Ana", PASSWORD, "there")
+    assert 0 < refused.value.wait_s <= WINDOW_S
+    people.sign_in("Ana", PASSWORD, "here")
+    clock.now += WINDOW_S + 1
+    people.sign_in("Ana", PASSWORD, "there")
+
+
+def test_an_unknown_name_is_refused_in_the_same_words(people: People, administrator: Actor) -> None:
+    del administrator
+    said = set()
+    for name in ("Ana", "Nobody"):
+        with pytest.raises(SignInError) as refused:
+            people.sign_in(name, "wrong password", "there")
+        said.add(str(refused.value))
+    assert len(said) == 1
+
+
+def test_sessions_expire_when_nobody_does_anything_and_after_a_shift(
+    people: People, administrator: Actor, clock: Clock
+) -> None:
+    del administrator
+    token = people.sign_in("Ana", PASSWORD, "here")
+    clock.now += IDLE_S - 1
+    people.actor(token, touch=False)
+    clock.now += 2
+    with pytest.raises(NotSignedInError):
+        people.actor(token)
+    token = people.sign_in("Ana", PASSWORD, "here")
+    for _ in range(int(LONGEST_S / (IDLE_S / 2))):
+        clock.now += IDLE_S / 2
+        people.actor(token)
+    clock.now += 1
+    with pytest.raises(NotSignedInError):
+        people.actor(token)
+
+
+def test_a_session_survives_a_restart_and_ends_when_signed_out(
+    people: People, administrator: Actor, store: PanelStore, clock: Clock
+) -> None:
+    del administrator
+    token = people.sign_in("Ana", PASSWORD, "here")
+    again = People(store, clock)
+    assert again.setup_code is None
+    assert again.actor(token).name == "Ana"
+    again.sign_out(token)
+    with pytest.raises(NotSignedInError):
+        again.actor(token)
+    with pytest.raises(NotSignedInError):
+        People(store, clock).actor(token)
+
+
+def test_a_changed_account_signs_in_anew(people: People, administrator: Actor) -> None:
+    people.add_user(administrator, "Ben", "operator", PASSWORD)
+    token = people.sign_in("ben ", PASSWORD, "here")
+    people.change_user(administrator, "Ben", role="metrologist")
+    with pytest.raises(NotSignedInError):
+        people.actor(token)
+    assert people.actor(people.sign_in("Ben", PASSWORD, "here")).role == "metrologist"
+    people.change_user(administrator, "Ben", active=False)
+    with pytest.raises(SignInError):
+        people.sign_in("Ben", PASSWORD, "here")
+
+
+def test_the_last_administrator_stays(people: People, administrator: Actor) -> None:
+    for change in ({"role": "operator"}, {"active": False}):
+        with pytest.raises(InputError, match="only administrator"):
+            people.change_user(administrator, "Ana", **change)
+
+
+def test_the_own_password_is_changed_with_the_old_one(people: People, administrator: Actor) -> None:
+    with pytest.raises(SignInError):
+        people.change_password(administrator, "wrong password", "another long one")
+    people.change_password(administrator, PASSWORD, "another long one")
+    people.sign_in("Ana", "another long one", "here")
+    with pytest.raises(SignInError):
+        people.sign_in("Ana", PASSWORD, "here")
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "password"),
+    [
+        ("", "operator", PASSWORD),
+        ("x" * 65, "operator", PASSWORD),
+        ("<b>", "operator", PASSWORD),
+        ("Ben", "king", PASSWORD),
+        ("Ben", "operator", "short"),
+        ("Ben", "operator", "x" * 129),
+        ("Ben", "operator", "aaaaaaaaaaaa"),
+        ("Benjamin", "operator", "my-benjamin-1"),
+        ("ANA", "operator", PASSWORD),
+    ],
+)
+def test_names_roles_and_passwords_have_rules(
+    people: People, administrator: Actor, name: str, role: str, password: str
+) -> None:
+    with pytest.raises(InputError):
+        people.add_user(administrator, name, role, password)  # type: ignore[arg-type]
+
+
+def test_only_administrators_manage_people_and_clients(
+    people: People, administrator: Actor, store: PanelStore
+) -> None:
+    people.add_user(administrator, "Ben", "metrologist", PASSWORD)
+    ben = people.actor(people.sign_in("Ben", PASSWORD, "here"))
+    clients = Clients(store)
+    for refused in (
+        lambda: people.users(ben),
+        lambda: people.add_user(ben, "Cy", "operator", PASSWORD),
+        lambda: people.change_user(ben, "Ana", active=False),
+        lambda: clients.add(ben, "plant", "operator"),
+        lambda: clients.list(ben),
+        lambda: clients.revoke(ben, 1),
+    ):
+        with pytest.raises(PermissionDeniedError):
+            refused()
+    assert [user.name for user in people.users(administrator)] == ["Ana", "Ben"]
+
+
+def test_a_clients_token_counts_until_it_is_revoked(
+    administrator: Actor, people: People, store: PanelStore
+) -> None:
+    clients = Clients(store)
+    client, token = clients.add(administrator, "plant", "operator")
+    actor = clients.actor(token)
+    assert (actor.name, actor.role, actor.kind) == ("plant", "operator", "client")
+    with pytest.raises(PermissionDeniedError):
+        people.confirm_password(actor, PASSWORD)
+    with pytest.raises(InputError, match="exists"):
+        clients.add(administrator, "plant", "operator")
+    clients.revoke(administrator, client.client_id)
+    with pytest.raises(NotSignedInError):
+        clients.actor(token)
+    with pytest.raises(NotFoundError):
+        clients.revoke(administrator, client.client_id)
+    clients.add(administrator, "plant", "metrologist")
+    assert [each.revoked is None for each in clients.list(administrator)] == [False, True]
+
+
+def test_a_store_of_a_newer_version_is_refused(tmp_path: Path) -> None:
+    store = PanelStore(tmp_path)
+    with store.transaction() as connection:
+        connection.exec_driver_sql("PRAGMA user_version=99")
+    store.close()
+    with pytest.raises(RecordError, match="version 99"):
+        PanelStore(tmp_path)
+
+
+def test_what_is_done_is_logged(people: People, administrator: Actor, store: PanelStore) -> None:
+    people.add_user(administrator, "Ben", "operator", PASSWORD)
+    people.change_user(administrator, "Ben", password="another long one")
+    newest = store.events(limit=1)[0]
+    assert (newest.who, newest.what) == ("Ana", "changed an account")
+    assert newest.details == {"name": "Ben", "password": "changed"}
+    assert store.events(limit=1, before=newest.number)[0].what == "added an account"

@@ -1,0 +1,168 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from torquebench.bench.description import default_bench
+from torquebench.errors import InputError
+from torquebench.panel.service import (
+    Actor,
+    BusyError,
+    NotFoundError,
+    PermissionDeniedError,
+    read_upload,
+)
+from torquebench.panel.service.differences import flat, nested
+from torquebench.panel.service.settings import LARGEST_UPLOAD, SettingsDesk
+from torquebench.panel.service.store import PanelStore
+
+ADA = Actor("Ada", "administrator", "1")
+BEN = Actor("Ben", "metrologist", "2")
+LIMIT = {"output": {"limits": {"torque_nm": 2200.0}}}
+KEYS = st.text("abc", min_size=1, max_size=3)
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[SettingsDesk]:
+    store = PanelStore(tmp_path)
+    yield SettingsDesk(store, default_bench())
+    store.close()
+
+
+@given(
+    st.recursive(
+        st.integers(), lambda inner: st.dictionaries(KEYS, inner, min_size=1), max_leaves=8
+    ).filter(lambda value: isinstance(value, dict))
+)
+def test_flat_documents_become_what_they_were(document: dict[str, object]) -> None:
+    assert nested(flat(document)) == document
+
+
+def test_a_change_is_validated_shown_logged_and_undone(desk: SettingsDesk) -> None:
+    before = desk.bench()
+    shown = desk.preview("bench", "bench", LIMIT)
+    assert [(each.key, each.before, each.after) for each in shown.differences] == [
+        ("output.limits.torque_nm", 2400.0, 2200.0)
+    ]
+    assert desk.bench() == before
+    made = desk.change(ADA, "bench", "bench", LIMIT, reason="a weaker coupling")
+    assert desk.bench().output.limits.torque_nm == 2200.0
+    assert made.differences == shown.differences
+    undone = desk.undo(ADA, made.number)
+    assert desk.bench() == before
+    newest, first = desk.history("bench")
+    assert (newest.undoes, first.undone_by) == (first.number, newest.number)
+    assert (first.who, first.reason) == ("Ada", "a weaker coupling")
+    assert undone.number == newest.number
+
+
+def test_an_undo_leaves_later_changes_of_other_keys_alone(desk: SettingsDesk) -> None:
+    first = desk.change(ADA, "bench", "bench", LIMIT)
+    desk.change(ADA, "bench", "bench", {"input": {"limits": {"speed_rpm": 900.0}}})
+    desk.undo(ADA, first.number)
+    bench = desk.bench()
+    assert (bench.output.limits.torque_nm, bench.input.limits.speed_rpm) == (2400.0, 900.0)
+
+
+def test_a_key_that_was_changed_again_is_not_undone(desk: SettingsDesk) -> None:
+    first = desk.change(ADA, "bench", "bench", LIMIT)
+    desk.change(ADA, "bench", "bench", {"output": {"limits": {"torque_nm": 2300.0}}})
+    with pytest.raises(BusyError, match="changed again"):
+        desk.undo(ADA, first.number)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"output": {"limits": {"torque_nm": -1}}},
+        {"output": {"limits": {"torque_nm": float("nan")}}},
+        {"output": {"limit": 3}},
+        {"bench": {"driver": "other"}},
+        {"driver": {"seed": 2}},
+        {"calibrator": {"certificate": "/etc/passwd"}},
+        {"input": {"transducer": {"serial": "SIM-T2000"}}},
+    ],
+)
+def test_a_wrong_or_forbidden_value_changes_nothing(
+    desk: SettingsDesk, document: dict[str, object]
+) -> None:
+    with pytest.raises(InputError):
+        desk.change(ADA, "bench", "bench", document)
+    assert desk.history() == []
+
+
+def test_changes_outlive_the_process_and_only_what_differs_is_kept(
+    desk: SettingsDesk, tmp_path: Path
+) -> None:
+    desk.change(ADA, "bench", "bench", LIMIT)
+    description = default_bench()
+    faster = description.input.limits.model_copy(update={"speed_rpm": 1100.0})
+    changed = description.model_copy(
+        update={"input": description.input.model_copy(update={"limits": faster})}
+    )
+    store = PanelStore(tmp_path)
+    bench = SettingsDesk(store, changed).bench()
+    store.close()
+    assert (bench.output.limits.torque_nm, bench.input.limits.speed_rpm) == (2200.0, 1100.0)
+
+
+def test_a_file_that_contradicts_the_panels_changes_is_refused(
+    desk: SettingsDesk, tmp_path: Path
+) -> None:
+    desk.change(ADA, "bench", "bench", {"output": {"range_nm": 1500.0}})
+    description = default_bench()
+    low = description.output.limits.model_copy(update={"torque_nm": 1000.0})
+    output = description.output.model_copy(update={"limits": low, "range_nm": 900.0})
+    store = PanelStore(tmp_path)
+    with pytest.raises(InputError, match="panel's changes"):
+        SettingsDesk(store, description.model_copy(update={"output": output})).bench()
+    store.close()
+
+
+def test_own_profiles_are_added_changed_and_deleted(desk: SettingsDesk) -> None:
+    document = {**desk.get("profiles", "check").document, "name": "slow-check"}
+    desk.change(BEN, "profiles", "slow-check", document)
+    assert desk.profile("slow-check").name == "slow-check"
+    made = desk.change(BEN, "profiles", "slow-check", None, reason="unused")
+    with pytest.raises(NotFoundError):
+        desk.profile("slow-check")
+    desk.undo(BEN, made.number)
+    assert desk.profile("slow-check") is not None
+    with pytest.raises(InputError, match="comes with the software"):
+        desk.change(BEN, "profiles", "check", document)
+
+
+def test_own_reducers_are_named_as_their_file_names_them(desk: SettingsDesk) -> None:
+    document = dict(desk.get("reducers", "rv-40e").document)
+    with pytest.raises(InputError, match="name"):
+        desk.change(BEN, "reducers", "rv-41e", document)
+    desk.change(BEN, "reducers", "rv-41e", {**document, "name": "rv-41e"})
+    assert desk.reducer("rv-41e").ratio == desk.reducer("rv-40e").ratio
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", "/tmp/x.toml", "a/b", "", "x" * 65])
+def test_no_name_is_a_path(desk: SettingsDesk, name: str) -> None:
+    with pytest.raises(NotFoundError):
+        desk.profile(name)
+    with pytest.raises(NotFoundError):
+        desk.reducer(name)
+    with pytest.raises(InputError):
+        desk.change(BEN, "profiles", name, dict(desk.get("profiles", "check").document))
+
+
+def test_roles_and_versions_are_minded(desk: SettingsDesk) -> None:
+    with pytest.raises(PermissionDeniedError):
+        desk.change(BEN, "bench", "bench", LIMIT)
+    desk.change(ADA, "bench", "bench", LIMIT, version=0)
+    with pytest.raises(BusyError, match="meanwhile"):
+        desk.change(ADA, "bench", "bench", {"bench": {"name": "another"}}, version=0)
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff\xfe", b"a = ", b"x = 1\n" * LARGEST_UPLOAD], ids=["bytes", "toml", "size"]
+)
+def test_an_unusable_upload_is_refused(content: bytes) -> None:
+    with pytest.raises(InputError):
+        read_upload(content)
