@@ -75,9 +75,9 @@ def contenders() -> list[Contender]:
         if kind != "polynomial"
     ]
     found += [
-        Contender("scikit-learn MLPRegressor", _sklearn_network),
+        Contender("scikit-learn MLPRegressor", _sklearn_network, slow=True),
         Contender("scikit-learn GaussianProcessRegressor", _sklearn_process, slow=True),
-        Contender("SciPy make_smoothing_spline", _scipy_spline),
+        Contender("SciPy make_smoothing_spline", _scipy_spline, slow=True),
     ]
     if importlib.util.find_spec("pyrenn") is not None:
         found.append(Contender("pyrenn", _pyrenn, slow=True))

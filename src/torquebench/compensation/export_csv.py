@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.export_shared import provenance_lines, write_whole
+from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
 from torquebench.compensation.table import CompensationTable
+from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError
 
 __all__ = ["export_csv", "table_nodes"]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from torquebench.compensation.export_shared import provenance_lines, write_whole
+from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
 from torquebench.compensation.piecewise import PiecewisePolynomial
 from torquebench.compensation.table import CompensationTable
+from torquebench.compensation.whole_files import write_whole
 
 __all__ = ["export_header", "header_text"]
 

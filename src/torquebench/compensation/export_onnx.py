@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from torquebench.compensation.export_shared import provenance_lines, write_whole
+from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
 from torquebench.compensation.piecewise import PiecewisePolynomial
 from torquebench.compensation.table import CompensationTable
+from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError
 
 __all__ = ["export_onnx"]

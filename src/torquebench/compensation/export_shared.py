@@ -1,16 +1,11 @@
-"""What all exports of a compiled table share: provenance in words, and complete files or none."""
+"""What all exports of a compiled table share: provenance in words."""
 
 from __future__ import annotations
 
-import os
-import uuid
-from pathlib import Path
-
 from torquebench.compensation.model_file import Provenance
 from torquebench.compensation.table import CompensationTable
-from torquebench.errors import RecordError
 
-__all__ = ["provenance_lines", "write_whole"]
+__all__ = ["provenance_lines"]
 
 
 def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[str]:
@@ -46,27 +41,3 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
             f"{uncertainty.bound:.3g} N m of the model's; a single reading's scatter is not in it"
         )
     return [line.encode("ascii", "replace").decode("ascii") for line in lines]
-
-
-def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file so that its old content stays until the new one is complete.
-
-    Raises
-    ------
-    RecordError
-        When the file can't be written.
-    """
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
-        with temporary.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as problem:
-        temporary.unlink(missing_ok=True)
-        raise RecordError(
-            f"{path} can't be written ({problem.strerror})",
-            remedy="choose a folder that exists and can be written to",
-        ) from problem
-    return path

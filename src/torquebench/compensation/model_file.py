@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any
 
 from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.state import decode_value, encode_value
+from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "Provenance", "StoredModel", "load_model", "save_model"]
@@ -138,20 +137,7 @@ def save_model(path: str | Path, stored: StoredModel) -> Path:
     content = _content(stored)
     document = {**content, "checksum": _checksum(content)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex}")
-    try:
-        with temporary.open("x", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as problem:
-        temporary.unlink(missing_ok=True)
-        raise RecordError(
-            f"model file {target} can't be written ({problem.strerror})",
-            remedy="choose a folder that exists and can be written to",
-        ) from problem
-    return target
+    return write_whole(target, text.encode("utf-8"), "model file")
 
 
 def load_model(path: str | Path) -> StoredModel:
