@@ -23,6 +23,7 @@ from torquebench.cli import (
     simulate,
 )
 from torquebench.cli.failure import guarded
+from torquebench.cli.options import REGISTRY_URL
 
 __all__ = ["app", "main"]
 
@@ -35,7 +36,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _group in (demo, calibrate, check_standard, certificate, models, measure, panel, doctor, simulate):
+for _group in (
+    demo,
+    calibrate,
+    check_standard,
+    certificate,
+    models,
+    measure,
+    panel,
+    doctor,
+    simulate,
+):
     _group.register(app)
 app.add_typer(records.app)
 app.add_typer(evaluate.app)
@@ -61,9 +72,18 @@ def options(
         bool,
         typer.Option("--debug", envvar="TORQUEBENCH_DEBUG", help="Show the traceback of an error."),
     ] = False,
+    registry: Annotated[
+        str | None,
+        typer.Option(
+            envvar=REGISTRY_URL,
+            help="URL of a registry on a server, instead of the data folder's: postgresql://…",
+        ),
+    ] = None,
 ) -> None:
     """Keep what holds for every command."""
     global _debug
+    if registry:
+        os.environ[REGISTRY_URL] = registry
     _debug = debug
 
 

@@ -16,7 +16,13 @@ import typer
 from torquebench.cli.console import narrow_table, note, out, say
 from torquebench.cli.doctor_bench import Finding
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    REGISTRY_URL,
+    BenchOption,
+    DataOption,
+    has_registry,
+)
 from torquebench.errors import TorquebenchError
 
 if TYPE_CHECKING:
@@ -150,12 +156,13 @@ def _records(data: Path) -> Iterator[Finding]:
         yield Finding("disk", "problem", f"{free_gb:.1f} GB free", "make room for the raw data")
     else:
         yield Finding("disk", "ok", f"{free_gb:.0f} GB free")
-    if not (data / "registry.sqlite").is_file():
+    if not has_registry(data):
         yield Finding("records", "note", f"none in {data} yet", "the first run creates them")
         return
     with Registry.open(data) as registry:
         runs, models = registry.number_of_runs(), len(registry.models())
-        yield Finding("records", "ok", f"{runs} runs and {models} models in {data}")
+        where = data if os.environ.get(REGISTRY_URL) is None else registry.name
+        yield Finding("records", "ok", f"{runs} runs and {models} models in {where}")
 
 
 def _description(bench: Path | None) -> BenchDescription:

@@ -144,10 +144,11 @@ def clock(description: BenchDescription) -> Iterator[Finding]:
 
 def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """Open the bench without moving it and look whether its signals are plausible."""
+    from torquebench.cli.options import has_registry
     from torquebench.station import Station
 
     with tempfile.TemporaryDirectory() as scratch:
-        known = (data / "registry.sqlite").is_file()
+        known = has_registry(data)
         with Station.open(description, data if known else Path(scratch)) as station:
             station.clock.wait(SETTLING_S)
             yield from _pulses(station)

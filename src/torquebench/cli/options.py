@@ -17,6 +17,7 @@ __all__ = [
     "RealTimeOption",
     "check_output",
     "data_directory",
+    "has_registry",
 ]
 
 DEFAULT_DATA = Path("torquebench-data")
@@ -53,15 +54,18 @@ def data_directory(path: Path) -> Path:
     InputError
         Where there is none.
     """
-    if os.environ.get(REGISTRY_URL):
-        return path
-    if not (path / REGISTRY_FILE).is_file():
+    if not has_registry(path):
         raise InputError(
             f"no records in {path}",
             "a folder in which torquebench has worked before",
             "name it with --data, or run `torquebench demo` or `torquebench calibrate` first",
         )
     return path
+
+
+def has_registry(path: Path) -> bool:
+    """Return whether there are records: in this data directory, or on the server that is named."""
+    return bool(os.environ.get(REGISTRY_URL)) or (path / REGISTRY_FILE).is_file()
 
 
 def check_output(path: Path, *inputs: Path) -> Path:
