@@ -122,7 +122,7 @@ class PhysicsModel(CompensationModel):
     have wide normal priors and are integrated out; the noise comes from the marginal likelihood by
     fixed-point iteration (MacKay, Neural Computation 4 (1992) 415, eq. 4.10) and the step's width
     is averaged over a grid, weighted by the same likelihood. What the form can't follow is part of
-    the uncertainty (`misfit`).
+    the uncertainty (`judging`).
 
     Parameters
     ----------
