@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.description import NM_PER_RAD_OF_NM_PER_ARCMIN
-from torquebench.reducers.loop_branches import cut_loops
+from torquebench.reducers.loop_branches import cut_loops, smoothed, turning_points
 from torquebench.reducers.loop_features import features_of, key_points_of
 from torquebench.reducers.loop_findings import (
     check_closure,
@@ -17,7 +17,7 @@ from torquebench.reducers.loop_findings import (
 )
 from torquebench.reducers.loop_results import HysteresisResult, LoopFeatures, StiffnessRegions
 from torquebench.reducers.loop_rules import LoopSettings, LoopUncertainty
-from torquebench.reducers.quantities import Contribution, budget
+from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.uncertainty import Budget
 
@@ -79,13 +79,15 @@ def evaluate_hysteresis(
     for label in np.unique(place):
         here = place == label
         check_columns(torque[here], angle[here], settings.rated_torque_nm)
+    demand_findings = saturation(torque, demanded)
+    torque, angle, blurred = _less_noise(torque, angle, place)
     loops = [
         features_of(raw, torque, angle, settings)
         for raw in cut_loops(torque, place, number)
         if raw.number > settings.settling_loops
     ]
     check_closure(loops, settings)
-    findings = [*saturation(torque, demanded), *loop_findings(loops, settings)]
+    findings = [*demand_findings, *blurred, *loop_findings(loops, settings)]
     stiffness, positive, negative = _stiffnesses(loops, settings, known)
     return HysteresisResult(
         settings=settings,
@@ -99,6 +101,33 @@ def evaluate_hysteresis(
         loops=tuple(loops),
         key_points=key_points_of(loops[0], settings),
         findings=tuple(findings),
+    )
+
+
+def _less_noise(
+    torque: NDArray[np.float64], angle: NDArray[np.float64], place: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Finding]]:
+    """Average noisy torques in time, position by position, and say so."""
+    torque, angle = torque.copy(), angle.copy()
+    widest = 1
+    for label in np.unique(place):
+        here = place == label
+        branches = turning_points(torque[here]).size - 1
+        torque[here], angle[here], width = smoothed(torque[here], angle[here], branches)
+        widest = max(widest, width)
+    if widest == 1:
+        return torque, angle, []
+    return (
+        torque,
+        angle,
+        [
+            Finding(
+                "noisy torque",
+                f"torque and angle were averaged over {widest} neighbouring samples, because "
+                "noise of the torque blurs the loop where it is steep",
+                "filter both channels alike, or ramp more slowly",
+            )
+        ],
     )
 
 
@@ -218,6 +247,18 @@ def _stiffness_budget(
     return budget(value / per, unit, scaled)
 
 
+def _of_compliances(
+    loops: list[LoopFeatures], stiffness: Callable[[LoopFeatures], float]
+) -> tuple[float, list[Contribution]]:
+    """Return the stiffness by the mean of the compliances: angles averaged at equal torque."""
+    compliance, parts = _over(loops, lambda each: 1.0 / stiffness(each))
+    scaled = [
+        Contribution(part.name, part.standard_uncertainty / compliance**2, part.degrees_of_freedom)
+        for part in parts
+    ]
+    return 1.0 / compliance, scaled
+
+
 def _stiffnesses(
     loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
 ) -> tuple[Budget, Budget, Budget]:
@@ -235,7 +276,7 @@ def _stiffnesses(
         lambda each: each.stiffness_positive_nm_per_rad,
         lambda each: each.stiffness_negative_nm_per_rad,
     ):
-        value, parts = _over(loops, choose)
+        value, parts = _of_compliances(loops, choose)
         found.append(
             _stiffness_budget(
                 value, parts, reach, known, per=NM_PER_RAD_OF_NM_PER_ARCMIN, unit="N·m/arcmin"
@@ -253,13 +294,16 @@ def _regions(
     largest = min(each.largest_torque_nm for each in loops)
     budgets: list[Budget | None] = []
     for k, reach in enumerate((first, second - first, largest - second)):
-        values = np.array([each.regions_nm_per_rad[k] for each in loops])
-        if np.any(np.isnan(values)):
+        if any(np.isnan(each.regions_nm_per_rad[k]) for each in loops):
             budgets.append(None)
             continue
-        value, parts = over_positions(values, np.array([each.position for each in loops]))
+        value, parts = _of_compliances(loops, _region(k))
         budgets.append(_stiffness_budget(value, parts, reach, known, per=1.0, unit="N·m/rad"))
     return StiffnessRegions(first, second, budgets[0], budgets[1], budgets[2])
+
+
+def _region(number: int) -> Callable[[LoopFeatures], float]:
+    return lambda each: float(each.regions_nm_per_rad[number])
 
 
 def _energy(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:

@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["RawLoop", "cut_loops", "turning_points"]
+__all__ = ["RawLoop", "cut_loops", "smoothed", "turning_points"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
+QUIET_SHARE = 0.004
+"""Noise of the torque, as a share of its largest value, that doesn't blur a loop."""
+LONGEST_MEAN = 0.02
+"""Largest part of a record between two turns that is averaged against noise."""
 FULL_SPAN = 0.8
 """A branch is whole where it spans this share of the widest."""
 TURN_SHARE = 0.25
@@ -71,6 +75,37 @@ def turning_points(torque: Floats) -> Indices:
             turns.append(extreme)
             direction, extreme = -direction, k
     return np.array(sorted({*turns, torque.size - 1}), dtype=np.intp)
+
+
+def smoothed(torque: Floats, angle: Floats, branches: int) -> tuple[Floats, Floats, int]:
+    """Average noisy torque and its angle over neighbouring samples, as far as it is needed.
+
+    Noise of the torque blurs a loop where it is steep, which no fit of angle against torque can
+    undo. Both are averaged over the same odd number of samples, which is also returned: 1 where
+    the noise is below 0.4 % of the largest torque.
+
+    Parameters
+    ----------
+    torque, angle : array of float, shape (n,)
+        In the order of measurement, at one position.
+    branches : int
+        How many times the torque runs from one end to the other.
+    """
+    if torque.size < 32:
+        return torque, angle, 1
+    noise = float(np.median(np.abs(np.diff(torque, 2)))) / (0.6745 * 6.0**0.5)
+    quiet = QUIET_SHARE * float(np.quantile(np.abs(torque), 0.99))
+    longest = int(LONGEST_MEAN * torque.size / max(branches, 1))
+    width = min(int((noise / quiet) ** 2) + 1, longest) if noise > quiet else 1
+    width -= 1 - width % 2
+    if width < 3:
+        return torque, angle, 1
+    weights = np.full(width, 1.0 / width)
+    both = [
+        np.convolve(np.pad(row, width // 2, mode="edge"), weights, mode="valid")
+        for row in (torque, angle)
+    ]
+    return both[0], both[1], width
 
 
 def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator[RawLoop]:

@@ -6,7 +6,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.reducers.quantities import Finding, ResultQuantity
+from torquebench.errors import InputError
+from torquebench.reducers.columns import finite_columns
+from torquebench.reducers.error_curve import Revolution, mean_revolution
+from torquebench.reducers.error_segments import (
+    ARCSEC,
+    TURN,
+    Run,
+    check_ratio,
+    check_sampling,
+    check_slip,
+    runs_of,
+)
+from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
 from torquebench.uncertainty import Budget
 
 __all__ = [
@@ -44,7 +56,7 @@ class ErrorOrder:
         Periods per output revolution.
     input_order : float
         Periods per input revolution.
-    amplitude_arcsec : Budget
+    amplitude : Budget
         Amplitude (half of peak to peak) of this order, arcsec.
     phase_rad : float
         Angle of its first maximum times the order, −π to π.
@@ -52,7 +64,7 @@ class ErrorOrder:
 
     order: float
     input_order: float
-    amplitude_arcsec: Budget
+    amplitude: Budget
     phase_rad: float
 
 
@@ -67,7 +79,7 @@ class DirectionError:
     revolutions : int
         Whole output revolutions that were used.
     angle_rad : array of float, shape (n,)
-        Output angle over one revolution at even steps, from 0.
+        Output angle (θ_i/R) over one revolution at even steps, from 0.
     error_arcsec : array of float, shape (n,)
         Mean over the revolutions, mean removed, low-pass filtered in angle.
     standard_error_arcsec : array of float, shape (n,)
@@ -108,8 +120,8 @@ class TransmissionErrorResult:
     peak_to_peak : Budget
         The larger of both directions, arcsec.
     reversal_arcsec : Budget or None
-        Mean gap between both directions at the same angle (backlash of the unloaded reducer),
-        where both were recorded with one zero.
+        Mean gap between both directions (lost motion of the unloaded reducer); None where only
+        one was recorded. Means something only where nothing was zeroed in between.
     findings : tuple of Finding
     """
 
@@ -122,7 +134,30 @@ class TransmissionErrorResult:
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
-        raise NotImplementedError
+        rule = f"max − min, orders up to {self.highest_order:g}"
+        rows = [ResultQuantity("transmission_error", "transmission error", self.peak_to_peak, rule)]
+        for each in self.directions:
+            short = each.direction.replace("-", "_")
+            rows.append(
+                ResultQuantity(
+                    f"transmission_error_{short}",
+                    f"transmission error, {each.direction}",
+                    each.peak_to_peak,
+                    f"{each.revolutions} revolutions",
+                )
+            )
+            rows += [
+                ResultQuantity(
+                    f"order_{order.order:g}_{short}",
+                    f"order {order.order:g}, {each.direction}",
+                    order.amplitude,
+                    "amplitude",
+                )
+                for order in each.orders
+            ]
+        if self.reversal_arcsec is not None:
+            rows.append(ResultQuantity("reversal", "gap at reversal", self.reversal_arcsec))
+        return tuple(rows)
 
 
 def evaluate_transmission_error(
@@ -136,6 +171,8 @@ def evaluate_transmission_error(
     largest_orders: int = 8,
 ) -> TransmissionErrorResult:
     """Evaluate θ_o − θ_i/R over whole output revolutions, each direction by itself.
+
+    Of several runs in one direction the longest counts.
 
     Parameters
     ----------
@@ -156,5 +193,132 @@ def evaluate_transmission_error(
     InputError
         Less than one output revolution in a direction, fewer than 10 samples per period of the
         highest order, a wrong ratio, an encoder that slips, swapped columns, values not finite.
+
+    Examples
+    --------
+    >>> turned = np.linspace(0.0, 2.0 * np.pi, 8001)
+    >>> error = np.radians(20.0 / 3600.0) * np.sin(10.0 * turned)
+    >>> found = evaluate_transmission_error(10.0 * turned, turned + error, 10.0)
+    >>> round(found.peak_to_peak.value, 1), found.directions[0].orders[0].order
+    (40.0, 10.0)
     """
-    raise NotImplementedError
+    given, taken = finite_columns(
+        32, input_angle_rad=input_angle_rad, output_angle_rad=output_angle_rad
+    )
+    time = None if time_s is None else finite_columns(given.size, time_s=time_s)[0]
+    if not (np.isfinite(ratio) and abs(ratio) > 0.0):
+        raise InputError(f"ratio {ratio}", "input turns for one output turn, not 0")
+    highest = 3.0 * abs(ratio) if highest_order is None else highest_order
+    if not (np.isfinite(highest) and highest >= 1.0):
+        raise InputError(f"highest order {highest}", "1 per output revolution or more")
+    check_ratio(given, taken, ratio)
+    chosen: dict[str, Run] = {}
+    for run in runs_of(given, taken, ratio):
+        best = chosen.get(run.direction)
+        if best is None or np.ptp(run.angle_rad) > np.ptp(best.angle_rad):
+            chosen[run.direction] = run
+    known = uncertainty or AngleUncertainty()
+    directions, means = [], []
+    for run in chosen.values():
+        check_sampling(run, highest)
+        check_slip(run, ratio)
+        revolution = mean_revolution(run, highest)
+        means.append(revolution)
+        directions.append(_direction(run, revolution, ratio, known, largest_orders, time))
+    worst = max(directions, key=lambda each: each.peak_to_peak.value)
+    return TransmissionErrorResult(
+        ratio=float(ratio),
+        highest_order=float(highest),
+        directions=tuple(directions),
+        peak_to_peak=worst.peak_to_peak,
+        reversal_arcsec=_reversal(means, known, ratio),
+        findings=tuple(_findings(directions)),
+    )
+
+
+def _direction(
+    run: Run,
+    found: Revolution,
+    ratio: float,
+    known: AngleUncertainty,
+    largest_orders: int,
+    time: NDArray[np.float64] | None,
+) -> DirectionError:
+    encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
+    peak_to_peak = budget(
+        found.peak_to_peak_arcsec,
+        "arcsec",
+        [
+            Contribution("encoders", 2.0**0.5 * encoders),
+            Contribution("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
+            Contribution("noise at the peaks", found.peak_noise_arcsec),
+        ],
+    )
+    largest = np.argsort(-found.amplitude_arcsec, kind="stable")[:largest_orders]
+    orders = tuple(
+        ErrorOrder(
+            order=float(found.order[index]),
+            input_order=float(found.order[index] / abs(ratio)),
+            amplitude=budget(
+                float(found.amplitude_arcsec[index]),
+                "arcsec",
+                [
+                    Contribution("encoders", encoders),
+                    Contribution(
+                        "noise", float(found.amplitude_error_arcsec[index]), found.noise_freedom
+                    ),
+                ],
+            ),
+            phase_rad=float(found.phase_rad[index]),
+        )
+        for index in largest
+    )
+    speed = float("nan")
+    if time is not None:
+        seconds = float(abs(time[run.rows][-1] - time[run.rows][0]))
+        speed = float(np.ptp(run.angle_rad)) / TURN / seconds * 60.0 if seconds > 0 else speed
+    return DirectionError(
+        direction=run.direction,
+        revolutions=found.revolutions,
+        angle_rad=found.angle_rad,
+        error_arcsec=found.error_arcsec,
+        standard_error_arcsec=found.standard_error_arcsec,
+        peak_to_peak=peak_to_peak,
+        order=found.order,
+        amplitude_arcsec=found.amplitude_arcsec,
+        orders=orders,
+        speed_rpm=speed,
+    )
+
+
+def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) -> Budget | None:
+    if len(means) < 2:
+        return None
+    noise = [
+        Contribution("noise", each.noise_arcsec / each.error_arcsec.size**0.5) for each in means
+    ]
+    encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
+    value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC
+    return budget(value, "arcsec", [*noise, Contribution("encoders", 2.0**0.5 * encoders)])
+
+
+def _findings(directions: list[DirectionError]) -> list[Finding]:
+    findings = []
+    if len(directions) == 1:
+        findings.append(
+            Finding(
+                "one direction",
+                f"only {directions[0].direction} was measured over a whole revolution",
+                "measure both directions in turn",
+            )
+        )
+    if any(each.revolutions == 1 for each in directions):
+        findings.append(
+            Finding(
+                "one revolution",
+                "nothing shows how the error repeats: the noise is what lies above the highest "
+                "order",
+                "measure two output revolutions or more",
+            )
+        )
+    return findings
