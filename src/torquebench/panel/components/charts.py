@@ -57,7 +57,11 @@ def _axis(title: str, *, vertical: bool, names: Sequence[str] = ()) -> dict[str,
             ":color": _colour("--muted"),
         },
         "axisLabel": {"fontSize": 13, ":color": _colour("--muted"), "hideOverlap": True},
-        "axisLine": {"show": not vertical, "lineStyle": {":color": _colour("--line")}},
+        "axisLine": {
+            "show": not vertical,
+            "onZero": False,
+            "lineStyle": {":color": _colour("--line")},
+        },
         "splitLine": {"show": True, "lineStyle": {":color": _colour("--line")}},
         "scale": True,
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from torquebench.panel.components.controls import button
@@ -16,6 +16,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.job_panel import JobPanel
 from torquebench.panel.pages.quick import quick_buttons
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import JobView
 
 __all__ = ["CalibratePage", "calibrate_page"]
 
@@ -34,7 +35,7 @@ class CalibratePage:
     def build(self) -> None:
         """Make the page's elements."""
         with box("div", "stack"):
-            with panel(self.text("calibrate.quick")):
+            with panel(classes="spread"):
                 words("p", self.text("calibrate.quick_explained"), "muted")
                 quick_buttons(self.visitor)
             self._quick = JobPanel(self.visitor)
@@ -65,7 +66,7 @@ class CalibratePage:
         by_step: Mapping[Step, Any] = {
             "prepare": None,
             "measure": course.calibrate,
-            "models": next((job for job in course.fits[:1] if job.open), course.compare),
+            "models": _unfinished((*course.fits[:1], course.compare)),
             "verify": course.verify,
             "sign": None,
             "certificate": course.certificate,
@@ -137,6 +138,11 @@ class CalibratePage:
         if self.step == "verify":
             return course.verify is not None and course.verify.result is not None
         return True
+
+
+def _unfinished(jobs: Sequence[JobView | None]) -> JobView | None:
+    """Return the first job whose panel says something that the page doesn't."""
+    return next((job for job in jobs if job is not None and job.result is None), None)
 
 
 def _state(course: Course) -> tuple[Any, ...]:

@@ -27,6 +27,8 @@ class SignStep:
         """Make the step's elements."""
         text, course, visitor = self._text, self._page.course, self._page.visitor
         with panel(text("sign.title")), box("div", "stack"):
+            number = course.calibration_id
+            assert number is not None
             words("p", text("sign.explained"))
             if course.verify is None or course.verify.result is None:
                 note(text("sign.unverified"), "warn")
@@ -35,6 +37,10 @@ class SignStep:
             if not visitor.has_role("metrologist"):
                 role = text(f"role.{visitor.looker.role}")
                 note(text("frame.not_allowed", role=role), "warn")
+                return
+            measured_by = visitor.service.records.calibration(number).calibration.measured_by
+            if measured_by == visitor.looker.label:
+                note(text("sign.own"), "warn")
                 return
             models = course.models
             recommended = course.recommended if course.recommended in models else next(iter(models))
@@ -72,7 +78,7 @@ class SignStep:
             service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
             service.activate(actor, model_id, remark or text("sign.reason"))
         except TorquebenchError as error:
-            self._password.wrong(error.found)
+            self._password.wrong(str(error))
             self._password.set("")
             return
         visitor.messages.good(text("sign.done"))
@@ -140,7 +146,7 @@ class CertificateStep:
         try:
             visitor.service.issue_certificate(visitor.actor, request, self._password.value)
         except TorquebenchError as error:
-            self._password.wrong(error.found)
+            self._password.wrong(str(error))
             self._password.set("")
             return
         self._page.refresh()

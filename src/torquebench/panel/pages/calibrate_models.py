@@ -72,7 +72,7 @@ class ModelsStep:
         if compare.result is None:
             return
         found = compare.result.details
-        note(found["sentence"], "good", title=text("models.recommended"))
+        note(found["sentence"], "good")
         scores = sorted(found["scores"], key=lambda score: score["worst_nm"])
         rows = [
             (

@@ -68,7 +68,7 @@ class JobPanel:
         self._parts: tuple[Any, ...] = ()
         with panel() as self.frame, box("div", "stack"):
             self._head = box("div", "spread")
-            with box("div", role="status"):
+            with box("div", "said", role="status"):
                 self._stage = words("div", "")
             self._progress = box("progress", max="1", aria_label=self._text("job.progress"))
             self._prompt = box("div")

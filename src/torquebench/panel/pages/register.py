@@ -17,6 +17,7 @@ from torquebench.panel.pages.calibrate import calibrate_page
 from torquebench.panel.pages.course import Dismissed
 from torquebench.panel.pages.live import live_page
 from torquebench.panel.pages.records import records_page
+from torquebench.panel.pages.reducer import reducer_page
 from torquebench.panel.pages.settings import settings_page
 from torquebench.panel.pages.sign_in import safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
@@ -29,6 +30,7 @@ STATIC = Path(__file__).parents[1] / "static"
 PAGES: dict[str, Callable[[Visitor], None]] = {
     "/": live_page,
     "/calibrate": calibrate_page,
+    "/reducer": reducer_page,
     "/records": records_page,
     "/settings": settings_page,
     "/alarms": alarms_page,
