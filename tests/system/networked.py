@@ -54,12 +54,14 @@ def described(**sections: dict[str, Any]) -> BenchDescription:
     values = tomllib.loads(text)
     values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
     values["output"]["drive"]["serial"] = "402005"
+    angles = {"angles": modbus(registers={"input": 0, "output": 2})}
     if sections.get("counter", {}).get("protocol") == "nidaqmx":
         values["counter"]["serial"] = "0A1B2C3D"
+        angles = {}
     values["driver"] = {
         "simulation": {"control": ANY_PORT},
         "counter": scpi_counter(),
-        "angles": modbus(registers={"input": 0, "output": 2}),
+        **angles,
         "input_drive": modbus(),
         "output_drive": canopen(),
         "reference": scpi(),

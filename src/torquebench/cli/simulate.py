@@ -104,7 +104,7 @@ def _changed(description: BenchDescription, **changes: Any) -> BenchDescription:
         driver["simulation"] = {**driver["simulation"], **changes}
     else:
         raise InputError(
-            f"{description.name} has real instruments",
+            f"{description.name} has no instruments to simulate",
             "a bench with a section [driver.simulation]",
             "see examples/networked.toml",
         )

@@ -66,14 +66,15 @@ class Simulators:
     """
 
     def __init__(self, description: BenchDescription) -> None:
-        source = f"{description.name}: driver"
-        options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
-        if options.simulation is None:
+        if "simulation" not in description.driver:
             raise InputError(
-                f"{description.name} has real instruments",
+                f"{description.name} has no instruments to simulate",
                 "a bench with a section [driver.simulation]",
                 "see examples/networked.toml",
             )
+        source = f"{description.name}: driver"
+        options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
+        assert options.simulation is not None
         self.plant = Plant(description, options.simulation)
         self.misbehaviour = Misbehaviour(options.simulation.seed)
         self._served: dict[str, Served] = {}

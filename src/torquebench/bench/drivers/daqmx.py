@@ -127,6 +127,9 @@ class DaqmxCounter:
             self.close()
             raise
 
+    times_encoders = True
+    """No other source of angles is needed."""
+
     # -- the device -------------------------------------------------------------------------
 
     def _connect(self) -> Any:

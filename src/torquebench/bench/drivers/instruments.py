@@ -114,6 +114,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
         }
         counter = open_one("counter")
         if options.angles is not None:
+            _check_needs_angles(counter)
             window_s = description.counter.window_s
             counter = with_angles(counter, open_one("angles"), window_s)
         return DriverSet(
@@ -130,6 +131,15 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             simulated_time=_on_demand(options),
             shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),
+        )
+
+
+def _check_needs_angles(counter: object) -> None:
+    if getattr(counter, "times_encoders", False):
+        raise InputError(
+            "driver.angles beside a counter that times the encoders itself",
+            "one of the two",
+            "take the section [driver.angles] out",
         )
 
 

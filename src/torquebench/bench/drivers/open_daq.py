@@ -1,0 +1,293 @@
+"""openDAQ devices (HBK, Dewesoft and others): torque channels as sampled frequencies.
+
+The device counts by itself and streams samples: frequency in Hz, or any unit with `scale_hz` and
+`offset_hz`. All channels are read together, aligned by their common domain (the device's clock).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from torquebench.bench.description import CounterDescription
+from torquebench.bench.drivers.base import CounterBlock, Identity
+from torquebench.bench.drivers.links import TimeOut
+from torquebench.bench.drivers.plugins import (
+    DriverPlugin,
+    InstrumentRequest,
+    Options,
+    require_library,
+)
+from torquebench.errors import BenchError, InputError
+from torquebench.signals import FrequencySamples, SignalFaultKind
+
+__all__ = ["PLUGIN", "OpenDaqCounter", "OpenDaqOptions"]
+
+SHORTEST_POLL_MS = 20
+HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
+Result = TypeVar("Result")
+
+
+class SignalOptions(Options):
+    """One signal of the device: the end of its path, and what its values are in Hz.
+
+    Without `scale_hz` the signal's own unit says it, which then has to be Hz, kHz or MHz.
+    """
+
+    signal: Annotated[str, Field(min_length=1)]
+    scale_hz: Annotated[float, Field(gt=0.0, le=1e9, description="Hz a unit")] | None = None
+    offset_hz: Annotated[float, Field(ge=-1e9, le=1e9, description="Hz")] = 0.0
+
+
+class OpenDaqOptions(Options):
+    """A device by its connection string, such as `daq.nd://192.168.0.20`."""
+
+    address: Annotated[str, Field(pattern=r"^[a-z.]+://.+$", description="connection string")]
+    channels: Mapping[
+        Literal["input_torque", "output_torque", "input_reference", "output_reference"],
+        SignalOptions,
+    ] = Field(min_length=2)
+    resolution_hz: Annotated[float, Field(gt=0.0, le=100.0, description="Hz")] = 1e-3
+    timeout_s: TimeOut = 2.0
+
+
+class OpenDaqCounter:
+    """Torque channels of one openDAQ device, averaged over the counter's windows.
+
+    Encoders are read elsewhere: give the bench a section `[driver.angles]`.
+
+    Parameters
+    ----------
+    options : OpenDaqOptions
+    counting : CounterDescription
+
+    Raises
+    ------
+    BenchError
+        The device can't be reached.
+    InputError
+        It has no such signal, or none that can be read as a frequency.
+    """
+
+    def __init__(self, options: OpenDaqOptions, counting: CounterDescription) -> None:
+        self._options = options
+        self._counting = counting
+        self._library = require_library("opendaq", "opendaq")
+        self._names = [str(name) for name in options.channels]
+        self._selected: frozenset[str] = frozenset(self._names)
+        self._reader: Any = None
+        self._device: Any = None
+        self._next_tick: int | None = None
+        self._windows = 0
+        self._closed = False
+        builder = self._library.InstanceBuilder()
+        builder.global_log_level = self._library.LogLevel.Off
+        self._instance = builder.build()
+        try:
+            self._connect()
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> None:
+        address = self._options.address
+        self._device = self._ask(lambda: self._instance.add_device(address))
+        found = {
+            str(signal.global_id): signal
+            for signal in self._ask(lambda: self._device.signals_recursive)
+        }
+        self._signals = [self._signal(found, name) for name in self._names]
+        self._scales = [self._scale(name) for name in range(len(self._names))]
+        domain = self._signals[0].domain_signal.descriptor
+        resolution = domain.tick_resolution
+        self._tick_s = float(resolution.numerator) / float(resolution.denominator)
+        self._delta = int(domain.rule.parameters["delta"])
+        self._rate_hz = 1.0 / (self._delta * self._tick_s)
+        per_window = self._counting.window_s * self._rate_hz
+        self._per_window = round(per_window)
+        if self._per_window < 1 or abs(per_window - self._per_window) > 1e-6:
+            raise InputError(
+                f"{self._rate_hz:g} samples a second of the device",
+                f"a whole number in each window of {self._counting.window_s:g} s",
+                "set the device's sample rate or counter.window_s",
+            )
+        info = self._device.info
+        self._plate = (str(info.manufacturer), str(info.model or info.name))
+        self._serial = str(info.serial_number)
+        self._firmware = str(getattr(info, "software_revision", ""))
+
+    def _signal(self, found: Mapping[str, Any], name: str) -> Any:
+        wanted = self._options.channels[name].signal  # type: ignore[index]
+        matching = [signal for path, signal in found.items() if f"/{path}".endswith(f"/{wanted}")]
+        if len(matching) != 1 or matching[0].domain_signal is None:
+            raise InputError(
+                f"driver.counter.channels.{name}.signal = {wanted!r} ends {len(matching)} paths",
+                "the end of one of " + ", ".join(sorted(found)),
+                "copy the path from the device's own software",
+            )
+        return matching[0]
+
+    def _scale(self, number: int) -> tuple[float, float]:
+        name = self._names[number]
+        options = self._options.channels[name]  # type: ignore[index]
+        unit = self._signals[number].descriptor.unit
+        symbol = str(unit.symbol) if unit is not None else "no unit"
+        scale_hz = options.scale_hz if options.scale_hz is not None else HERTZ.get(symbol)
+        if scale_hz is None:
+            raise InputError(
+                f"signal of {name} in {symbol}",
+                "Hz, kHz or MHz, or a key scale_hz",
+                f"say in driver.counter.channels.{name} how many Hz a unit are",
+            )
+        return scale_hz, options.offset_hz
+
+    def _ask(self, question: Callable[[], Result]) -> Result:
+        if self._closed:
+            raise BenchError("counter is closed", "an open instrument", "open it again")
+        try:
+            return question()
+        except (RuntimeError, AttributeError, KeyError) as error:
+            text = " ".join(str(error).split())[:160]
+            raise BenchError(
+                f"openDAQ device at {self._options.address}: {text}",
+                "a device that answers",
+                "check power, network and connection string of the device",
+            ) from error
+
+    @property
+    def shortest_read_s(self) -> float:
+        """A block is read whole: devices send their samples in packets."""
+        return self._counting.block_s
+
+    @property
+    def timebase_hz(self) -> float:
+        """Nominal frequency of the timebase as described, Hz; the device keeps its own."""
+        return self._counting.timebase_hz
+
+    @property
+    def clock_identity(self) -> str:
+        """Serial number of the device, and its clock as described."""
+        return f"{self._serial}/{self._counting.clock}"
+
+    def identity(self) -> Identity:
+        """Tell what the device said of itself when it was connected."""
+        details = {"address": self._options.address, "sample rate": f"{self._rate_hz:g} Hz"}
+        return Identity("counter", *self._plate, self._serial, self._firmware, details)
+
+    def select(self, channels: frozenset[str]) -> None:
+        """Deliver only these channels from the next block on; all are read in any case."""
+        unknown = sorted(channels - set(self._names))
+        if unknown:
+            raise InputError(
+                f"no signal for {unknown[0]}",
+                "a signal for every channel in use",
+                "add it to driver.counter.channels or give the standard a read-out",
+            )
+        self._selected = channels
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        """Return the next windows of every channel, waiting until they have come.
+
+        Raises
+        ------
+        BenchError
+            They don't come, or samples between them and those before are missing.
+        """
+        windows = max(1, round(duration_s / self._counting.window_s))
+        if self._reader is None:
+            self._reader = self._ask(lambda: self._library.MultiReader(self._signals))
+        values = self._samples(windows * self._per_window)
+        means = values.reshape(len(self._names), windows, self._per_window).mean(axis=2)
+        window_s = self._counting.window_s
+        start_s = self._windows * window_s
+        time_s = start_s + window_s * (np.arange(windows, dtype=np.float64) + 0.5)
+        frequencies = {
+            name: self._frequency(time_s, scale * row + offset)
+            for name, row, (scale, offset) in zip(self._names, means, self._scales, strict=True)
+            if name in self._selected
+        }
+        self._windows += windows
+        return CounterBlock(start_s, self._windows * window_s, {}, {}, frequencies)
+
+    def _samples(self, count: int) -> NDArray[np.float64]:
+        """Read so many samples of every channel without a gap, float64[channel, count]."""
+        parts: list[NDArray[np.float64]] = []
+        missing = count
+        deadline = time.monotonic() + count / self._rate_hz + self._options.timeout_s
+        while missing > 0:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0.0:
+                raise BenchError(
+                    f"openDAQ device at {self._options.address} sent {count - missing} of "
+                    f"{count} samples",
+                    f"all of them within {self._options.timeout_s:g} s of their time",
+                    "check the device and the network",
+                )
+            wait_ms = max(SHORTEST_POLL_MS, round(1e3 * min(left_s, 0.2)))
+            read = partial(self._reader.read_with_domain, missing, timeout_ms=wait_ms)
+            values, ticks = self._ask(read)
+            if len(ticks[0]):
+                self._check_gapless(np.asarray(ticks[0]))
+                parts.append(np.asarray(values, dtype=np.float64))
+                missing -= len(ticks[0])
+        return np.concatenate(parts, axis=1)
+
+    def _check_gapless(self, ticks: NDArray[np.int64]) -> None:
+        expected = self._next_tick
+        first, last = int(ticks[0]), int(ticks[-1])
+        steps = (last - first) // self._delta + 1
+        if (expected is not None and first != expected) or steps != ticks.size:
+            raise BenchError(
+                f"openDAQ device at {self._options.address}: samples are missing after tick "
+                f"{expected if expected is not None else first}",
+                "a stream without gaps",
+                "check the network and the computer's load, then open the bench again",
+            )
+        self._next_tick = last + self._delta
+
+    def _frequency(
+        self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]
+    ) -> FrequencySamples:
+        silent = ~(frequency_hz > 0.0)
+        edges = np.where(silent, 0.0, frequency_hz * self._counting.window_s).astype(np.int64)
+        none = np.zeros(time_s.size, dtype=np.int32)
+        return FrequencySamples(
+            time_s=time_s,
+            fault=np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
+            frequency_hz=np.where(silent, np.nan, frequency_hz),
+            edges=edges,
+            standard_uncertainty_hz=np.where(silent, np.nan, self._options.resolution_hz),
+            missing=none,
+            doubled=none,
+        )
+
+    def close(self) -> None:
+        """Release the device. A second call does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        self._reader = None
+        self._signals = []
+        if self._device is not None:
+            with contextlib.suppress(RuntimeError):
+                self._instance.remove_device(self._device)
+        self._device = self._instance = None
+
+
+def _counter(request: InstrumentRequest) -> OpenDaqCounter:
+    options: OpenDaqOptions = request.read(OpenDaqOptions)
+    for name in ("input_torque", "output_torque"):
+        if name not in options.channels:
+            raise InputError(f"channels without {name}", "a signal for each module")
+    return OpenDaqCounter(options, request.description.counter)
+
+
+PLUGIN = DriverPlugin("opendaq", {"counter": _counter})
+"""What `protocol = "opendaq"` opens."""
