@@ -28,6 +28,7 @@ from torquebench.bench.roles import (
     torque_channel,
 )
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
+from torquebench.bench.safety_priority import prefer_this_thread
 from torquebench.bench.samples import (
     AcquiredBlock,
     ChannelSamples,
@@ -93,8 +94,10 @@ class Acquisition:
         self._commands = commands
         self._block_s = description.counter.block_s
         # In fast simulated time nothing happens between blocks that could be reacted to sooner.
-        self._slices = 1 if clock.fast else slices_of(
-            self._block_s, max(description.safety.look_s, drivers.shortest_read_s)
+        self._slices = (
+            1
+            if clock.fast
+            else slices_of(self._block_s, max(description.safety.look_s, drivers.shortest_read_s))
         )
         self._index = 0
         self._lock = threading.RLock()
@@ -148,6 +151,8 @@ class Acquisition:
         return self._index
 
     def _run(self) -> None:
+        if not self._clock.fast:
+            prefer_this_thread()
         try:
             while not self._stopping.is_set():
                 if not self._clock.wait_for_demand(DEMAND_POLL_S):

@@ -29,6 +29,7 @@ from torquebench.bench.safety_alarms import (
 from torquebench.bench.safety_drives import DriveHand
 from torquebench.bench.safety_heartbeats import Heartbeats
 from torquebench.bench.safety_limits import LimitBook, SideLimits, StepLimits
+from torquebench.bench.safety_priority import prefer_this_thread, share_interpreter_finely
 from torquebench.bench.safety_signals import Change, Glance, SignalJudge, Violation
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
@@ -374,6 +375,9 @@ class SafetySupervisor:
 
     def _watch(self) -> None:
         period_s = IDLE_PERIOD_S if self._clock.fast else WATCH_PERIOD_S
+        if not self._clock.fast:
+            share_interpreter_finely()
+            prefer_this_thread()
         while not self._closing.wait(period_s):
             busy_since = self._busy_since
             stalled = busy_since is not None and time.monotonic() - busy_since > self._stall_s
