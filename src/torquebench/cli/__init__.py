@@ -16,6 +16,7 @@ from torquebench.cli import (
     demo,
     doctor,
     evaluate,
+    evaluate_reducer,
     measure,
     models,
     panel,
@@ -49,6 +50,7 @@ for _group in (
 ):
     _group.register(app)
 app.add_typer(records.app)
+evaluate_reducer.register(evaluate.app)
 app.add_typer(evaluate.app)
 
 

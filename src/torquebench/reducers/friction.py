@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.reducers.friction_fit import FORMS, Form, FrictionFit, fit_friction
+from torquebench.reducers.quantities import Contribution, ResultQuantity, budget
 
 __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_curve"]
 
@@ -70,6 +71,40 @@ class FrictionResult:
     counter_clockwise: FrictionFit | None
     systematic_uncertainty_nm: float
     worst_relative_uncertainty: float
+
+    def quantities(self) -> tuple[ResultQuantity, ...]:
+        """Return the parts of the friction under their names, for tables and reports."""
+        rows = []
+        for name, fit in (
+            ("clockwise", self.clockwise),
+            ("counter-clockwise", self.counter_clockwise),
+        ):
+            if fit is None:
+                continue
+            parts = [
+                ("coulomb", "Coulomb torque", fit.coulomb_nm, "N·m"),
+                ("viscous", "viscous coefficient", fit.viscous_nm_s_per_rad, "N·m·s/rad"),
+                ("stribeck", "Stribeck torque", fit.stribeck_nm, "N·m"),
+            ]
+            if fit.stribeck_speed_rpm is not None:
+                parts.append(("stribeck_speed", "Stribeck speed", fit.stribeck_speed_rpm, "rpm"))
+            for key, title, estimate, unit in parts:
+                if estimate.value == 0.0:
+                    continue
+                scatter = Contribution(
+                    "scatter about the fit", estimate.standard_uncertainty, fit.degrees_of_freedom
+                )
+                # An error of the zero is one of the Coulomb torque; speeds don't change it.
+                zero = self.systematic_uncertainty_nm if key == "coulomb" else 0.0
+                rows.append(
+                    ResultQuantity(
+                        f"{key}_{name.replace('-', '_')}",
+                        f"{title}, {name}",
+                        budget(estimate.value, unit, [scatter, Contribution("torque zero", zero)]),
+                        fit.form,
+                    )
+                )
+        return tuple(rows)
 
     def require(self, share: float) -> None:
         """Refuse the result where its uncertainty exceeds a stated share of the torque.

@@ -32,8 +32,8 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
     for name, column in (("torque", torque), ("angle", angle)):
         if np.ptp(column) == 0.0:
             raise InputError(
-                f"a {name} that stands still at {column[0]:.6g}",
-                f"a {name} that changes",
+                f"the {name} stands still at {column[0]:.6g}",
+                f"{name}s that change",
                 "check the channel",
             )
     torque_range, angle_range = float(np.ptp(torque)), float(np.ptp(angle))

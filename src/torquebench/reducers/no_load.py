@@ -118,30 +118,7 @@ class NoLoadResult:
             ResultQuantity(each.key, f"no-load torque at {each.speed_rpm:.0f} rpm", each.torque)
             for each in self.points
         ]
-        for name, fit in (
-            ("clockwise", self.friction.clockwise),
-            ("counter-clockwise", self.friction.counter_clockwise),
-        ):
-            if fit is None:
-                continue
-            short = name.replace("-", "_")
-            parts = [
-                ("coulomb", "Coulomb torque", fit.coulomb_nm, "N·m"),
-                ("viscous", "viscous coefficient", fit.viscous_nm_s_per_rad, "N·m·s/rad"),
-                ("stribeck", "Stribeck torque", fit.stribeck_nm, "N·m"),
-            ]
-            for key, title, estimate, unit in parts:
-                if estimate.value == 0.0:
-                    continue
-                part = Contribution("fit", estimate.standard_uncertainty, fit.degrees_of_freedom)
-                rows.append(
-                    ResultQuantity(
-                        f"{key}_{short}",
-                        f"{title}, {name}",
-                        budget(estimate.value, unit, [part]),
-                        fit.form,
-                    )
-                )
+        rows += self.friction.quantities()
         if self.temperature_coefficient is not None:
             rows.append(
                 ResultQuantity(

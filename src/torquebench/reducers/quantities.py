@@ -7,7 +7,7 @@ from math import inf, sqrt
 from torquebench.errors import InputError
 from torquebench.uncertainty import Budget, BudgetLine, Distribution, welch_satterthwaite
 
-__all__ = ["Contribution", "Finding", "ResultQuantity", "budget", "least_upper_bound", "refuse"]
+__all__ = ["Contribution", "Finding", "ResultQuantity", "budget", "refuse"]
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,6 @@ def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Bu
         for part in parts
     )
     return Budget(float(value), sqrt(variance), freedom, lines, unit)
-
-
-def least_upper_bound(estimate: Budget) -> float:
-    """Return value + U (k for 95.45 %): what the true value doesn't exceed by this evaluation."""
-    return estimate.value + estimate.expanded_uncertainty()
 
 
 def refuse(estimate: Budget, share: float, what: str) -> None:

@@ -1,0 +1,203 @@
+"""Columns of anybody's tables: which header is which quantity, in which unit, and which rows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from torquebench.records.csv_text import CsvTable
+
+__all__ = ["Kind", "read_columns"]
+
+Kind = str
+"""One of the keys of `UNITS`, or ``"label"`` for a number without a unit."""
+
+_TURN = 6.283185307179586
+UNITS: Mapping[Kind, Mapping[str, float]] = {
+    "torque": {"nm": 1.0, "knm": 1e3, "mnm": 1e-3},
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "deg": _TURN / 360.0,
+        "arcmin": _TURN / 21600.0,
+        "arcsec": _TURN / 1296000.0,
+        "rev": _TURN,
+    },
+    "speed": {"rpm": 1.0, "rads": 60.0 / _TURN, "degs": 1.0 / 6.0, "revs": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "temperature": {"c": 1.0, "degc": 1.0},
+}
+"""Factors to N·m, rad, 1/min, s and °C; unit names without separators, in lower case."""
+
+_SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "1/min": "rpm", "µs": "us"}
+_UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$")
+
+
+def read_columns(
+    data: Path,
+    wanted: Mapping[str, Kind],
+    required: Sequence[str],
+    mapping: Sequence[str],
+    where: Sequence[str],
+) -> dict[str, NDArray[np.float64]]:
+    """Return columns of a CSV file in N·m, rad, 1/min, s and °C, by quantity.
+
+    Parameters
+    ----------
+    data : pathlib.Path
+        The file.
+    wanted : mapping of str to str
+        Kind of each quantity by its name, such as ``{"torque": "torque", "position": "label"}``.
+    required : sequence of str
+        Quantities that there must be.
+    mapping : sequence of str
+        ``name=Header[unit]`` of headers that don't name quantity and unit themselves; a minus
+        sign before the header turns the sign, ``counts/N`` is the unit of an encoder with N
+        counts per revolution.
+    where : sequence of str
+        ``Header=value,value`` of the rows that are used.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing or unknown, has no or another unit, or no row is left.
+    """
+    from torquebench.records.csv_text import read_csv
+
+    table = read_csv(data)
+    chosen: dict[str, tuple[str, float]] = {}
+    for text in mapping:
+        name, source = _parse(text, table, wanted)
+        if name in chosen:
+            raise InputError(f"two columns for {name}", "one --column for each", f"drop {text!r}")
+        chosen[name] = source
+    for name, kind in wanted.items():
+        if name not in chosen:
+            found = _by_header(table, name, kind)
+            if found is not None and found[0] not in {header for header, _ in chosen.values()}:
+                chosen[name] = found
+    for name in required:
+        if name not in chosen:
+            unit = next(iter(UNITS.get(wanted[name], {"": 1.0})))
+            header = f"{name}_{unit}" if unit else name
+            raise InputError(
+                f"{data} has no column {header}; it has {', '.join(table.header)}",
+                f"the columns {', '.join(required)}, each with its unit",
+                f"name it: --column {name}={table.header[0]}[{unit}]" if unit else "add it",
+            )
+    rows = _rows(table, where)
+    return {name: table.numbers(header)[rows] * factor for name, (header, factor) in chosen.items()}
+
+
+def _parse(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str, tuple[str, float]]:
+    name, equals, source = text.partition("=")
+    name = name.strip().lower()
+    if not equals or not source.strip():
+        raise InputError(
+            f"--column {text}", "NAME=Header[unit], as in --column 'angle=Position[deg]'"
+        )
+    name = next((known for known in wanted if name in (known, *_with_units(known, wanted))), name)
+    if name not in wanted:
+        raise InputError(f"--column {text}", f"one of {', '.join(wanted)} before the =")
+    source = source.strip().lower()
+    sign = 1.0
+    if source not in table.header and source.startswith("-"):
+        sign, source = -1.0, source[1:].strip()
+    unit = _UNIT.search(source)
+    header = source
+    if header not in table.header and unit is not None:
+        header = source[: unit.start()].strip()
+    if header not in table.header:
+        raise InputError(
+            f"--column {text}: {table.origin} has no column {header}",
+            f"one of {', '.join(table.header)}",
+        )
+    kind = wanted[name]
+    if kind == "label":
+        return name, (header, sign)
+    if unit is not None:
+        return name, (header, sign * _factor(kind, unit[1], text))
+    known = _by_header_unit(header, kind)
+    if known is None:
+        raise InputError(
+            f"--column {text} names no unit",
+            f"one of {', '.join(UNITS[kind])} in brackets",
+            f"as in --column '{name}={header}[{next(iter(UNITS[kind]))}]'",
+        )
+    return name, (header, sign * known)
+
+
+def _with_units(name: str, wanted: Mapping[str, Kind]) -> list[str]:
+    return [f"{name}_{unit}" for unit in UNITS.get(wanted[name], {})]
+
+
+def _factor(kind: Kind, unit: str, text: str) -> float:
+    unit = unit.strip().lower()
+    counts = re.fullmatch(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", unit)
+    if kind == "angle" and counts is not None and float(counts[1]) > 0.0:
+        return _TURN / float(counts[1])
+    plain = _SPELLED.get(unit, re.sub(r"[^a-z]", "", unit))
+    if plain not in UNITS[kind]:
+        more = ", counts/N for N counts per revolution" if kind == "angle" else ""
+        raise InputError(
+            f"the unit {unit} in --column {text}", f"one of {', '.join(UNITS[kind])}{more}"
+        )
+    return UNITS[kind][plain]
+
+
+def _by_header(table: CsvTable, name: str, kind: Kind) -> tuple[str, float] | None:
+    """Find a column whose header names quantity and unit: angle_deg, or angle [deg]."""
+    if kind == "label":
+        return (name, 1.0) if name in table.header else None
+    found = None
+    for header in table.header:
+        stem = _UNIT.sub("", header)
+        alone = header == f"{name}_{header.rpartition('_')[2]}" or stem == name != header
+        factor = _by_header_unit(header, kind) if alone else None
+        if factor is None:
+            continue
+        if found is not None:
+            raise InputError(
+                f"{table.origin}: the columns {found[0]} and {header} give one quantity twice",
+                f"one column for {name}",
+                f"choose one by --column {name}={header}",
+            )
+        found = (header, factor)
+    return found
+
+
+def _by_header_unit(header: str, kind: Kind) -> float | None:
+    bracket = _UNIT.search(header)
+    unit = bracket[1] if bracket is not None else header.rpartition("_")[2]
+    return UNITS[kind].get(_SPELLED.get(unit, re.sub(r"[^a-z]", "", unit)))
+
+
+def _rows(table: CsvTable, where: Sequence[str]) -> NDArray[np.intp]:
+    import numpy as np
+
+    kept = np.ones(len(table.rows), dtype=bool)
+    for text in where:
+        header, equals, values = text.partition("=")
+        header = header.strip().lower()
+        if not equals or header not in table.header:
+            raise InputError(
+                f"--where {text}", f"Header=value,value with one of {', '.join(table.header)}"
+            )
+        try:
+            wanted = [float(value) for value in values.split(",")]
+        except ValueError:
+            raise InputError(
+                f"--where {text}", "numbers after the =, separated by commas"
+            ) from None
+        kept &= np.isin(table.numbers(header), wanted)
+    if not np.any(kept):
+        raise InputError("no row is left", "rows that every --where keeps", "check the values")
+    return np.flatnonzero(kept)

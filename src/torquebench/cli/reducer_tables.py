@@ -1,0 +1,203 @@
+"""What an evaluation of a reducer test prints and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.console import narrow_table, out, say, stderr_console
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
+    from torquebench.uncertainty import Budget
+
+__all__ = ["plain_budget", "present", "stated"]
+
+FAILED = ("fail", "conditionalFail")
+
+
+def stated(value: float, expanded: float) -> tuple[str, str]:
+    """Return a value and its expanded uncertainty, both to two digits of the uncertainty.
+
+    Examples
+    --------
+    >>> stated(112.34567, 0.456)
+    ('112.35', '0.46')
+    >>> stated(0.95, 0.0)
+    ('0.95', '0')
+    """
+    if not (isfinite(expanded) and expanded > 0.0):
+        return f"{value:.5g}", "0" if expanded == 0.0 else "unknown"
+    places = 1 - int(f"{float(f'{expanded:.1e}'):e}".split("e")[1])
+    if places < 0:
+        return f"{round(value, places):.0f}", f"{round(expanded, places):.0f}"
+    return f"{value:.{places}f}", f"{expanded:.{places}f}"
+
+
+def present(
+    test: str,
+    data: Path,
+    result: Any,
+    judged: Sequence[QuantityVerdict],
+    output: Path | None,
+    settings: dict[str, Any],
+) -> None:
+    """Print a result within 80 columns, write it into a folder where one is named.
+
+    Raises
+    ------
+    typer.Exit
+        With 1 where a limit isn't kept or a finding forbids a verdict.
+    """
+    quantities = result.quantities()
+    findings: tuple[Finding, ...] = getattr(result, "findings", ())
+    if output is not None:
+        _write(test, data, result, quantities, judged, findings, output, settings)
+    _print_quantities(f"{test}: {data.name}", quantities)
+    _print_verdicts(judged)
+    for finding in findings:
+        style = "red" if finding.severe else "yellow"
+        stderr_console().print(
+            f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.message)}"
+        )
+        stderr_console().print(f"  {escape(finding.remedy)}", style="dim")
+    if output is not None:
+        say(f"Every number: {escape(str(output / 'result.json'))}")
+    failed = any(str(each.decision.verdict) in FAILED for each in judged)
+    if failed or any(finding.severe for finding in findings):
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
+    table = narrow_table(escape(title), caption="U: expanded uncertainty, 95.45 % coverage")
+    table.add_column("", overflow="fold")
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("U", justify="right", no_wrap=True)
+    table.add_column("k", justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    for each in quantities:
+        value, expanded = stated(each.estimate.value, each.estimate.expanded_uncertainty())
+        factor = f"{each.estimate.coverage_factor():.2f}"
+        table.add_row(escape(each.title), value, expanded, factor, each.estimate.unit)
+        if each.rule:
+            table.add_row(f"[dim]  {escape(each.rule)}[/dim]")
+    out().print(table)
+
+
+def _print_verdicts(judged: Sequence[QuantityVerdict]) -> None:
+    if not judged:
+        return
+    table = narrow_table("against the data sheet, guard band = U")
+    table.add_column("", overflow="fold")
+    table.add_column("limit", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for each in judged:
+        verdict = each.decision.verdict
+        style = "red" if str(verdict) in FAILED else "green"
+        table.add_row(escape(each.title), each.limit, f"[{style}]{verdict.label}[/{style}]")
+    out().print(table)
+
+
+def plain_budget(estimate: Budget) -> dict[str, Any]:
+    """Return an estimate and its contributions for JSON; unlimited degrees of freedom are null."""
+
+    def freedom(value: float) -> float | None:
+        return value if isfinite(value) else None
+
+    return {
+        "value": estimate.value,
+        "unit": estimate.unit,
+        "standard_uncertainty": estimate.standard_uncertainty,
+        "degrees_of_freedom": freedom(estimate.degrees_of_freedom),
+        "coverage_factor": estimate.coverage_factor(),
+        "expanded_uncertainty": estimate.expanded_uncertainty(),
+        "contributions": [
+            {
+                "name": line.name,
+                "standard_uncertainty": line.contribution,
+                "degrees_of_freedom": freedom(line.degrees_of_freedom),
+                "sensitivity": line.sensitivity,
+                "share": line.share,
+            }
+            for line in estimate.lines
+        ],
+    }
+
+
+def _write(
+    test: str,
+    data: Path,
+    result: Any,
+    quantities: Sequence[ResultQuantity],
+    judged: Sequence[QuantityVerdict],
+    findings: Sequence[Finding],
+    output: Path,
+    settings: dict[str, Any],
+) -> None:
+    import hashlib
+
+    from torquebench import __version__
+    from torquebench.records import json_text, write_atomically
+
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output} is a file", "a folder", "name another --output")
+    output.mkdir(parents=True, exist_ok=True)
+    content = {
+        "test": test,
+        "software_version": __version__,
+        "data": data.name,
+        "data_sha256": hashlib.sha256(data.read_bytes()).hexdigest(),
+        "settings": settings,
+        "quantities": [
+            {"key": each.key, "title": each.title, "rule": each.rule, **plain_budget(each.estimate)}
+            for each in quantities
+        ],
+        "verdicts": [
+            {
+                "key": each.key,
+                "limit": each.limit,
+                "verdict": str(each.decision.verdict),
+                "conformance_probability": each.decision.conformance_probability,
+                "rule": each.decision.rule(),
+            }
+            for each in judged
+        ],
+        "findings": list(findings),
+    }
+    write_atomically(output / "result.json", json_text(content, indent=2) + "\n")
+    _write_curves(output, result)
+
+
+def _write_curves(output: Path, result: Any) -> None:
+    """Write what a figure needs as CSV: loops, error curves."""
+    import numpy as np
+
+    from torquebench.records import write_atomically
+
+    rows: list[str] = []
+    if hasattr(result, "loops"):
+        rows.append("position,loop,torque_nm,rising_rad,falling_rad")
+        for loop in result.loops:
+            curve = loop.curve
+            rows += [
+                f"{loop.position:g},{loop.loop},{t:.8g},{up:.9g},{down:.9g}"
+                for t, up, down in zip(
+                    curve.torque_nm, curve.rising_rad, curve.falling_rad, strict=True
+                )
+            ]
+    elif hasattr(result, "directions"):
+        rows.append("direction,angle_deg,error_arcsec")
+        for each in result.directions:
+            rows += [
+                f"{each.direction},{angle:.8g},{error:.6g}"
+                for angle, error in zip(np.degrees(each.angle_rad), each.error_arcsec, strict=True)
+            ]
+    if rows:
+        write_atomically(output / "curves.csv", "\n".join(rows) + "\n")
