@@ -130,6 +130,7 @@ class Station:
         *,
         real_time: bool = False,
         operator: OperatorPrompts | None = None,
+        drivers: DriverSet | None = None,
     ) -> Self:
         """Open the bench: drivers, acquisition, devices, run engine, registry.
 
@@ -143,6 +144,9 @@ class Station:
             Simulated time follows the wall instead of running as fast as it computes.
         operator : OperatorPrompts, optional
             Who mounts things; the driver's own when not given.
+        drivers : DriverSet, optional
+            Instruments that are open already; the station closes them. Without them those that
+            the description names.
 
         Raises
         ------
@@ -155,7 +159,7 @@ class Station:
             description = default_bench()
         elif not isinstance(description, BenchDescription):
             description = load_bench(description)
-        drivers = open_drivers(description)
+        drivers = drivers or open_drivers(description)
         if operator is not None:
             drivers = replace(drivers, operator=operator)
         station = cls(description, drivers, data_directory(data_dir), real_time=real_time)
