@@ -26,6 +26,7 @@ from torquebench.calibration.deviations import (
     ReferenceStandard,
     assign_nominal,
     find_deviations,
+    ladder_points,
     refuse_deviations,
 )
 from torquebench.calibration.drift import (
@@ -105,6 +106,7 @@ __all__ = [
     "find_trend",
     "individuals_chart",
     "infer_branch",
+    "ladder_points",
     "limits_of_class",
     "load_profile",
     "loading_series",

@@ -19,6 +19,7 @@ __all__ = [
     "ReferenceStandard",
     "assign_nominal",
     "find_deviations",
+    "ladder_points",
     "refuse_deviations",
 ]
 
@@ -232,6 +233,19 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
         placed = np.abs(data.standard_nm - nominal) > 0.01 * data.range_nm
         nominal[placed] = data.standard_nm[placed]
     return replace(data, nominal_nm=nominal)
+
+
+def ladder_points(data: CalibrationData, profile: Profile) -> NDArray[np.bool_]:
+    """Return which points belong to series of the profile's own steps, shape (n,).
+
+    All of them, except in an adaptive calibration, whose later series have steps of their own.
+    """
+    if profile.adaptive is None or data.nominal_nm is None:
+        return np.ones(len(data), dtype=np.bool_)
+    steps = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
+    distance = np.min(np.abs(np.abs(data.nominal_nm)[:, None] - steps), axis=1)
+    placed = data.series[distance > 1e-6 * data.range_nm]
+    return np.asarray(~np.isin(data.series, placed))
 
 
 def _deviation(

@@ -95,18 +95,11 @@ def static(
         CalibrationRecord,
         ReferenceStandard,
         assign_nominal,
-        calibration_results,
         find_deviations,
         load_profile,
     )
     from torquebench.campaign.measured_elsewhere import Elsewhere
-    from torquebench.records import (
-        Equipment,
-        Report,
-        json_text,
-        read_calibration_csv,
-        write_atomically,
-    )
+    from torquebench.records import Equipment, Report, read_calibration_csv
 
     chosen = load_profile(profile)
     if result is not None:
@@ -116,62 +109,66 @@ def static(
     )
     points = assign_nominal(read, chosen)
     moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)
-    reference = ReferenceStandard(
-        serial=reference_serial,
-        due=None if reference_due is None else reference_due.date(),
-        expanded_uncertainty_percent=reference_uncertainty,
+    due = None if reference_due is None else reference_due.date()
+    standard = ReferenceStandard(
+        reference_serial, reference_certificate, due, reference_uncertainty
     )
-    deviations = find_deviations(CalibrationRecord(points, moment, reference), chosen)
+    deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)
     _print_heading(points, chosen)
     _print_deviations(deviations)
-    refused = any(each.consequence == "refuse" for each in deviations)
     if not any(each.kind in ("missing_series", "missing_step") for each in deviations):
-        results = calibration_results(
-            points,
-            resolution_nm=resolution,
-            reference_uncertainty_percent=reference_uncertainty,
-            torque_nm=None if model is None else _compensated(model, points),
-        )
-        _print_results(results)
-        if result is not None:
-            content = {
-                "profile": {"name": chosen.name, "sha256": chosen.sha256},
-                "data_sha256": points.sha256(),
-                "deviations": deviations,
-                "results": results,
-            }
-            write_atomically(result, json_text(content, indent=2) + "\n")
-            say(f"Every number: {result}")
+        _evaluate(points, chosen, deviations, resolution, reference_uncertainty, model, result)
     if register:
         report = Report(
             "calibrator",
             reference_serial,
             reference_certificate,
             laboratory=reference_laboratory,
-            due=reference.due,
+            due=due,
             expanded_uncertainty_percent=reference_uncertainty,
         )
-        kind = Equipment(
-            "transducer",
-            points.transducer_serial,
-            manufacturer,
-            transducer_model,
-            points.range_nm,
+        item = Equipment(
+            "transducer", points.transducer_serial, manufacturer, transducer_model, points.range_nm
         )
+        read_with, by = points.counter_identity, measured_by
         circumstances = Elsewhere(
-            moment,
-            measured_by,
-            place,
-            kind,
-            points.counter_identity,
-            report,
-            reference_model,
-            resolution,
+            moment, by, place, item, read_with, report, reference_model, resolution
         )
         _register(records, data, points, chosen, circumstances, model)
-    if refused:
+    if any(each.consequence == "refuse" for each in deviations):
         warn("the profile refuses a certificate for this calibration")
         raise typer.Exit(CHECK_FAILED)
+
+
+def _evaluate(
+    points: CalibrationData,
+    profile: Profile,
+    deviations: tuple[Deviation, ...],
+    resolution_nm: float,
+    reference_percent: float,
+    model: Path | None,
+    result: Path | None,
+) -> None:
+    from torquebench.calibration import calibration_results, ladder_points
+    from torquebench.records import json_text, write_atomically
+
+    stepped = points.subset(ladder_points(points, profile))
+    results = calibration_results(
+        stepped,
+        resolution_nm=resolution_nm,
+        reference_uncertainty_percent=reference_percent,
+        torque_nm=None if model is None else _compensated(model, stepped),
+    )
+    _print_results(results)
+    if result is not None:
+        content = {
+            "profile": {"name": profile.name, "sha256": profile.sha256},
+            "data_sha256": points.sha256(),
+            "deviations": deviations,
+            "results": results,
+        }
+        write_atomically(result, json_text(content, indent=2) + "\n")
+        say(f"Every number: {result}")
 
 
 def _register(

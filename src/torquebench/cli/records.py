@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli import drift, export, export_data, record_checks
+from torquebench.cli import drift, equipment, export, export_data, record_checks
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -39,6 +39,7 @@ record_checks.register(app)
 export.register(app)
 export_data.register(app)
 drift.register(app)
+equipment.register(app)
 
 
 class Kind(StrEnum):
@@ -356,6 +357,8 @@ def _short(value: Any) -> str:
         return f"{value:.6g}"
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} values"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_short(item)}" for name, item in value.items())
     return str(value)
 
 

@@ -12,6 +12,7 @@ from torquebench.calibration import (
     SideBySide,
     StaticEvaluation,
     calibration_results,
+    ladder_points,
 )
 from torquebench.compensation import CompensationModel
 from torquebench.errors import InputError
@@ -68,7 +69,7 @@ def static_tables(
     torque = None
     if model is not None:
         torque = model.predict(data.features(model.n_features_in_))
-    stepped = _stepped(data, profile)
+    stepped = ladder_points(data, profile)
     if not np.any(stepped):
         return (), None
     try:
@@ -101,16 +102,6 @@ def zero_hysteresis_statement(results: CalibrationResults) -> ZeroHysteresisStat
         None if after is None else after.worst_nm,
         None if after is None else after.worst_percent_fs,
     )
-
-
-def _stepped(data: CalibrationData, profile: Profile) -> NDArray[np.bool_]:
-    """Return which points belong to the profile's own series of steps, shape (n,)."""
-    if profile.adaptive is None or data.nominal_nm is None:
-        return np.ones(len(data), dtype=np.bool_)
-    steps = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
-    distance = np.min(np.abs(np.abs(data.nominal_nm)[:, None] - steps), axis=1)
-    placed = set(data.series[distance > 1e-6 * data.range_nm].tolist())
-    return np.array([number not in placed for number in data.series.tolist()])
 
 
 def _table(

@@ -1,0 +1,253 @@
+"""`torquebench records adjust`, `add-equipment`, `add-certificate`, `fit-part`, `equipment`.
+
+What a laboratory enters about its equipment beside runs: in the words of ISO/IEC 17025.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.records import Equipment, Registry
+
+__all__ = ["register"]
+
+
+class Kind(StrEnum):
+    """What a piece of equipment is."""
+
+    transducer = "transducer"
+    calibrator = "calibrator"
+    verification_standard = "verification-standard"
+    counter = "counter"
+    drive = "drive"
+    encoder = "encoder"
+    bench = "bench"
+
+
+KindArgument = Annotated[Kind, typer.Argument(help="What it is.")]
+SerialArgument = Annotated[
+    str, typer.Argument(help="Its serial number; of a counter its identity, of a bench its name.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("equipment")(equipment)
+    app.command("add-equipment")(add_equipment)
+    app.command("add-certificate")(add_certificate)
+    app.command("fit-part")(fit_part)
+    app.command("adjust")(adjust)
+
+
+def add_equipment(
+    kind: KindArgument,
+    serial: SerialArgument,
+    manufacturer: Annotated[str, typer.Option(help="As on its plate.")] = "",
+    model: Annotated[str, typer.Option(help="As on its plate.")] = "",
+    range_nm: Annotated[
+        float | None, typer.Option("--range", min=1e-6, help="Its full scale in N·m.")
+    ] = None,
+    detail: Annotated[list[str] | None, typer.Option(help="name=value; repeatable.")] = None,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Enter a piece of equipment, or what is known of it from now on."""
+    from torquebench.records import Equipment, Registry
+
+    described = Equipment(kind.value, _named(serial), manufacturer, model, range_nm, _pairs(detail))
+    with Registry.open(data) as registry:
+        registry.add_equipment(described)
+    say(f"{kind.value} {escape(serial)} entered.")
+
+
+def add_certificate(
+    kind: KindArgument,
+    serial: SerialArgument,
+    number: Annotated[str, typer.Argument(help="Number of its certificate.")],
+    uncertainty: Annotated[
+        float, typer.Option(min=0, max=10, help="Expanded uncertainty (k = 2), % of its range.")
+    ],
+    due: Annotated[datetime, typer.Option(help="Last day on which it counts.")],
+    laboratory: Annotated[str, typer.Option(help="Who has calibrated it.")] = "",
+    performed: Annotated[datetime | None, typer.Option(help="Day of its calibration.")] = None,
+    file: Annotated[
+        Path | None, typer.Option(help="The certificate's file; its hash is kept.")
+    ] = None,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Enter the certificate of a standard: what its measurements are traceable to."""
+    from torquebench.records import Registry, Report
+
+    with Registry.open(data_directory(data)) as registry:
+        _known(registry, kind, serial)
+        registry.add_report(
+            Report(
+                kind.value,
+                serial,
+                number,
+                laboratory=laboratory,
+                performed=None if performed is None else performed.date(),
+                due=due.date(),
+                expanded_uncertainty_percent=uncertainty,
+                file=file,
+            )
+        )
+    say(f"certificate {escape(number)} of {kind.value} {escape(serial)}, until {due:%Y-%m-%d}.")
+
+
+def fit_part(
+    kind: KindArgument,
+    serial: SerialArgument,
+    into_kind: Annotated[Kind, typer.Argument(help="What it is fitted into.")],
+    into_serial: Annotated[str, typer.Argument(help="Serial number or name of that.")],
+    role: Annotated[str, typer.Option(help="What it does there, such as output.transducer.")],
+    by: Annotated[str, typer.Option(help="Who has fitted it.")],
+    reason: Annotated[str, typer.Option(help="Why.")] = "",
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Enter that a part is fitted into a bench, in place of what was there."""
+    from torquebench.records import Registry
+
+    with Registry.open(data_directory(data)) as registry:
+        _known(registry, kind, serial)
+        _known(registry, into_kind, into_serial)
+        registry.fit_component(
+            (into_kind.value, into_serial),
+            (kind.value, serial),
+            role,
+            performed_by=by,
+            reason=reason,
+        )
+    say(f"{escape(serial)} is {escape(role)} of {escape(into_serial)}.")
+
+
+def adjust(
+    kind: KindArgument,
+    serial: SerialArgument,
+    what: Annotated[str, typer.Argument(help="What was done, such as “span set” or “repaired”.")],
+    by: Annotated[str, typer.Option(help="Who has done it.")],
+    reason: Annotated[str, typer.Option(help="Why.")] = "",
+    before: Annotated[
+        list[str] | None, typer.Option(help="name=value as it was found; repeatable.")
+    ] = None,
+    after: Annotated[
+        list[str] | None, typer.Option(help="name=value as it was left; repeatable.")
+    ] = None,
+    checked_by: Annotated[str, typer.Option(help="Who has looked over it.")] = "",
+    performed: Annotated[datetime | None, typer.Option(help="When (UTC); now by default.")] = None,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Enter an adjustment: something done that may change what a piece of equipment indicates.
+
+    Calibrations before it don't hold for what comes after it.
+    """
+    from torquebench.records import Adjustment, Registry
+
+    with Registry.open(data_directory(data)) as registry:
+        _known(registry, kind, serial)
+        registry.add_adjustment(
+            Adjustment(
+                kind.value,
+                serial,
+                _named(what, "what was done"),
+                (performed or datetime.now(UTC)).replace(tzinfo=UTC),
+                _named(by, "who has done it"),
+                checked_by,
+                reason,
+                _pairs(before),
+                _pairs(after),
+            )
+        )
+        earlier = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
+    say(f"adjustment of {kind.value} {escape(serial)} entered: {escape(what)}")
+    for entry in earlier:
+        warn(f"calibration-{entry.calibration_id} was made before it: calibrate again")
+
+
+def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
+    """Show a piece of equipment: parts, certificates, adjustments and calibrations."""
+    from torquebench.records import Registry
+
+    with Registry.open(data_directory(data)) as registry:
+        found = [each for each in registry.equipment() if each.serial == serial]
+        if not found:
+            raise InputError(f"no equipment {serial!r}", "one of `records list equipment`")
+        for each in found:
+            _show(registry, each)
+
+
+def _show(registry: Registry, shown: Equipment) -> None:
+    table = narrow_table(f"{shown.kind} {shown.serial}")
+    table.show_header = False
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    span = "" if shown.range_nm is None else f"{shown.range_nm:g} N·m"
+    rows = [("type", f"{shown.manufacturer} {shown.model}".strip()), ("range", span)]
+    rows += [(name, str(value)) for name, value in shown.details.items()]
+    rows += [
+        (part.role, f"{part.part[1]} since {part.fitted:%Y-%m-%d}")
+        for part in registry.components((shown.kind, shown.serial))
+    ]
+    rows += [
+        (
+            "certificate",
+            f"{report.number}, {report.laboratory or 'laboratory not stated'}, until "
+            f"{report.due or 'not stated'}, U = {report.expanded_uncertainty_percent} %",
+        )
+        for report in registry.reports(shown.serial)
+        if report.kind == shown.kind
+    ]
+    for each in registry.adjustments(shown.serial):
+        if each.kind == shown.kind:
+            changed = ", ".join(
+                f"{name} {each.before.get(name, '?')} to {each.after.get(name, '?')}"
+                for name in dict.fromkeys([*each.before, *each.after])
+            )
+            words = [f"{each.what} by {each.performed_by}", changed, each.reason]
+            words.append(f"checked by {each.checked_by}" if each.checked_by else "")
+            text = "; ".join(word for word in words if word)
+            rows.append((f"adjusted {each.performed:%Y-%m-%d}", text))
+    if shown.kind == "transducer":
+        rows += [
+            (f"calibration-{each.calibration_id}", f"{each.performed:%Y-%m-%d}, due {each.due}")
+            for each in registry.calibrations(shown.serial)
+        ]
+    for name, value in rows:
+        if value:
+            table.add_row(escape(name), escape(value))
+    out().print(table)
+
+
+def _known(registry: Registry, kind: Kind, serial: str) -> None:
+    if serial not in {each.serial for each in registry.equipment(kind.value)}:
+        raise InputError(
+            f"{kind.value} {serial!r} isn't entered",
+            "one of `torquebench records list equipment`",
+            f"torquebench records add-equipment {kind.value} {serial}",
+        )
+
+
+def _named(text: str, what: str = "a serial number") -> str:
+    if not text.strip():
+        raise InputError(f"no {what}", "a text that isn't empty")
+    return text
+
+
+def _pairs(given: list[str] | None) -> dict[str, str]:
+    pairs = {}
+    for each in given or ():
+        name, mark, value = each.partition("=")
+        if not (mark and name):
+            raise InputError(f"{each!r}", "name=value", "such as span_hz=30000")
+        pairs[name] = value
+    return pairs
