@@ -198,7 +198,7 @@ def test_doctor_names_each_instrument_that_fails_and_hides_no_other() -> None:
 
 def test_doctor_notices_a_drive_without_a_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
     with Simulators(described(counter=daqmx())) as running:
-        monkeypatch.setattr(running.plant.bench, "_watch", lambda now_s: None)
+        monkeypatch.setattr(running.plant.bench, "_watch", lambda _: None)
         found = {finding.what: finding for finding in drives(running.description)}
     assert found["input watchdog"].state == "problem"
     assert "last line of defence" in found["input watchdog"].remedy

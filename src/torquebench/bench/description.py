@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import date
-from functools import cached_property
 from importlib import resources
 from math import pi
 from pathlib import Path
@@ -303,7 +302,7 @@ class BenchDescription(_Section):
                 changed[name] = standard.model_copy(update={"certificate": path})
         return self.model_copy(update=changed)
 
-    @cached_property
+    @property
     def serials(self) -> dict[str, str]:
         """Every serial number by its key."""
         found: dict[str, str] = {"counter": self.counter.serial}
