@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from torquebench.bench.roles import Side
 from torquebench.panel.api.access import Caller, Service, Token, Watched, caller_of
@@ -29,8 +29,11 @@ __all__ = ["finite_list", "live_rows", "router"]
 
 router = APIRouter(tags=["bench"])
 
+SignalName = Annotated[
+    str, StringConstraints(pattern="^(" + "|".join(signal.name for signal in SIGNALS) + ")$")
+]
 SignalNames = Annotated[
-    list[Annotated[str, Query(max_length=64)]] | None,
+    list[SignalName] | None,
     Query(description="Names of signals; all by default.", max_length=32),
 ]
 

@@ -102,7 +102,7 @@ def _add(kind: JobKind) -> None:
     words = (kind.request.__doc__ or "").strip()
     name = kind.name.replace("-", "_")
     router.add_api_route(
-        f"/jobs/{kind.name}",
+        f"/start/{kind.name}",
         _starter(kind),
         methods=["POST"],
         status_code=202,
@@ -112,7 +112,7 @@ def _add(kind: JobKind) -> None:
     )
     if kind.preview is not None:
         router.add_api_route(
-            f"/jobs/{kind.name}/preview",
+            f"/preview/{kind.name}",
             _previewer(kind),
             methods=["POST"],
             name=f"preview_{name}",

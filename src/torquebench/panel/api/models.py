@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.panel.service import Client, Role
+from torquebench.panel.service.fields import WHOLE, Flag, Number
+from torquebench.panel.service.passwords import LONGEST, SHORTEST
 
 __all__ = [
     "AbortBody",
@@ -32,6 +34,7 @@ __all__ = [
 
 Text = Annotated[str, Field(max_length=500)]
 Secret = Annotated[str, Field(min_length=1, max_length=256)]
+NewSecret = Annotated[str, Field(min_length=SHORTEST, max_length=LONGEST)]
 Name = Annotated[str, Field(min_length=1, max_length=128)]
 
 
@@ -48,9 +51,11 @@ class SignInBody(Body):
     password: Secret
 
 
-class SetUpBody(SignInBody):
+class SetUpBody(Body):
     """The first administrator, and the code on the server's console."""
 
+    name: Name
+    password: NewSecret
     code: Annotated[str, Field(min_length=1, max_length=64)]
 
 
@@ -73,13 +78,13 @@ class PasswordBody(Body):
     """A person's change of the own password."""
 
     old: Secret
-    new: Secret
+    new: NewSecret
 
 
 class LeaseBody(Body):
     """How to take the command."""
 
-    force: bool = Field(default=False, description="Take it over; for metrologists and above.")
+    force: Flag = Field(default=False, description="Take it over; for metrologists and above.")
 
 
 class StopBody(Body):
@@ -101,14 +106,14 @@ class AbortBody(ReasonBody):
 class AnswerBody(Body):
     """Whether the person at the bench has done what was asked."""
 
-    done: bool
+    done: Flag
 
 
 class SignOffBody(Body):
     """A metrologist's signature under a calibration."""
 
     password: Secret
-    accepted: bool = True
+    accepted: Flag = True
     remark: Text = ""
 
 
@@ -119,7 +124,7 @@ class CertificateBody(Body):
     languages: Annotated[
         tuple[Literal["en", "de", "zh"], ...], Field(min_length=1, max_length=3)
     ] = ("en",)
-    tolerance_percent_fs: Annotated[float, Field(gt=0, le=100)] = 0.1
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100)] = 0.1
     number: Annotated[str, Field(max_length=64, pattern=r"^([A-Za-z0-9][A-Za-z0-9_-]*)?$")] = ""
 
 
@@ -128,7 +133,7 @@ class DocumentBody(Body):
 
     document: dict[str, Any]
     reason: Text = ""
-    version: Annotated[int, Field(ge=0, le=2**53)] | None = None
+    version: Annotated[int, Field(ge=0, le=2**53), WHOLE] | None = None
 
 
 class UserBody(Body):
@@ -136,15 +141,15 @@ class UserBody(Body):
 
     name: Name
     role: Role
-    password: Secret
+    password: NewSecret
 
 
 class UserChangeBody(Body):
     """What changes of an account."""
 
     role: Role | None = None
-    active: bool | None = None
-    password: Secret | None = None
+    active: Flag | None = None
+    password: NewSecret | None = None
 
 
 class ClientBody(Body):

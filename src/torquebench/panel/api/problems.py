@@ -10,6 +10,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Route
 
 from torquebench.errors import (
     BenchError,
@@ -25,6 +26,7 @@ from torquebench.panel.service import (
     BusyError,
     LeaseError,
     LockedOutError,
+    NameTakenError,
     NotFoundError,
     NotSignedInError,
     PermissionDeniedError,
@@ -45,6 +47,7 @@ _STATUS: tuple[tuple[type[TorquebenchError], int, str], ...] = (
     (BusyError, 409, "Busy"),
     (InterlockError, 409, "The bench's state forbids it"),
     (LimitError, 422, "Beyond a limit"),
+    (NameTakenError, 409, "Taken"),
     (InputError, 422, "Unusable input"),
     (ModelMismatchError, 409, "A model of another chain"),
     (RecordError, 409, "The records don't allow it"),
@@ -133,12 +136,24 @@ def _invalid(_request: Request, error: Exception) -> Response:
     return problem_response(422, "Unusable input", "; ".join(found), kind="torquebench:InputError")
 
 
-def _http(_request: Request, error: Exception) -> Response:
+def _http(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    headers = dict(error.headers) if error.headers else None
+    headers = dict(error.headers) if error.headers else {}
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(_methods(request))
     return problem_response(
         error.status_code, str(error.detail), str(error.detail), headers=headers
     )
+
+
+def _methods(request: Request) -> list[str]:
+    """Return every method of a path: the router itself names those of its first route only."""
+    path = request.scope["path"].removeprefix(request.scope.get("root_path", ""))
+    routes = [each for each in request.app.routes if isinstance(each, Route)]
+    found = [each for each in routes if each.path_regex.match(path)]
+    fewest = min((len(each.param_convertors) for each in found), default=0)
+    best = [each for each in found if len(each.param_convertors) == fewest]
+    return sorted({method for each in best for method in each.methods or ()})
 
 
 def add_handlers(app: FastAPI) -> None:

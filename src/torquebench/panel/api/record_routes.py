@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import StreamingResponse
-from pydantic import AwareDatetime, BaseModel
+from pydantic import AwareDatetime, BaseModel, BeforeValidator
 
 from torquebench.bench.roles import Side
 from torquebench.panel.api.access import Caller, Service, Watched
@@ -31,9 +32,18 @@ __all__ = ["router", "settings_router"]
 router = APIRouter(tags=["records"])
 settings_router = APIRouter(tags=["settings"])
 
+
+def _in_words(moment: Any) -> Any:
+    """Refuse seconds since 1970, which nobody can tell from a typing mistake."""
+    if not re.match(r"\d{4}-\d{2}-\d{2}T", str(moment)):
+        raise ValueError("a moment as in 2026-01-31T12:00:00Z")
+    return moment
+
+
 Text = Annotated[str, Query(max_length=200)]
 RunId = Annotated[str, Path(max_length=100)]
 Number = Annotated[int, Path(ge=1, le=2**53)]
+Moment = Annotated[AwareDatetime, BeforeValidator(_in_words)]
 Word = Annotated[str | None, Query(max_length=64)]
 CHUNK = 256 * 1024
 
@@ -67,8 +77,8 @@ def runs(
     kind: Word = None,
     side: Annotated[Side | None, Query()] = None,
     status: Word = None,
-    since: Annotated[AwareDatetime | None, Query()] = None,
-    until: Annotated[AwareDatetime | None, Query()] = None,
+    since: Annotated[Moment | None, Query()] = None,
+    until: Annotated[Moment | None, Query()] = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 50,
     offset: Annotated[int, Query(ge=0, le=10**9)] = 0,
 ) -> RunPage:

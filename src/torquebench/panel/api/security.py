@@ -46,6 +46,9 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
+        if not scope["path"].isprintable():  # no path of ours; some routers read on after a line
+            await _refuse(scope, receive, send, 404, "Not found", "a path with control characters")
+            return
         headers = Headers(scope=scope)
         found = self._foreign(scope, headers)
         if found:

@@ -11,7 +11,12 @@ from sqlalchemy import Row, insert, select, update
 
 from torquebench.errors import InputError
 from torquebench.panel.service.actors import Actor, Role, require
-from torquebench.panel.service.problems import NotFoundError, NotSignedInError
+from torquebench.panel.service.problems import (
+    NameTakenError,
+    NotFoundError,
+    NotSignedInError,
+    PermissionDeniedError,
+)
 from torquebench.panel.service.sessions import token_sha256
 from torquebench.panel.service.store import PanelStore, clients, note, utc_text
 
@@ -64,7 +69,7 @@ class Clients:
         with self._store.transaction() as connection:
             taken = select(clients.c.id).where(clients.c.name == name, clients.c.revoked.is_(None))
             if connection.scalar(taken):
-                raise InputError(f"a client {name} exists", "a new name", "revoke the old one")
+                raise NameTakenError(f"a client {name} exists", "a new name", "revoke the old one")
             made = connection.execute(
                 insert(clients)
                 .values(
@@ -91,10 +96,16 @@ class Clients:
 
         Raises
         ------
+        PermissionDeniedError
+            Not an administrator, or the client itself.
         NotFoundError
             There is no client with this number.
         """
         require(actor, "administrator")
+        if actor.session_id == f"client-{client_id}":
+            raise PermissionDeniedError(
+                f"{actor.name} revokes its own token", "another administrator's token"
+            )
         with self._store.transaction() as connection:
             row = connection.execute(
                 update(clients)

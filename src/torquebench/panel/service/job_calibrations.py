@@ -54,6 +54,7 @@ from torquebench.compensation import (
 )
 from torquebench.errors import InputError, RecordError
 from torquebench.panel.service.aside import run_aside
+from torquebench.panel.service.fields import WHOLE, Flag, Identifier, Number, ProfileName
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview
@@ -72,8 +73,10 @@ __all__ = [
     "calibration_data",
 ]
 
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")]
-Percent = Annotated[float, Field(ge=0.1, le=100.0)]
+MOST_STEPS = 5000
+"""Of one staircase: more is a typing mistake, and would take a day."""
+
+Percent = Annotated[Number, Field(ge=0.1, le=100.0)]
 
 
 class CalibrateRequest(JobRequest):
@@ -83,37 +86,37 @@ class CalibrateRequest(JobRequest):
     """
 
     side: Side
-    profile: Name = "rapid-in-situ"
-    rising_only: bool | None = None
-    repeats: Annotated[int, Field(ge=1, le=50)] | None = None
+    profile: ProfileName = "rapid-in-situ"
+    rising_only: Flag | None = None
+    repeats: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
     step_percent: Percent | None = None
-    models: tuple[Name, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
-    bench_clear: bool = False
+    models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    bench_clear: Flag = False
 
 
 class CompareRequest(JobRequest):
     """Compare all kinds of model on a calibration by cross-validation."""
 
-    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
+    calibration_id: Identifier
 
 
 class FitRequest(JobRequest):
     """Fit one more model to a calibration and register it."""
 
-    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
-    model: Name
+    calibration_id: Identifier
+    model: ProfileName
 
 
 class VerifyRequest(JobRequest):
     """Verify the models of a calibration at fresh points against the verification standard."""
 
-    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
-    profile: Name = "verification"
-    groups: Annotated[int, Field(ge=1, le=50)] | None = None
-    points: Annotated[int, Field(ge=4, le=1000)] | None = None
-    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] | None = None
-    tolerance_percent_fs: Annotated[float, Field(gt=0, le=100.0)] = 0.1
-    bench_clear: bool = False
+    calibration_id: Identifier
+    profile: ProfileName = "verification"
+    groups: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
+    points: Annotated[int, Field(ge=4, le=1000), WHOLE] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1), WHOLE] | None = None
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
+    bench_clear: Flag = False
 
 
 # -- calibrate ------------------------------------------------------------------------------
@@ -129,7 +132,16 @@ def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile
         raise InputError(
             f"profile {profile.name} for a calibration", "a profile of steps", "take another one"
         )
+    _refuse_long(profile, place.station.description.module(request.side).range_nm)
     return profile
+
+
+def _refuse_long(profile: Profile, range_nm: float) -> None:
+    steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
+    if steps > MOST_STEPS:
+        raise InputError(
+            f"a staircase of {steps} steps", f"at most {MOST_STEPS}", "wider steps or fewer repeats"
+        )
 
 
 def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPreview:

@@ -18,7 +18,8 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.zeros import register_zeroings
-from torquebench.panel.service.job_calibrations import Name, as_details
+from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
+from torquebench.panel.service.job_calibrations import as_details
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview
@@ -46,19 +47,19 @@ class CheckRequest(JobRequest):
     """Check one module against the check standard: the daily check."""
 
     side: Side
-    profile: Name = "check"
-    tolerance_percent_fs: Annotated[float, Field(gt=0, le=100.0)] = 0.1
-    bench_clear: bool = False
+    profile: ProfileName = "check"
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
+    bench_clear: Flag = False
 
 
 class CertificateRequest(JobRequest):
     """Issue the certificate of a calibration; who asks has signed with the password."""
 
-    calibration_id: Annotated[int, Field(ge=1, le=2**53)]
+    calibration_id: Identifier
     languages: Annotated[
         tuple[Literal["en", "de", "zh"], ...], Field(min_length=1, max_length=3)
     ] = ("en",)
-    tolerance_percent_fs: Annotated[float, Field(gt=0, le=100.0)] = 0.1
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
     number: Annotated[str, Field(max_length=64, pattern=r"^([A-Za-z0-9][A-Za-z0-9_-]*)?$")] = ""
 
 

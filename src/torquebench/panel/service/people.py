@@ -17,6 +17,7 @@ from torquebench.panel.service.actors import Actor, Role, require
 from torquebench.panel.service.guard import GuessGuard
 from torquebench.panel.service.passwords import check_password_rules, hash_password, matches
 from torquebench.panel.service.problems import (
+    NameTakenError,
     NotFoundError,
     NotSignedInError,
     PermissionDeniedError,
@@ -288,7 +289,7 @@ class People:
         hashed = hash_password(password)
         with self._store.transaction() as connection:
             if connection.scalar(select(users.c.id).where(users.c.key == _key(name))):
-                raise InputError(f"an account {name} exists", "a new name")
+                raise NameTakenError(f"an account {name} exists", "a new name")
             connection.execute(
                 insert(users).values(
                     key=_key(name),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from torquebench.errors import TorquebenchError
+from torquebench.errors import InputError, TorquebenchError
 
 __all__ = [
     "BusyError",
     "LeaseError",
     "LockedOutError",
+    "NameTakenError",
     "NotFoundError",
     "NotSignedInError",
     "PermissionDeniedError",
@@ -47,6 +48,10 @@ class LeaseError(TorquebenchError):
 
 class BusyError(TorquebenchError):
     """The bench does one thing at a time, and is at it."""
+
+
+class NameTakenError(InputError):
+    """There is something of this name already."""
 
 
 class NotFoundError(TorquebenchError):
