@@ -421,18 +421,7 @@ class HistoryCompensator:
         return self._at(reading, *self.tracker.push(reading))
 
     def peek(self, reading_nm: float) -> LiveTorque:
-        """Compensate a reading that the stream would pass through next, without moving on.
-
-        Parameters
-        ----------
-        reading_nm : float
-            Such as the mean of the last readings, in N·m.
-
-        Returns
-        -------
-        LiveTorque
-            Of one reading.
-        """
+        """Compensate a reading in N·m, such as the last ones' mean, without moving on."""
         reading = np.array([reading_nm])
         return self._at(reading, *self.tracker.copy().push(reading))
 
