@@ -221,7 +221,8 @@ class SafetyDescription(_Section):
     comes at `warning_percent` of a limit, and a level is left `hysteresis_percent` of the limit
     below it. With `presence_s` a drive has power only while somebody has confirmed within that
     time to be at the bench; 0 asks for nobody. `procedure_s` is how long a procedure may send
-    nothing without waiting for the bench or for a person.
+    nothing without waiting for the bench or for a person. A module and the standard on its side
+    may differ by `disagreement_percent` while a drive has power.
     """
 
     look_s: Annotated[float, Field(ge=0.002, le=1.0, description="s")] = 0.005
@@ -229,6 +230,7 @@ class SafetyDescription(_Section):
     hysteresis_percent: Annotated[float, Field(ge=0, le=50.0, description="% of limit")] = 2.0
     presence_s: Annotated[float, Field(ge=0.0, le=3600.0, description="s")] = 0.0
     procedure_s: Annotated[float, Field(ge=1.0, le=3600.0, description="s")] = 60.0
+    disagreement_percent: Annotated[float, Field(gt=0, le=100.0, description="% of range")] = 5.0
     ramp_to_zero_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.2
     signal_loss_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.03
     stuck_s: Annotated[float, Field(ge=0.05, le=60.0, description="s")] = 0.25

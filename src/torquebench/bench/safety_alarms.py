@@ -28,6 +28,7 @@ class AlarmKind(Enum):
     RATE_LIMIT = "rate limit"
     TEMPERATURE_LIMIT = "temperature limit"
     SIGNAL_LOST = "signal lost"
+    DISAGREEMENT = "signals disagree"
     DRIVE_FAULT = "drive fault"
     JOURNAL = "journal failed"
     AUDIT = "audit log failed"
@@ -52,6 +53,7 @@ _ERRORS: dict[AlarmKind, type[TorquebenchError]] = {
     AlarmKind.RATE_LIMIT: LimitError,
     AlarmKind.TEMPERATURE_LIMIT: LimitError,
     AlarmKind.SIGNAL_LOST: SignalFault,
+    AlarmKind.DISAGREEMENT: SignalFault,
     AlarmKind.JOURNAL: RecordError,
     AlarmKind.AUDIT: RecordError,
 }

@@ -15,7 +15,7 @@ import numpy as np
 
 from torquebench.bench.description import BenchDescription, TransducerDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.safety_alarms import AlarmKind, AlarmLevel
 from torquebench.bench.safety_limits import LimitBook, Watch
 from torquebench.bench.samples import AcquiredBlock
@@ -195,6 +195,7 @@ class SignalJudge:
         if self._violation is None and self._commands.any_enabled:
             self._missing(block)
             self._faulty(block)
+            self._disagreeing(block)
         return self._result()
 
     def _temperature(self, side: Side, temperatures: Mapping[str, float]) -> None:
@@ -255,6 +256,29 @@ class SignalJudge:
             self._faulty_s[name] = faulty_s
             if longest_s > self._description.safety.signal_loss_s:
                 self._lost(name, kind, longest_s)
+
+    def _disagreeing(self, block: AcquiredBlock) -> None:
+        """Hold a module against the standard on its side: they carry the same torque."""
+        share = self._description.safety.disagreement_percent / 100.0
+        for side in SIDES:
+            own = block.channels.get(torque_channel(side))
+            standard = block.channels.get(reference_channel(side))
+            if own is None or standard is None:
+                continue
+            count = min(own.torque_nm.size, standard.torque_nm.size)
+            if count == 0:
+                continue
+            apart = np.abs(own.torque_nm[-count:] - standard.torque_nm[-count:])
+            least = float(np.fmin.reduce(apart))  # all the time, not for a moment of a ramp
+            allowed = share * self._description.module(side).range_nm
+            if least > allowed:
+                self._violated(
+                    AlarmKind.DISAGREEMENT,
+                    own.channel,
+                    f"{own.channel} and {standard.channel} are {least:.1f} N·m apart",
+                    f"at most {allowed:g} N·m",
+                    "find out which of both transducers is wrong before going on",
+                )
 
     # -- levels -----------------------------------------------------------------------------
 
