@@ -274,6 +274,8 @@ class SafetySupervisor:
             watchdog_s = self._description.module(side).drive.watchdog_s
             if hand.failure or silent_s > max(watchdog_s, WATCH_PERIOD_S):
                 found = hand.failure or f"no answer for {silent_s:.2f} s"
+            elif hand.asked < self._commands.side(side).enabled_wall_s:
+                continue  # what it said is from before it was enabled
             elif state is not None and (state.fault or not state.enabled):
                 found = state.fault or "lost its enable"
             else:

@@ -38,6 +38,8 @@ class DriveHand:
         As last answered; None before the first answer.
     answered : float
         When that was, in `time.monotonic` seconds.
+    asked : float
+        When the state was asked for.
     failure : str
         What the drive failed with when it was last asked, empty when it answered.
     """
@@ -47,6 +49,7 @@ class DriveHand:
         self.drive = drive
         self.state: DriveState | None = None
         self.answered = time.monotonic()
+        self.asked = 0.0
         self.failure = ""
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
         self._looking = threading.Event()
@@ -114,7 +117,9 @@ class DriveHand:
         try:
             if feed:
                 self.drive.feed_watchdog()
+            asked = time.monotonic()
             self.state = self.drive.state()
+            self.asked = asked
         except Exception as error:  # a broken wire is judged like a broken drive
             self.failure = f"{type(error).__name__}: {error}"
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 
 from torquebench.bench.roles import SIDES, Side
@@ -21,12 +22,20 @@ class SideCommands:
         Set points.
     changed_s : float
         Bench time of the last change of a set point.
+    enabled_wall_s : float
+        Monotonic wall time at which the drive was enabled: what it said before doesn't count.
     """
 
     enabled: bool = False
     torque_nm: float = 0.0
     speed_rad_s: float = 0.0
     changed_s: float = 0.0
+    enabled_wall_s: float = 0.0
+
+    def on(self) -> None:
+        """Note that the drive has power."""
+        self.enabled_wall_s = time.monotonic()
+        self.enabled = True
 
     def at_zero(self, time_s: float) -> None:
         """Note that torque and speed were told to go to zero."""

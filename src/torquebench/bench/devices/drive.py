@@ -114,14 +114,14 @@ class DriveSwitch(StandardReadable):
             context.interlocks.check_enable(side)
             await context.call(drive.enable)
             commands.at_zero(context.clock.now())
-            commands.enabled = True
+            commands.on()
             return
         await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
         commands.off(context.clock.now())  # before: a drive that goes off by itself is an alarm
         try:
             await context.call(drive.disable)
         except BaseException:
-            commands.enabled = True  # it may have power: the supervisor goes on watching it
+            commands.on()  # it may have power: the supervisor goes on watching it
             raise
 
 

@@ -55,7 +55,8 @@ class SimulationOptions(BaseModel):
     """Section `[driver.simulation]`: the instruments are simulators, and what they simulate.
 
     `time` is "on-demand" where bench time goes on as the counter is read, as fast as everything
-    computes, or "real" where it follows the wall.
+    computes, or "real" where it follows the wall. Whoever opens the bench asks the simulators
+    which of the two they were started with.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -103,11 +104,11 @@ def open_instruments(description: BenchDescription) -> DriverSet:
                 opened.callback(instrument.close)
             return instrument
 
-        control = None
+        control, on_demand = None, False
         if options.simulation is not None:
             control = SimulationControl(options.simulation.control)
             opened.callback(control.close)
-            _check_running(control)
+            on_demand = _running(control)["time"] == "on-demand"
         drives = {
             "input": open_one("input_drive"),
             "output": open_one("output_drive"),
@@ -128,7 +129,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             reference=None if options.reference is None else open_one("reference"),
             truth=None if control is None else SimulatedTruth(control),
             certificates={} if control is None else simulated_certificates(control),
-            simulated_time=_on_demand(options),
+            simulated_time=on_demand,
             shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),
         )
@@ -143,17 +144,13 @@ def _check_needs_angles(counter: object) -> None:
         )
 
 
-def _check_running(control: SimulationControl) -> None:
-    """Say first where the simulators aren't there, rather than which of them was missed first."""
+def _running(control: SimulationControl) -> dict[str, Any]:
+    """Return what the simulators say; where they aren't there, that is the first thing to say."""
     try:
-        control.ask("status")
+        return control.ask("status")
     except BenchError as error:
         remedy = "start the simulators with `torquebench simulate --bench FILE`"
         raise BenchError(error.found, "running simulators", remedy) from error
-
-
-def _on_demand(options: InstrumentsOptions) -> bool:
-    return options.simulation is not None and options.simulation.time == "on-demand"
 
 
 def open_role(description: BenchDescription, key: str) -> Any:

@@ -14,6 +14,7 @@ from torquebench.bench.drivers import modbus_map as registers
 from torquebench.bench.drivers.base import Identity, Mode, ReferenceSamples, Side
 from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus_map import Coil, Contact
+from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError
 
@@ -87,12 +88,13 @@ def _signed(word: int) -> int:
 class ModbusReadout:
     """A calibrator's amplifier that holds its last samples in registers, one block a side.
 
-    The newest sample is taken to be as old as the answer: a steady value doesn't ask for better.
+    The newest sample is taken to be as old as the answer; see `SampleClock`.
     """
 
     def __init__(self, link: ModbusLink) -> None:
         self._link = link
         self._count: dict[Side, int | None] = dict.fromkeys(SIDES)
+        self._clocks: dict[Side, SampleClock] = {}
 
     def identity(self) -> Identity:
         """Ask the amplifier who it is."""
@@ -118,8 +120,9 @@ class ModbusReadout:
             [registers.float_of(words[k : k + 2]) for k in range(first, first + 2 * new, 2)],
             dtype=np.float64,
         )
-        time_s = until_s - period_s * (np.arange(new, 0, -1, dtype=np.float64) - 0.5)
-        return ReferenceSamples(time_s, torque)
+        clock = self._clocks.setdefault(side, SampleClock(period_s))
+        lost = 0 if before is None else max(0, count - before - new)
+        return ReferenceSamples(clock.times(new, until_s, lost), torque)
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""

@@ -14,6 +14,7 @@ from torquebench.bench.description import CounterDescription
 from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples, Side
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
+from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.drivers.scpi_link import ScpiAddress, ScpiLink, ScpiOptions, numbers
 from torquebench.bench.roles import CHANNELS, SIDES
 from torquebench.errors import BenchError, InputError
@@ -205,13 +206,14 @@ class ReadoutOptions(ScpiOptions):
 class ScpiReadout:
     """A calibrator's amplifier on SCPI that hands out every sample once.
 
-    Its newest sample is taken to be as old as the answer.
+    Its newest sample is taken to be as old as the answer; see `SampleClock`.
     """
 
     def __init__(self, link: ScpiLink, options: ReadoutOptions) -> None:
         self._link = link
         self._options = options
         self._channels: dict[Side, int] = {"input": options.input, "output": options.output}
+        self._clocks = {side: SampleClock(options.period_s) for side in SIDES}
         for side in SIDES:  # what it has measured before belongs to nobody
             self._fetch(side)
 
@@ -226,8 +228,7 @@ class ScpiReadout:
     def read(self, side: Side, until_s: float) -> ReferenceSamples:
         """Return the samples since the last call; NaN where it has no signal."""
         torque = self._options.scale * self._fetch(side)
-        age = np.arange(torque.size, 0, -1, dtype=np.float64) - 0.5
-        return ReferenceSamples(until_s - self._options.period_s * age, torque)
+        return ReferenceSamples(self._clocks[side].times(torque.size, until_s), torque)
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""
