@@ -1,0 +1,263 @@
+"""A simulated bench whose instruments fail on command, for the fault campaign and its tests."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from torquebench.bench.drivers.base import (
+    CounterBlock,
+    Drive,
+    DriverSet,
+    DriveState,
+    Side,
+    Temperature,
+)
+from torquebench.bench.drivers.simulated import SimulatedBench
+from torquebench.errors import BenchError
+
+__all__ = ["KINDS", "FaultyBench", "Kind"]
+
+
+@dataclass(eq=False)
+class FaultyBench:
+    """Breaks one thing when bench time has come to it, and notes when both drives were safe.
+
+    Parameters
+    ----------
+    drivers : DriverSet
+        Of the simulated bench.
+    """
+
+    drivers: DriverSet
+
+    def __post_init__(self) -> None:
+        self.bench = cast(SimulatedBench, self.drivers.counter)
+        self.faulty = replace(
+            self.drivers,
+            counter=cast(Any, _Counter(self)),
+            drives={side: _Drive(self, drive) for side, drive in self.drivers.drives.items()},
+            temperature=_Temperature(self, self.drivers.temperature),
+        )
+        self.heal()
+
+    def heal(self) -> None:
+        """Break nothing from now on."""
+        self.due_s = float("inf")
+        self.breaking: Callable[[], None] = lambda: None
+        self.broken_s: float | None = None
+        self.safe_s: float | None = None
+        self.powered = self.wants_power = False
+        self.drive_fault = ""
+        self.mute = self.deaf = self.unfed = False
+        self.lost_probe = self.dead_probes = False
+        self.heat_k = 0.0
+        self.counter_error: Exception | None = None
+
+    def plan(self, due_s: float, breaking: Callable[[], None], *, powered: bool) -> None:
+        """Break something before the first block after a moment of bench time.
+
+        With `powered` not before a drive has power.
+        """
+        self.due_s, self.breaking, self.wants_power = due_s, breaking, powered
+
+    def at_rest(self) -> bool:
+        """Whether both drives are off without torque and speed, whatever they say."""
+        states = [drive.state() for drive in self.bench.drives.values()]
+        return not any(state.enabled or state.torque_nm or state.speed_rad_s for state in states)
+
+    def tick(self) -> None:
+        """Break what is due, or look whether both drives are off; before every block."""
+        now = self.bench.twin.time_s
+        if self.broken_s is None and now >= self.due_s:
+            self.powered = any(drive.state().enabled for drive in self.bench.drives.values())
+            if self.wants_power and not self.powered:
+                return
+            self.broken_s = now
+            self.breaking()
+        elif self.broken_s is not None and self.safe_s is None and self.at_rest():
+            self.safe_s = now
+
+
+class _Counter:
+    """The twin's counter, until its connection breaks."""
+
+    def __init__(self, owner: FaultyBench) -> None:
+        self._owner = owner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._owner.bench, name)
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        self._owner.tick()
+        if self._owner.counter_error is not None:
+            raise self._owner.counter_error
+        return self._owner.bench.read_block(duration_s)
+
+
+class _Drive:
+    """A drive that may not answer, may not do, and may not be fed."""
+
+    def __init__(self, owner: FaultyBench, drive: Drive) -> None:
+        self._owner = owner
+        self._drive = drive
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._drive, name)
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        self._obey()
+        self._drive.command_torque(torque_nm, ramp_nm_per_s)
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        self._obey()
+        self._drive.command_speed(speed_rad_s, ramp_rad_per_s2)
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        self._obey()
+        self._drive.ramp_to_zero(duration_s)
+
+    def feed_watchdog(self) -> None:
+        if not self._owner.unfed:
+            self._drive.feed_watchdog()
+
+    def state(self) -> DriveState:
+        if self._owner.mute:
+            raise BenchError("the drive doesn't answer", "an answer", "check its connection")
+        state = self._drive.state()
+        fault = self._owner.drive_fault
+        return replace(state, fault=fault) if fault else state
+
+    def _obey(self) -> None:
+        if self._owner.deaf:
+            raise BenchError("the drive refuses the command", "an answer", "check the drive")
+
+
+class _Temperature:
+    """Probes that get lost, fail or get hot."""
+
+    def __init__(self, owner: FaultyBench, probes: Temperature) -> None:
+        self._owner = owner
+        self._probes = probes
+
+    def temperatures(self) -> Mapping[str, float]:
+        if self._owner.dead_probes:
+            raise BenchError("the probes don't answer", "an answer", "check their connection")
+        found = {name: t + self._owner.heat_k for name, t in self._probes.temperatures().items()}
+        if self._owner.lost_probe:
+            found = {name: t for name, t in found.items() if not name.endswith("transducer")}
+        return found
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of fault.
+
+    Parameters
+    ----------
+    name : str
+    breaking : callable
+        Takes the bench, the driven side and a generator, and breaks something for good.
+    needs_power : bool
+        Whether it only matters, and is only noticed, while a drive has power.
+    """
+
+    name: str
+    breaking: Callable[[FaultyBench, Side, np.random.Generator], None]
+    needs_power: bool = True
+
+    def fits(self, procedure: str, standard: bool) -> bool:
+        """Whether it can happen in a procedure: a zero has no power, a reducer no standard."""
+        if self.needs_power and procedure == "zero":
+            return False
+        return standard or not self.name.startswith("standard")
+
+
+def _signal(kind: str, channel: str, amount: float | None = None) -> Callable[..., None]:
+    def breaking(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> None:
+        name = cast(Any, f"{side}_{channel}")
+        faulty.bench.twin.inject_fault(name, cast(Any, kind), duration_s=3.0, amount=amount)
+
+    return breaking
+
+
+def _set(name: str, value: object) -> Callable[..., None]:
+    def breaking(faulty: FaultyBench, _side: Side, _draw: np.random.Generator) -> None:
+        setattr(faulty, name, value)
+
+    return breaking
+
+
+def _slip(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
+    counts = (
+        float(draw.uniform(0.5, 1.0))
+        * faulty.bench.description.module(side).encoder.counts_per_revolution
+    )
+    faulty.bench.twin.inject_fault(side, "encoder_slip", duration_s=3.0, amount=counts)
+
+
+def _goes_off(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> None:
+    faulty.bench.drives[side].disable()
+
+
+def _runs_away(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
+    drive, module = faulty.bench.drives[side], faulty.bench.description.module(side)
+    sign = float(draw.choice((-1.0, 1.0)))
+    if drive.state().enabled:
+        drive.command_torque(sign * 1.5 * module.limits.torque_nm, 50.0 * module.range_nm)
+
+
+def _spins(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
+    drive, module = faulty.bench.drives[side], faulty.bench.description.module(side)
+    sign = float(draw.choice((-1.0, 1.0)))
+    if drive.state().enabled:
+        drive.command_speed(sign * 1.2 * module.limits.speed_rpm * 2.0 * np.pi / 60.0, 1e4)
+
+
+def _counter_error(faulty: FaultyBench, _side: Side, _draw: np.random.Generator) -> None:
+    faulty.counter_error = BenchError("the counter's connection is lost", "samples", "check it")
+
+
+def _nothing(_faulty: FaultyBench, _side: Side, _draw: np.random.Generator) -> None:
+    """Something that the campaign does to the station itself."""
+
+
+KINDS: tuple[Kind, ...] = (
+    Kind("transducer silent", _signal("silent", "torque"), needs_power=False),
+    Kind("every tenth pulse missing", _signal("missing_pulses", "torque", 10.0), False),
+    Kind("every tenth pulse doubled", _signal("doubled_pulses", "torque", 10.0), False),
+    Kind("frequency out of modulation", _signal("out_of_modulation", "torque"), False),
+    Kind("frequency frozen", _signal("frozen", "torque"), needs_power=False),
+    Kind("wild reading", _signal("wild_value", "torque", 0.6), needs_power=False),
+    Kind("standard silent", _signal("silent", "reference")),
+    Kind("standard frozen", _signal("frozen", "reference")),
+    Kind("encoder slips", _slip),
+    Kind("drive goes off", _goes_off),
+    Kind("drive reports a fault", _set("drive_fault", "overcurrent")),
+    Kind("drive doesn't answer", _set("mute", True)),
+    Kind("drive refuses commands", _set("deaf", True)),
+    Kind("drive pulls too much", _runs_away),
+    Kind("drive turns too fast", _spins),
+    Kind("watchdog isn't fed", _set("unfed", True)),
+    Kind("probes lost", _set("lost_probe", True)),
+    Kind("probes fail", _set("dead_probes", True), needs_power=False),
+    Kind("overheated", _set("heat_k", 60.0), needs_power=False),
+    Kind("counter lost", _counter_error, needs_power=False),
+    Kind("stop from another thread", _nothing, needs_power=False),
+    Kind("disk full for samples", _nothing, needs_power=False),
+    Kind("disk full for documents", _nothing),
+    Kind("heartbeat missing", _nothing),
+    Kind("killed", _nothing, needs_power=False),
+)
+"""Kinds that the campaign draws from; the last six are done to the station."""
+
+
+def on_thread(work: Callable[[], object]) -> None:
+    """Do something from another thread, and wait for it."""
+    other = threading.Thread(target=work)
+    other.start()
+    other.join()
