@@ -20,6 +20,7 @@ from torquebench.records import (
     anchor_of,
     calibration_changes,
     check_records,
+    sha256_of_file,
 )
 from torquebench.records.schema import Base, LinkRow, RunRow
 
@@ -74,8 +75,14 @@ def fill(registry, folder):
     registry.add_check(
         CheckEntry("T-1", START, "pass", 0.02, 0.1, True, "VS-1", model.model_id, "run-1", "Ana")
     )
+    issued = folder / "certificates" / "2025-001" / "a.pdf"
+    issued.parent.mkdir(parents=True)
+    issued.write_bytes(b"%PDF")
     registry.add_certificate(
-        "2025-001", calibration.calibration_id, authorised_by="Cy", files={"a.pdf": "ab" * 32}
+        "2025-001",
+        calibration.calibration_id,
+        authorised_by="Cy",
+        files={"a.pdf": sha256_of_file(issued)},
     )
     registry.review("calibrations", calibration.calibration_id, checked_by="Ben")
     registry.amend(
@@ -127,7 +134,7 @@ def test_every_table_holds_a_record_and_all_are_intact(filled):
     report = check_records(filled)
     assert report.findings == ()
     assert report.intact
-    assert (report.runs, report.files) == (1, 2)
+    assert (report.runs, report.files) == (1, 3)
     assert report.records == report.head.sequence
 
 
@@ -220,12 +227,14 @@ def test_a_rewritten_chain_is_seen_from_the_run_folders(registry, tmp_path, ungu
 def test_changed_files_and_run_folders_are_named(filled, tmp_path):
     (tmp_path / "model.json").write_text("{ }", encoding="utf-8")
     (tmp_path / "certificate.csv").unlink()
+    (tmp_path / "certificates" / "2025-001" / "a.pdf").write_bytes(b"%PDF forged")
     with (tmp_path / "runs" / "run-1" / "events.jsonl").open("a", encoding="utf-8") as events:
         events.write("{}\n")
     found = {str(each).removeprefix(str(tmp_path)) for each in check_records(filled).findings}
     assert found == {
         "/model.json: changed after it was registered",
         "/certificate.csv: the file is missing",
+        "/certificates/2025-001/a.pdf: changed after it was registered",
         f"/runs/run-1: {tmp_path}/runs/run-1/events.jsonl was changed after sealing",
     }
     manifest = tmp_path / "runs" / "run-1" / "manifest.json"
