@@ -75,6 +75,7 @@ class SignStep:
         self._password.wrong("")
         try:
             actor = visitor.actor
+            service.jobs.command(actor)  # refused before anything is signed
             service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
             service.activate(actor, model_id, remark or text("sign.reason"))
         except TorquebenchError as error:

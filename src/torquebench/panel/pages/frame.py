@@ -31,13 +31,17 @@ PAGES = {
 """Path and picture of every page, in the order of the keys Alt+1 and so on."""
 
 REFRESH_S = 0.5
+LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 
 
 def head(text: Text, look: str, title: str) -> None:
     """Put into the page's head what every page needs."""
     ui.page_title(f"{title} · torquebench")
     said = json.dumps({"stopFailed": text("stop.failed")}).replace("<", "\\u003c")
-    chosen = f'document.documentElement.dataset.theme = "{look}";' if look else ""
+    language = LANGUAGE_TAGS[text.language]
+    chosen = f'document.documentElement.lang = "{language}";'
+    if look:
+        chosen += f'document.documentElement.dataset.theme = "{look}";'
     ui.add_head_html(
         '<link rel="stylesheet" href="/panel/static/panel.css">'
         f"<script>{chosen}</script>"
@@ -69,9 +73,11 @@ class _Frame:
         self._shown: tuple[Any, ...] = ()
         client = ui.context.client
         with client.layout:
-            words("a", self.text("navigation.skip"), "skip", href="#content")
-            self._bar()
-            self._rail(current)
+            with box("div") as before:
+                words("a", self.text("navigation.skip"), "skip", href="#content")
+                self._bar()
+                self._rail(current)
+            before.move(client.layout, 0)  # read and reached before the page's content
             self.visitor.messages = Messages(self.text)
 
     def _bar(self) -> None:

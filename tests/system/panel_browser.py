@@ -1,0 +1,249 @@
+"""A panel's server and a browser in front of it, as a person has them."""
+
+import contextlib
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import Select, WebDriverWait
+from tests.system.command_line import COMMAND, environment
+
+CHROMIUM, CHROMEDRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+PEOPLE = {
+    "Admin": ("administrator", "a correct horse 2026"),
+    "Ana": ("metrologist", "ana measures torque"),
+    "Ben": ("operator", "ben turns the shaft"),
+}
+PATIENCE_S = 60.0
+
+
+def people(data: Path) -> None:
+    """Make the accounts that the tests sign in with."""
+    from torquebench.panel.service import Actor
+    from torquebench.panel.service.people import People
+    from torquebench.panel.service.store import PanelStore
+
+    data.mkdir(parents=True, exist_ok=True)
+    store = PanelStore(data)
+    accounts = People(store)
+    try:
+        assert accounts.setup_code is not None
+        accounts.set_up(accounts.setup_code, "Admin", PEOPLE["Admin"][1], "test")
+        administrator = Actor("Admin", "administrator", "test")
+        for name, (role, password) in PEOPLE.items():
+            if name != "Admin":
+                accounts.add_user(administrator, name, role, password)
+    finally:
+        accounts.close()
+        store.close()
+
+
+class Panel:
+    """The `torquebench panel` command on a free port, which may be ended and started again."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.folder, self.options = folder, options
+        self.port = 0
+        self.process: subprocess.Popen[str] | None = None
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    def start(self) -> None:
+        """Start the server, on the port that it had before."""
+        self.process = subprocess.Popen(
+            [COMMAND, "panel", "--data", "data", "--port", str(self.port), *self.options],
+            cwd=self.folder,
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        assert self.process.stdout is not None
+        said = []
+        for line in self.process.stdout:
+            said.append(line)
+            if "http://" in line:
+                self.port = int(line.rsplit(":", 1)[1].strip().rstrip("/."))
+                return
+        raise AssertionError("".join(said))
+
+    def end(self, how: signal.Signals = signal.SIGTERM) -> None:
+        """End the server."""
+        if self.process is not None:
+            if self.process.poll() is None:
+                self.process.send_signal(how)
+            self.process.communicate(timeout=PATIENCE_S)
+            self.process = None
+
+
+@contextlib.contextmanager
+def running_panel(folder: Path, *options: str) -> Iterator[Panel]:
+    """Serve a panel with accounts; it is gone when the block ends."""
+    people(folder / "data")
+    panel = Panel(folder, *options)
+    panel.start()
+    try:
+        yield panel
+    finally:
+        panel.end()
+
+
+class Visitor:
+    """A person with a browser."""
+
+    def __init__(self, driver: webdriver.Chrome, panel: Panel) -> None:
+        self.driver, self.panel = driver, panel
+
+    def wait(self, condition: Callable[[], Any], what: str, seconds: float = PATIENCE_S) -> Any:
+        """Wait until something is so."""
+        return WebDriverWait(self.driver, seconds, poll_frequency=0.1).until(
+            lambda _: condition(), what
+        )
+
+    def open(self, path: str) -> None:
+        """Open a page and wait until it is connected."""
+        self.driver.get(self.panel.url + path)
+        self.connected()
+
+    def connected(self) -> None:
+        """Wait until the page's connection to the server stands and it shows something."""
+        self.wait(
+            lambda: self.driver.execute_script(
+                "return window.did_handshake === true && !!document.querySelector('h1')"
+                " && document.styleSheets.length > 1"
+            ),
+            "a connected page",
+        )
+
+    def sign_in(self, name: str, path: str = "/") -> None:
+        """Sign in and arrive at a page."""
+        self.open(f"/sign-in?next={path}")
+        self.driver.find_element(By.NAME, "name").send_keys(name)
+        self.driver.find_element(By.NAME, "password").send_keys(PEOPLE[name][1])
+        self.driver.find_element(By.CSS_SELECTOR, "form button[type=submit]").click()
+        self.wait(lambda: "/sign-in" not in self.driver.current_url, "being signed in")
+        self.connected()
+
+    @property
+    def text(self) -> str:
+        """What the page says."""
+        return self.driver.find_element(By.TAG_NAME, "body").text
+
+    def sees(self, text: str, seconds: float = PATIENCE_S) -> None:
+        """Wait until the page says something."""
+        self.wait(lambda: text in self.text, f"the page to say {text!r}", seconds)
+
+    def button(self, label: str) -> WebElement:
+        """Find a button or link by what it says."""
+        xpath = "|".join(
+            f"//{tag}[not(@disabled)][contains(normalize-space(.), '{label}')]"
+            for tag in ("button", "a", "summary", "label")
+        )
+
+        def shown() -> WebElement | None:
+            found = self.driver.find_elements(By.XPATH, xpath)
+            return next((each for each in found if each.is_displayed()), None)
+
+        found: WebElement = self.wait(shown, f"a button {label!r}")
+        return found
+
+    def press(self, label: str) -> None:
+        """Press a button."""
+        button = self.button(label)
+        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+        button.click()
+
+    def field(self, label: str) -> WebElement:
+        """Find a field by its label."""
+        xpath = f"//label[normalize-space(.)='{label}']"
+
+        def labelled() -> list[WebElement]:
+            found = self.driver.find_elements(By.XPATH, xpath)
+            return [each for each in found if each.is_displayed()]
+
+        name: WebElement = self.wait(labelled, f"a field {label!r}")[0]
+        return self.driver.find_element(By.ID, str(name.get_attribute("for")))
+
+    def choose(self, label: str, value: str) -> None:
+        """Choose from a list."""
+        Select(self.field(label)).select_by_value(value)
+
+    def size(self, width: int, height: int) -> None:
+        """Use a screen of another size."""
+        self.driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 760},
+        )
+
+    def problems(self) -> list[str]:
+        """Return what the browser's console says is wrong, lost connections aside."""
+        return [
+            entry["message"]
+            for entry in self.driver.get_log("browser")
+            if entry["level"] == "SEVERE" and "ERR_" not in entry["message"]
+        ]
+
+    def axe(self) -> list[str]:
+        """Return what the accessibility check objects to."""
+        from axe_selenium_python import Axe
+
+        axe = Axe(self.driver)
+        axe.inject()
+        found = axe.run()["violations"]
+        return [
+            f"{each['id']}: {node['html'][:200]}" for each in found for node in each["nodes"][:3]
+        ]
+
+
+@contextlib.contextmanager
+def browser(
+    panel: Panel, folder: Path, *, width: int = 1440, height: int = 900, language: str = "en-US"
+) -> Iterator[Visitor]:
+    """Start a browser with a fresh profile."""
+    options = Options()
+    options.binary_location = CHROMIUM
+    for flag in FLAGS:
+        options.add_argument(flag)
+    options.add_argument(f"--user-data-dir={folder / 'profile'}")
+    options.add_argument(f"--window-size={width},{height}")
+    options.add_argument(f"--lang={language}")
+    options.add_experimental_option("prefs", {"intl.accept_languages": language})
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
+    try:
+        visitor = Visitor(driver, panel)
+        visitor.size(width, height)
+        yield visitor
+    finally:
+        driver.quit()
+
+
+def process_memory_mb(pid: int) -> float:
+    """Return the memory that a process has for itself, MB."""
+    import psutil
+
+    return float(psutil.Process(pid).memory_info().rss) / 2**20
+
+
+__all__ = ["PEOPLE", "Panel", "Visitor", "browser", "process_memory_mb", "running_panel"]

@@ -1,0 +1,208 @@
+"""A person at the panel: live values, stop, alarms, settings, keyboard, phone, a lost server."""
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from tests.system.panel_browser import Panel, Visitor, browser, running_panel
+
+PATHS = ("/", "/calibrate", "/reducer", "/records", "/settings", "/alarms")
+
+
+@pytest.fixture(scope="module")
+def panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Panel]:
+    with running_panel(tmp_path_factory.mktemp("panel")) as panel:
+        yield panel
+
+
+@pytest.fixture(scope="module")
+def person(panel: Panel, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visitor]:
+    with browser(panel, tmp_path_factory.mktemp("browser")) as visitor:
+        visitor.sign_in("Admin")
+        yield visitor
+
+
+@pytest.fixture(autouse=True)
+def ordinary_screen(person: Visitor) -> Iterator[None]:
+    person.size(1440, 900)
+    yield
+    person.size(1440, 900)
+
+
+def painted(person: Visitor) -> int:
+    return int(person.driver.execute_script("return window.torquebench.painted"))
+
+
+def test_live_values_are_painted_as_they_come(person: Visitor) -> None:
+    person.open("/")
+    before = painted(person)
+    person.wait(lambda: painted(person) > before + 20, "twenty painted updates")
+    value = person.driver.find_element(By.CSS_SELECTOR, ".tile.output .value span").text
+    assert abs(float(value.replace("−", "-"))) < 50.0
+    assert "Not compensated" in person.text
+    assert "simulated" in person.text
+    person.press("1 min")
+    before = painted(person)
+    person.wait(lambda: painted(person) > before + 5, "updates of another span")
+    assert person.problems() == []
+
+
+def test_stop_acts_at_once_and_is_acknowledged_by_name(person: Visitor) -> None:
+    person.open("/records")
+    person.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
+    person.sees("The bench is stopped")
+    taken = person.driver.execute_script("return window.torquebench.stopMilliseconds")
+    assert 0.0 < taken < 2000.0  # how fast it is on a machine of one's own is benchmarked
+    person.press("See the alarms")
+    person.sees("Stopped by a person")
+    assert "by Admin" in person.text
+    person.press("Acknowledge as Admin")
+    person.sees("No alarm stands")
+    person.sees("acknowledged by Admin")
+
+
+def test_somebody_not_signed_in_can_stop_but_not_look(
+    panel: Panel, person: Visitor, tmp_path: Path
+) -> None:
+    with browser(panel, tmp_path) as stranger:
+        stranger.open("/records")
+        assert "/sign-in" in stranger.driver.current_url
+        stranger.driver.find_element(By.TAG_NAME, "body").send_keys(Keys.F8)
+        person.open("/alarms")
+        person.sees("somebody not signed in")
+    person.press("Acknowledge as Admin")
+    person.sees("No alarm stands")
+
+
+def test_wrong_passwords_are_refused_and_nobody_is_sent_elsewhere(
+    panel: Panel, tmp_path: Path
+) -> None:
+    with browser(panel, tmp_path) as stranger:
+        stranger.open("/sign-in?next=https://elsewhere.example/")
+        stranger.driver.find_element(By.NAME, "name").send_keys("Ben")
+        stranger.driver.find_element(By.NAME, "password").send_keys("guessed", Keys.ENTER)
+        stranger.sees("Name and password don't belong together.")
+        assert stranger.driver.current_url.startswith(panel.url)
+
+
+def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
+    person.open("/settings")
+    entry = person.driver.find_element(By.CSS_SELECTOR, "[aria-label='output.limits.torque_nm']")
+    entry.send_keys(Keys.CONTROL, "a")
+    entry.send_keys("many")
+    person.sees("output.limits.torque_nm")
+    assert not person.driver.find_element(
+        By.XPATH, "//button[contains(., 'Apply these changes')]"
+    ).is_enabled()
+    entry.send_keys(Keys.CONTROL, "a")
+    entry.send_keys("2100")
+    person.sees("What would change")
+    person.press("Apply these changes")
+    person.sees("Changed and logged.")
+    person.press("Changes")
+    person.sees("output.limits.torque_nm")
+    person.press("Undo")
+    person.sees("takes back change")
+    assert person.problems() == []
+
+
+@pytest.mark.parametrize("path", [*PATHS, "/sign-in"])
+def test_a_page_is_accessible_and_fits_a_phone(person: Visitor, path: str) -> None:
+    person.open(path)
+    assert person.axe() == []
+    person.size(390, 844)
+    person.open(path)
+    width = person.driver.execute_script("return document.documentElement.scrollWidth")
+    assert width <= 390
+    small = person.driver.execute_script(
+        "return [...document.querySelectorAll('button, a.control, .rail a, input, select')]"
+        ".filter((each) => each.offsetParent && !each.matches('[type=radio], [type=checkbox]'))"
+        ".filter((each) => each.getBoundingClientRect().height < 48)"
+        ".map((each) => each.outerHTML.slice(0, 120))"
+    )
+    assert small == []
+    assert person.axe() == []
+
+
+def test_everything_is_reached_by_keyboard(person: Visitor) -> None:
+    person.open("/")
+    body = person.driver.find_element(By.TAG_NAME, "body")
+    body.send_keys(Keys.TAB)
+    assert person.driver.switch_to.active_element.text == "Skip to the page's content"
+    person.driver.switch_to.active_element.send_keys(Keys.ALT, "6")
+    person.sees("No alarm stands")
+    menu = person.driver.find_element(By.CSS_SELECTOR, "[aria-label='Menu']")
+    menu.send_keys(Keys.ENTER)
+    person.sees("F8: stop the bench")
+    assert person.axe() == []
+    person.driver.switch_to.active_element.send_keys(Keys.ESCAPE)
+    person.wait(lambda: "F8: stop the bench" not in person.text, "a closed menu")
+    outline = person.driver.execute_script(
+        "document.querySelector('.rail a').focus({focusVisible: true});"
+        "return getComputedStyle(document.activeElement).outlineWidth"
+    )
+    assert outline == "3px"
+
+
+def test_chinese_and_dark_are_chosen_in_the_menu(person: Visitor) -> None:
+    person.open("/alarms")
+    person.driver.find_element(By.CSS_SELECTOR, "[aria-label='Menu']").click()
+    person.press("中文")
+    person.sees("没有报警")
+    assert person.driver.find_element(By.TAG_NAME, "html").get_attribute("lang") == "zh-CN"
+    person.driver.find_element(By.CSS_SELECTOR, "[aria-label='菜单']").click()
+    person.press("深色")
+    person.wait(
+        lambda: (
+            person.driver.execute_script("return document.documentElement.dataset.theme") == "dark"
+        ),
+        "the dark look",
+    )
+    person.connected()
+    assert person.axe() == []
+    person.driver.find_element(By.CSS_SELECTOR, "[aria-label='菜单']").click()
+    person.press("English")
+    person.sees("No alarm stands")
+    person.driver.delete_cookie("torquebench_look")
+
+
+def test_two_people_one_commands_and_the_other_watches(
+    panel: Panel, person: Visitor, tmp_path: Path
+) -> None:
+    person.open("/calibrate")
+    person.press("Take command")
+    person.sees("You are in command")
+    with browser(panel, tmp_path) as ben:
+        ben.sign_in("Ben", "/calibrate")
+        ben.sees("In command: Admin")
+        ben.press("Mount the calibrator and begin")
+        ben.sees("Admin commands the bench")
+        person.press("Give up command")
+        ben.sees("Nobody is in command")
+        ben.press("Take command")
+        ben.sees("You are in command")
+        person.sees("In command: Ben")
+        ben.press("Give up command")
+
+
+def test_a_lost_server_is_unmistakable_and_the_page_comes_back(
+    panel: Panel, person: Visitor
+) -> None:
+    person.open("/")
+    before = painted(person)
+    person.wait(lambda: painted(person) > before + 5, "live values")
+    panel.end(signal.SIGKILL)
+    popup = person.driver.find_element(By.ID, "popup")
+    person.wait(lambda: popup.is_displayed(), "the notice of a lost connection")
+    person.wait(
+        lambda: person.driver.find_elements(By.CSS_SELECTOR, ".stale .tile"), "old values in grey"
+    )
+    person.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
+    person.sees("Use the red emergency stop")
+    panel.start()
+    person.wait(lambda: painted(person) > 5, "live values again")
+    person.connected()
+    assert not person.driver.find_elements(By.CSS_SELECTOR, ".stale .tile")

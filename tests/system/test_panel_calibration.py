@@ -1,0 +1,67 @@
+"""Two people calibrate the output module in their browsers, from start to certificate."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.system.panel_browser import PEOPLE, Visitor, browser, running_panel
+
+
+@pytest.fixture(scope="module")
+def visitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Visitor, Visitor]]:
+    folder: Path = tmp_path_factory.mktemp("panel")
+    with (
+        running_panel(folder, "--fast") as panel,
+        browser(panel, folder / "ben") as ben,
+        browser(panel, folder / "ana") as ana,
+    ):
+        yield ben, ana
+
+
+def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
+    visitors: tuple[Visitor, Visitor],
+) -> None:
+    ben, ana = visitors
+    ben.sign_in("Ben", "/calibrate")
+    ben.choose("Step of the staircase, % of range", "20")
+    ben.sees("What would happen")
+    assert "the limit is 2400 N·m" in ben.text
+
+    ben.press("Mount the calibrator and begin")
+    ben.sees("Before and after")
+    assert "20 points; the raw reading is wrong by up to" in ben.text
+
+    ana.sign_in("Ana", "/calibrate")
+    ana.sees("In command: Ben")
+    ana.sees("Before and after")
+
+    ben.press("Compare all models")
+    ben.sees("Recommended:")
+    ben.press("Next step")
+    ben.choose("Groups", "2")
+    ben.press("Mount the verification standard and begin")
+    ben.sees("Sign off and put into use")
+    assert "may look at this but not change it" in ben.text
+
+    ana.sees("Model to be used")
+    ana.field("Your password").send_keys(PEOPLE["Ana"][1])
+    ana.press("Sign and put into use")
+    ana.sees("Ben commands the bench")
+    ben.press("Give up command")
+    ben.sees("Nobody is in command")
+    ana.field("Your password").send_keys("a wrong password")
+    ana.press("Sign and put into use")
+    ana.sees("don't belong together")
+    ana.field("Your password").send_keys(PEOPLE["Ana"][1])
+    ana.press("Sign and put into use")
+    ana.sees("Signed.")
+
+    ana.field("Your password").send_keys(PEOPLE["Ana"][1])
+    ana.press("Issue the certificate")
+    ana.sees("is issued")
+    assert ana.button("Fetch").text.endswith((".pdf", ".xml", ".json"))
+
+    ana.open("/")
+    ana.sees("Compensated:")
+    ana.sees("(k = 2)")
+    assert ana.problems() == ben.problems() == []
