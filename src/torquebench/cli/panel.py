@@ -46,11 +46,14 @@ def panel(
     a code with which the administrator is set up in the browser. Ctrl-C ends it; the bench is
     without torque before the process ends.
     """
-    from torquebench.panel.server import Address, serve
-    from torquebench.panel.service import BenchService
+    from torquebench.panel.address import Address
 
     address = Address(host, port, tls_cert, tls_key, insecure_network)
-    address.check()
+    address.check()  # before anything is loaded that takes seconds
+
+    from torquebench.panel.server import serve
+    from torquebench.panel.service import BenchService
+
     with BenchService.open(bench, data, fast=fast) as service:
         if service.station.description.simulated:
             note("simulated bench")

@@ -1,0 +1,264 @@
+import json
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+from tests.system.panel_api import PASSWORD, Server, administrator, person, program, serving
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    with serving(tmp_path_factory.mktemp("panel"), "--fast") as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def admin(server: Server) -> Iterator[httpx.Client]:
+    with administrator(server) as signed_in:
+        yield signed_in
+
+
+@pytest.fixture(scope="module")
+def people(server: Server, admin: httpx.Client) -> Iterator[dict[str, httpx.Client]]:
+    found = {
+        "Olga": person(server, admin, "Olga", "operator"),
+        "Max": person(server, admin, "Max", "metrologist"),
+        "plant": program(server, admin, "plant", "operator"),
+    }
+    yield found
+    for each in found.values():
+        each.close()
+
+
+@pytest.fixture(autouse=True)
+def _nobody_commands(admin: httpx.Client) -> Iterator[None]:
+    yield
+    _wait(lambda: not admin.get("/bench").json()["job_id"])
+    _wait(lambda: admin.post("/alarms/acknowledge").status_code == 200)
+    admin.post("/command", json={"force": True})
+    admin.delete("/command")
+
+
+def _wait(condition: Callable[[], Any]) -> Any:
+    deadline = time.monotonic() + 120.0
+    while not (found := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return found
+
+
+def _done(client: httpx.Client, started: httpx.Response) -> dict[str, Any]:
+    assert started.status_code == 202, started.text
+    path = f"/jobs/{started.json()['job_id']}"
+    return _wait(lambda: (view := client.get(path).json())["finished"] and view)
+
+
+def test_nothing_is_told_or_done_without_a_token(server: Server) -> None:
+    with server.client() as nobody, server.client("tb_wrong") as stranger:
+        described = nobody.get("/openapi.json").json()
+        for path, operations in described["paths"].items():
+            if path in ("/setup", "/session"):
+                continue
+            for method in operations:
+                for client in (nobody, stranger):
+                    answer = client.request(method, path.replace("{", "").replace("}", ""))
+                    assert answer.status_code in (401, 422), (method, path)
+                    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_the_bench_is_told_to_whoever_is_signed_in(people: dict[str, httpx.Client]) -> None:
+    for client in people.values():
+        bench = client.get("/bench").json()
+        assert bench["simulated"]
+        assert bench["connection"] == "live"
+        rows = client.get("/live", params={"signals": ["output_raw_nm"]}).json()
+        assert list(rows["values"]) == ["output_raw_nm"]
+        newer = client.get("/live", params={"since": rows["sequence"]}).json()
+        assert newer["missed"] == 0
+        trend = client.get("/trend", params={"seconds": 3600, "points": 5}).json()
+        assert 0 < len(trend["time_s"]) <= 5
+
+
+def test_a_stream_of_live_rows_has_no_gap(server: Server, people: dict[str, httpx.Client]) -> None:
+    token = people["plant"].headers["Authorization"].removeprefix("Bearer ")
+    with connect(server.url.replace("http", "ws") + "/api/v1/stream") as socket:
+        socket.send(json.dumps({"token": token, "signals": ["output_raw_nm"]}))
+        first = json.loads(socket.recv(timeout=30))
+        second = json.loads(socket.recv(timeout=30))
+    assert second["sequence"] - len(second["time_s"]) == first["sequence"]
+    assert second["time_s"][0] > first["time_s"][-1]
+
+
+@pytest.mark.parametrize(
+    "message", ["", "{}", '{"token": "x"}', '{"token": "tb_x"}', "[" * 1000, '{"rate": 1e9}']
+)
+def test_a_stream_without_a_token_ends_at_once(server: Server, message: str) -> None:
+    with connect(server.url.replace("http", "ws") + "/api/v1/stream") as socket:
+        socket.send(message)
+        with pytest.raises(ConnectionClosed) as closed:
+            socket.recv(timeout=30)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1008
+
+
+def test_one_session_commands_and_any_may_stop(people: dict[str, httpx.Client]) -> None:
+    olga, plant, chief = people["Olga"], people["plant"], people["Max"]
+    started = olga.post("/start/calibrate", json={"side": "output"})
+    assert started.status_code == 202
+    job = started.json()["job_id"]
+    assert plant.get("/command").json()["holder"] == "Olga"
+    for refused in (
+        plant.post("/start/zero", json={}),
+        plant.post(f"/jobs/{job}/pause"),
+        plant.post(f"/jobs/{job}/abort", json={}),
+        plant.post("/command", json={"force": True}),
+    ):
+        assert refused.status_code == 409, refused.text
+        assert refused.json()["type"] == "torquebench:LeaseError"
+    assert olga.post("/start/zero", json={}).json()["type"] == "torquebench:BusyError"
+    stopped = plant.post("/stop", json={"reason": "smoke"})
+    assert stopped.status_code == 200
+    view = _wait(lambda: (found := chief.get(f"/jobs/{job}").json())["finished"] and found)
+    assert view["state"] == "failed"
+    assert "smoke, by plant (client)" in view["problem"]["found"]
+    (alarm,) = chief.get("/alarms", params={"standing": True}).json()
+    assert alarm["level"] == "critical"
+    refused = olga.post("/start/zero", json={})
+    assert refused.status_code == 503
+    cleared = _wait(
+        lambda: (found := olga.post("/alarms/acknowledge")).status_code == 200 and found
+    )
+    assert cleared.json()["acknowledged_by"] == "Olga"
+
+
+def test_a_job_is_paused_resumed_and_aborted(people: dict[str, httpx.Client]) -> None:
+    olga = people["Olga"]
+    job = olga.post("/start/calibrate", json={"side": "output"}).json()["job_id"]
+    _wait(lambda: olga.get(f"/jobs/{job}/points").json())
+    assert olga.post(f"/jobs/{job}/pause").status_code == 200
+    _wait(lambda: olga.get(f"/jobs/{job}").json()["state"] == "paused")
+    held = olga.get(f"/jobs/{job}").json()["points"]
+    assert olga.post(f"/jobs/{job}/resume").status_code == 200
+    _wait(lambda: olga.get(f"/jobs/{job}").json()["points"] > held)
+    newer = olga.get(f"/jobs/{job}/points", params={"since": held}).json()
+    assert newer[0]["number"] == held + 1
+    assert olga.post(f"/jobs/{job}/abort", json={"reason": "lunch"}).status_code == 200
+    view = _wait(lambda: (found := olga.get(f"/jobs/{job}").json())["finished"] and found)
+    assert view["state"] == "aborted"
+
+
+def test_from_calibration_to_certificate(
+    people: dict[str, httpx.Client], admin: httpx.Client
+) -> None:
+    olga, chief = people["Olga"], people["Max"]
+    shown = olga.post("/preview/calibrate", json={"side": "output", "step_percent": 20}).json()
+    assert shown["points"] == 20
+    assert shown["largest_torque_nm"] == {"output": 2000.0}
+    assert shown["mounts"] in ([], ["calibrator"])  # another test may have mounted it
+    done = _done(olga, olga.post("/start/calibrate", json={"side": "output", "step_percent": 20}))
+    result = done["result"]
+    assert result["simulated"]
+    number, model = result["calibration_id"], result["model_ids"]["hybrid"]
+    assert olga.get("/bench").json()["sides"][1]["compensation"] is None
+    body = {"calibration_id": number, "groups": 2, "points": 6}
+    verified = _done(olga, olga.post("/start/verify", json=body))
+    assert verified["result"]["verdict"] == "pass", verified
+    assert olga.post(f"/models/{model}/activate", json={}).status_code == 403
+    signed = f"/calibrations/{number}/sign-off"
+    assert chief.post(signed, json={"password": "wrong password"}).status_code == 401
+    assert admin.get(f"/calibrations/{number}").json()["reviews"] == []
+    assert chief.post(signed, json={"password": PASSWORD}).status_code == 204
+    assert olga.delete("/command").status_code == 204
+    assert chief.post(f"/models/{model}/activate", json={}).status_code == 204
+    assert chief.get("/bench").json()["sides"][1]["compensation"]["model_id"] == model
+    issued = chief.post(f"/calibrations/{number}/certificate", json={"password": PASSWORD})
+    certificate = _done(chief, issued)["result"]["certificate"]
+    detail = olga.get(f"/calibrations/{number}").json()
+    assert [each["checked_by"] for each in detail["reviews"]] == ["Max"]
+    assert [each["number"] for each in detail["certificates"]] == [certificate]
+    name = detail["certificates"][0]["files"][0]
+    assert olga.get(f"/certificates/{certificate}/{name}").content.startswith(b"%PDF")
+    run = olga.get(f"/runs/{result['run_ids'][0]}").json()
+    assert (run["run"]["operator"], run["changes"]) == ("Olga", [])
+    assert olga.get(f"/runs/{result['run_ids'][0]}/export").content.startswith(b"PK")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/runs/..%2f..%2fetc%2fpasswd",
+        "/runs/%2e%2e",
+        "/certificates/../panel-secret",
+        "/certificates/x/..%2f..%2fpanel-secret",
+        "/settings/profiles/..%2f..%2fetc%2fpasswd",
+        "/runs/a%00b",
+    ],
+)
+def test_no_path_of_a_request_reaches_a_file(admin: httpx.Client, path: str) -> None:
+    assert admin.get(path).status_code == 404
+
+
+def test_guessing_locks_out(server: Server, admin: httpx.Client) -> None:
+    person(server, admin, "Gus", "operator").close()
+    with server.client() as nobody:
+        body = {"name": "Gus", "password": "not his password"}
+        answers = [nobody.post("/session", json=body) for _ in range(6)]
+        assert [each.status_code for each in answers] == [401] * 5 + [429]
+        assert int(answers[-1].headers["Retry-After"]) > 0
+        right = nobody.post("/session", json={"name": "Gus", "password": PASSWORD})
+        assert right.status_code == 429
+
+
+def test_foreign_pages_hosts_and_large_bodies_are_refused(
+    server: Server, admin: httpx.Client
+) -> None:
+    foreign = admin.post("/stop", json={}, headers={"Origin": "http://evil.example"})
+    assert foreign.status_code == 403
+    rebound = admin.get("/bench", headers={"Host": "evil.example"})
+    assert rebound.status_code == 403
+    large = admin.post("/stop", content=b"x" * 2_000_000)
+    assert large.status_code == 413
+    assert admin.get("/alarms", params={"standing": True}).json() == []
+
+
+def test_answers_carry_security_headers(server: Server, admin: httpx.Client) -> None:
+    api = admin.get("/bench").headers
+    assert api["content-security-policy"].startswith("default-src 'none'")
+    assert api["cache-control"] == "no-store"
+    page = httpx.get(server.url, follow_redirects=True).headers
+    for headers in (api, page):
+        assert headers["x-frame-options"] == "DENY"
+        assert headers["x-content-type-options"] == "nosniff"
+        assert "frame-ancestors 'none'" in headers["content-security-policy"]
+
+
+def test_a_revoked_token_and_an_ended_session_count_no_longer(
+    server: Server, admin: httpx.Client
+) -> None:
+    spare = program(server, admin, "spare", "operator")
+    number = next(each for each in admin.get("/clients").json() if each["name"] == "spare")
+    assert spare.get("/session").json()["kind"] == "client"
+    assert admin.delete(f"/clients/{number['client_id']}").status_code == 200
+    assert spare.get("/session").status_code == 401
+    pia = person(server, admin, "Pia", "operator")
+    assert pia.delete("/session").status_code == 204
+    assert pia.get("/session").status_code == 401
+    spare.close()
+    pia.close()
+
+
+def test_settings_change_with_a_difference_and_are_undone(admin: httpx.Client) -> None:
+    document = {"document": {"output": {"limits": {"torque_nm": 2100.0}}}, "reason": "a test"}
+    shown = admin.post("/settings/bench/bench/preview", json=document).json()
+    assert [each["key"] for each in shown["differences"]] == ["output.limits.torque_nm"]
+    made = admin.put("/settings/bench/bench", json=document).json()
+    assert admin.post("/bench/reopen").status_code == 204
+    assert admin.get("/bench").json()["sides"][1]["limit_nm"] == 2100.0
+    assert admin.post(f"/changes/{made['number']}/undo", json={}).status_code == 200
+    assert admin.post("/bench/reopen").status_code == 204
+    assert admin.get("/bench").json()["sides"][1]["limit_nm"] == 2400.0
+    assert admin.get("/changes").json()[0]["undoes"] == made["number"]

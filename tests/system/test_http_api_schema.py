@@ -1,0 +1,52 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.system.panel_api import administrator, program, serving
+
+SCHEMATHESIS = str(Path(sys.executable).parent / "schemathesis")
+EXAMPLES = 3
+RULES = """\
+# Rules that no schema can say: passwords of few different characters, endless staircases.
+[[operations]]
+include-name = ["POST /users", "PATCH /users/{name}", "POST /preview/calibrate",
+                "POST /preview/verify"]
+checks.positive_data_acceptance.expected-statuses = [
+    "2xx", "401", "403", "404", "409", "422", "429", "503"]
+"""
+
+
+def test_schemathesis_finds_nothing_wrong_with_any_operation(tmp_path: Path) -> None:
+    (tmp_path / "schemathesis.toml").write_text(RULES, encoding="utf-8")
+    with serving(tmp_path, "--fast") as server, administrator(server) as admin:
+        fuzz = program(server, admin, "fuzz", "administrator")
+        report = subprocess.run(
+            [
+                SCHEMATHESIS,
+                "run",
+                f"{server.url}/api/v1/openapi.json",
+                "--header",
+                f"Authorization: {fuzz.headers['Authorization']}",
+                "--phases",
+                "coverage,fuzzing",
+                "--max-examples",
+                str(EXAMPLES),
+                "--seed",
+                "1",
+                "--request-timeout",
+                "120",
+                "--no-color",
+            ],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONWARNINGS": "default"},
+            capture_output=True,
+            text=True,
+            timeout=280,
+            check=False,
+        )
+        fuzz.close()
+        alive = admin.get("/session")
+    assert report.returncode == 0, report.stdout[-8000:] + report.stderr[-2000:]
+    assert "Tested: 6" in report.stdout  # more than sixty operations
+    assert alive.status_code == 200

@@ -1,0 +1,105 @@
+import datetime
+import signal
+import stat
+from ipaddress import ip_address
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import NameOID
+from tests.system.command_line import run
+from tests.system.panel_api import administrator, serving
+
+from torquebench.errors import InputError
+from torquebench.panel.address import Address
+
+
+def _certificate(folder: Path) -> tuple[str, str]:
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "bench")])
+    now = datetime.datetime.now(datetime.UTC)
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now)
+        .not_valid_after(now + datetime.timedelta(days=1))
+        .add_extension(
+            x509.SubjectAlternativeName([x509.IPAddress(ip_address("127.0.0.1"))]), False
+        )
+        .sign(key, hashes.SHA256())
+    )
+    chain, private = folder / "cert.pem", folder / "key.pem"
+    chain.write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+    private.write_bytes(
+        key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.NoEncryption(),
+        )
+    )
+    return str(chain), str(private)
+
+
+def test_a_network_in_clear_is_refused(tmp_path: Path) -> None:
+    refused = run("panel", "--host", "0.0.0.0", "--port", "0", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--tls-cert" in refused.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.1", "bench.example"])
+def test_only_the_loopback_address_is_served_in_clear(host: str) -> None:
+    with pytest.raises(InputError, match="--tls-cert"):
+        Address(host).check()
+    Address(host, insecure_network=True).check()
+    assert Address(host).hosts == ()
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])
+def test_the_loopback_address_answers_to_its_own_names_only(host: str) -> None:
+    Address(host).check()
+    assert set(Address(host).hosts) == {host, "localhost", "127.0.0.1", "::1"}
+
+
+def test_half_or_broken_tls_is_refused(tmp_path: Path) -> None:
+    chain, key = map(Path, _certificate(tmp_path))
+    Address("0.0.0.0", tls_cert=chain, tls_key=key).check()
+    with pytest.raises(InputError, match="--tls-key"):
+        Address(tls_cert=chain).check()
+    for broken in (Address(tls_cert=key, tls_key=chain), Address(tls_cert=chain, tls_key=chain)):
+        with pytest.raises(InputError, match="PEM"):
+            broken.check()
+
+
+def test_a_request_to_terminate_ends_it_with_the_bench_unloaded(tmp_path: Path) -> None:
+    with serving(tmp_path) as server:
+        with administrator(server) as admin:
+            started = admin.post("/start/calibrate", json={"side": "output"})
+            assert started.status_code == 202
+            run_id = ""
+            while not run_id:
+                runs = admin.get("/runs").json()["runs"]
+                run_id = runs[0]["run_id"] if runs else ""
+        server.process.send_signal(signal.SIGTERM)
+        _, said = server.process.communicate(timeout=60)
+    assert server.process.returncode == 0
+    assert "the bench is without torque" in said
+    listed = run("records", "list", "--data", "data", cwd=tmp_path)
+    assert "aborted" in listed.stdout
+    secret = tmp_path / "data" / "panel-secret"
+    assert stat.S_IMODE(secret.stat().st_mode) == 0o600
+
+
+def test_tls_serves_pages_and_api(tmp_path: Path) -> None:
+    chain, key = _certificate(tmp_path)
+    with serving(tmp_path, "--tls-cert", chain, "--tls-key", key) as server:
+        assert server.url.startswith("https://")
+        with administrator(server) as admin:
+            answer = admin.get("/bench")
+    assert answer.status_code == 200
+    assert "max-age" in answer.headers["strict-transport-security"]
