@@ -55,6 +55,8 @@ SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 QUICK, FULL = 25, 225
 TRIES = 5
+MET_LATER = ("drive refuses commands", "disk full for documents")
+"""They are met with the next command or point: the time counts from the alarm."""
 Side_ = Literal["input", "output"]
 Plan = Generator[Any, Any, Any]
 
@@ -255,8 +257,7 @@ def judged(
     if alarms and faulty.powered:
         if faulty.safe_s is None:
             faulty.tick()
-        # A refusal is met when the drive is told something: from then on it counts.
-        begun_s = alarms[0].time_s if kind.name == "drive refuses commands" else faulty.broken_s
+        begun_s = alarms[0].time_s if kind.name in MET_LATER else faulty.broken_s
         safe_s = (faulty.safe_s or float("inf")) - begun_s
         if safe_s > SAFE_S:
             problems.append(f"safe only after {safe_s:.2f} s")
@@ -381,15 +382,24 @@ def campaign(
                     current = stack.enter_context(opened(seed + index, folder))
                 for _ in range(TRIES):  # until it comes before the procedure's end
                     outcome = one_fault(*current, kind, procedure, draw)
-                    if outcome.status != "too late":
+                    if outcome.status != "too late" or ended(current[0]):
                         break
                     procedure = fitting_procedure(kind, draw)
             outcomes.append(outcome)
             told(line_of(outcome))
-            if kind.name in ("counter lost", "probes fail") or outcome.problems:
-                stack.close()  # acquisition has ended: the bench is opened again
+            if current is not None and (outcome.problems or ended(current[0])):
+                stack.close()  # the bench is opened again
                 current = None
     return outcomes
+
+
+def ended(station: Station) -> bool:
+    """Whether acquisition has ended, as it does where an instrument is lost."""
+    try:
+        station.clock.wait(0.1)
+    except TorquebenchError:
+        return True
+    return False
 
 
 def line_of(outcome: Outcome) -> str:
