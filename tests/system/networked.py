@@ -8,7 +8,7 @@ from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
 from torquebench.bench.description_errors import validated
 
 ANY_PORT = "127.0.0.1:0"
-TIMEOUT_S = 0.15
+TIMEOUT_S = 0.3
 PROBES = {
     "ambient": 0,
     "input_transducer": 1,
@@ -44,7 +44,7 @@ def daqmx() -> dict[str, Any]:
         "channels": {"input_torque": "Dev1/ctr0", "output_torque": "Dev1/ctr1"},
         "encoders": {"input": "Dev1/ctr2", "output": "Dev1/ctr3"},
         "clock": "Dev1/ctr4",
-        "timeout_s": 0.4,
+        "timeout_s": 0.6,
     }
 
 

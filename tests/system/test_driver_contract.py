@@ -202,7 +202,7 @@ def test_an_answer_that_comes_in_part_or_late_is_asked_for_again(
     case: Case, simulators: Simulators, instrument: Any, kind: Any
 ) -> None:
     case.read(instrument)
-    simulators.misbehaviour.start(case.key, kind, replies=1, amount=0.2)
+    simulators.misbehaviour.start(case.key, kind, replies=1, amount=0.4)
     if case.lossy:
         right_or_failing(case, instrument)
         return
