@@ -59,6 +59,7 @@ def check(
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
     chosen = load_profile(profile)
@@ -69,6 +70,7 @@ def check(
     desk = PromptDesk()
     operator = None if description.simulated else DeskOperator(desk)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
+        tell_recovered(station)
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
         try:

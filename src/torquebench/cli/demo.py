@@ -105,11 +105,13 @@ def _tell(
     from torquebench.campaign.story import tell_story
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
     progress = TerminalProgress()
     with Station.open(description, data, real_time=real_time) as station:
+        tell_recovered(station)
         interrupts = BenchInterrupts(station, progress, may_pause=False)
         try:
             with progress, interrupts.watching():

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import Side
     from torquebench.bench.samples import AcquiredBlock, Viewer
+    from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
 __all__ = ["register"]
@@ -59,6 +60,7 @@ def measure(
     from torquebench.station import Station
 
     with Station.open(bench, data, real_time=True) as station:
+        tell_recovered(station)
         accepted = AcceptedCounter(accept_counter, clock_tolerance_ppm) if accept_counter else None
         states = {side: _activate(station, side, accepted) for side in SIDES}
         if zero:

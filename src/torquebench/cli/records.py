@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli import drift, equipment, export, export_data, record_checks
+from torquebench.cli import audit, drift, equipment, export, export_data, record_checks
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -39,6 +39,7 @@ record_checks.register(app)
 export.register(app)
 export_data.register(app)
 drift.register(app)
+audit.register(app)
 equipment.register(app)
 
 

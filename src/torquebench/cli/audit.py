@@ -1,0 +1,107 @@
+"""`torquebench records audit`: who commanded what, when, and what became of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.errors import InputError
+
+__all__ = ["register"]
+
+SHOWN_ELSEWHERE = (
+    "event",
+    "time",
+    "bench",
+    "run",
+    "operator",
+    "bench_time_s",
+    "instrument",
+    "command",
+    "by",
+    "side",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("audit")(audit)
+
+
+def audit(
+    run: Annotated[
+        str | None,
+        typer.Argument(help="A run's id or its beginning, or `latest`; without it the whole log."),
+    ] = None,
+    limit: Annotated[int, typer.Option(min=1, help="At most so many lines, the last ones.")] = 40,
+    alarms: Annotated[
+        bool, typer.Option("--alarms", help="Only alarms and acknowledgements.")
+    ] = False,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Show the audit log: every command to drives, modes and clamp, alarms, runs.
+
+    Each line is bound to bench, run and operator. The files are JSON lines: audit/audit.jsonl in
+    the data directory, and audit.jsonl in each run's folder.
+    """
+    from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER, read_audit
+
+    folder = data_directory(data)
+    path = _folder_of(folder, run) / AUDIT_FILE if run is not None else folder / AUDIT_FOLDER
+    lines = [line for line in read_audit(path) if not alarms or "alarm" in str(line.get("event"))]
+    if not lines:
+        say(f"no {'alarm' if alarms else 'line'} in {path}")
+        return
+    out().print(_table(lines[-limit:]))
+    if len(lines) > limit:
+        say(f"{len(lines) - limit} lines before these; see --limit, or read {path}")
+
+
+def _folder_of(data: Path, name: str) -> Path:
+    from torquebench.records import Registry
+
+    with Registry.open(data) as registry:
+        if name == "latest":
+            found = registry.runs(limit=1)
+        else:
+            found = registry.runs_beginning(name, limit=2)
+        if len(found) != 1:
+            raise InputError(
+                f"{name!r} names {'more than one run' if found else 'no run'}",
+                "one run",
+                "see `torquebench records list runs`",
+            )
+        return found[0].folder
+
+
+def _table(lines: list[dict[str, Any]]) -> Any:
+    table = narrow_table()
+    table.add_column("time (UTC)", no_wrap=True)
+    table.add_column("bench s", justify="right", no_wrap=True)
+    table.add_column("by", no_wrap=True)
+    table.add_column("what", overflow="fold")
+    for line in lines:
+        what = str(line.get("command") or line.get("event"))
+        side = f"{line['side']} " if line.get("side") else ""
+        values = ", ".join(
+            f"{key}={_short(value)}"
+            for key, value in line.items()
+            if key not in SHOWN_ELSEWHERE and value not in ("", None, [])
+        )
+        if line.get("event") not in ("command", what):
+            what = f"{line['event']}: {what}"
+        table.add_row(
+            str(line.get("time", ""))[11:23],
+            f"{float(line.get('bench_time_s', 0.0)):.2f}",
+            str(line.get("by", "")),
+            f"{side}{what}{f' ({values})' if values else ''}",
+        )
+    return table
+
+
+def _short(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
