@@ -1,7 +1,7 @@
 """The words of a certificate in its languages, and how each language writes numbers."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import resources
 from math import floor, isfinite, log10
@@ -56,6 +56,9 @@ class Labels:
 
     def __contains__(self, key: str) -> bool:
         return key in self._words
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._words)
 
     def model(self, kind: str) -> str:
         """Return a kind of compensation model in words; the kind itself where it is unknown.

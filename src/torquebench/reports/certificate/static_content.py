@@ -34,11 +34,10 @@ def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] |
     if not record.static:
         return None
     first = record.static[0]
+    resolution = words.short(first.resolution_nm, 2) if first.resolution_nm else "–"
     return {
         "title": words["static"],
-        "text": words["static_text"].format(
-            degree=first.degree, resolution=words.short(first.resolution_nm, 2)
-        ),
+        "text": words["static_text"].format(degree=first.degree, resolution=resolution),
         "header": ["N·m", *STATIC_QUANTITIES.values()],
         "tables": [_table(table, record, words) for table in record.static],
         "zero": zero_hysteresis_words(record, words),

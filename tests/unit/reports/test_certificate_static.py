@@ -1,0 +1,187 @@
+"""What a certificate states of the static evaluation, and what it leaves out where it may."""
+
+import io
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pypdf
+import pytest
+from tests.unit.reports.calibrated_bench import calibrated_bench, points
+
+from torquebench.calibration import calibration_results, load_profile
+from torquebench.records import Registry
+from torquebench.reports.certificate import (
+    CertificateRecord,
+    Issue,
+    build_record,
+    certificate_pdf,
+    certificate_xml,
+    schema_findings,
+)
+from torquebench.reports.certificate.labels import LANGUAGES, labels_of
+from torquebench.reports.certificate.record import StaticTable
+from torquebench.reports.certificate.static_content import class_words
+
+STAIRCASE = load_profile("staircase")
+ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), languages=LANGUAGES)
+
+
+@pytest.fixture
+def registry(tmp_path: Path) -> Iterator[Registry]:
+    with Registry.open(tmp_path) as opened:
+        yield opened
+
+
+@pytest.fixture
+def record(registry: Registry) -> CertificateRecord:
+    bench = calibrated_bench(registry, profile=STAIRCASE, temperature_drift_k=1.5)
+    return build_record(registry, bench.calibration, ISSUE)
+
+
+def text_of(record: CertificateRecord, language: str) -> str:
+    reader = pypdf.PdfReader(io.BytesIO(certificate_pdf(record, language)))
+    return " ".join(" ".join(page.extract_text() for page in reader.pages).split())
+
+
+def test_the_static_evaluation_is_that_of_the_points(record: CertificateRecord) -> None:
+    data = points(STAIRCASE, simulated=True, temperature_drift_k=1.5)
+    results = calibration_results(
+        data, resolution_nm=0.0, reference_uncertainty_percent=0.02, reference_of_range=True
+    )
+    first = record.static[0]
+    evaluation = results.directions[0].before.evaluation
+    assert [(each.direction, each.compensated) for each in record.static] == [
+        (1, False), (1, True), (-1, False), (-1, True)
+    ]  # fmt: skip
+    assert [row.torque_nm for row in first.rows] == evaluation.torque_nm.tolist()
+    for name, values in (
+        ("repeatability", evaluation.repeatability_percent),
+        ("reproducibility", evaluation.reproducibility_range_percent),
+        ("reversibility", evaluation.reversibility_percent),
+        ("indication", evaluation.indication_deviation_percent),
+        ("expanded", evaluation.uncertainty_percent(3, "range", decreasing=True)),
+    ):
+        assert values is not None
+        np.testing.assert_allclose([getattr(row, name) for row in first.rows], values)
+    assert first.zero_residual == evaluation.zero_residual_percent
+    # The standard's uncertainty is in % of its range: at a tenth of it, ten times as much.
+    reference = np.asarray(evaluation.reference_uncertainty_percent)
+    np.testing.assert_allclose(reference[[0, -1]], [0.2, 0.02])
+
+
+def test_each_class_is_stated_over_its_largest_range(record: CertificateRecord) -> None:
+    for table in record.static:
+        starts = [each.from_nm for each in table.classes]
+        assert starts == sorted(starts, reverse=True)
+        assert [each.accuracy_class for each in table.classes] == sorted(
+            each.accuracy_class for each in table.classes
+        )
+    kept = class_words(record.static[1], labels_of("de"))
+    assert kept.startswith("Klasse ")
+    assert kept.endswith(" ab 200 N·m.")
+
+
+def test_a_quantity_that_was_not_measured_gives_no_class(registry: Registry) -> None:
+    record = build_record(registry, calibrated_bench(registry).calibration, ISSUE)
+    assert {table.missing for table in record.static} == {("b′", "b")}
+    assert "b′, b" in text_of(record, "zh")
+
+
+@pytest.mark.parametrize(
+    ("language", "words"),
+    [
+        ("en", ["Static evaluation", "the temperature drifted by 1.5 K", "polynomial of degree 2"]),
+        ("de", ["Statische Auswertung", "die Temperatur driftete um 1,5 K", "Polynom 2. Grades"]),
+        ("zh", ["静态评定", "温度漂移 1.5 K", "2 次多项式"]),
+    ],
+)
+def test_everything_is_said_in_the_language(
+    record: CertificateRecord, language: str, words: list[str]
+) -> None:
+    text = text_of(record, language)
+    for each in words:
+        assert each in text
+    if language != "en":
+        assert "the temperature drifted" not in text
+
+
+def test_no_conformity_is_stated_where_none_is_wanted(registry: Registry) -> None:
+    bench = calibrated_bench(registry, profile=STAIRCASE)
+    record = build_record(registry, bench.calibration, replace(ISSUE, tolerance_percent_fs=None))
+    assert record.conformity is None
+    assert all(row.verdict is None for row in record.results)
+    xml = certificate_xml(record)
+    assert b"conformity>" not in xml
+    assert schema_findings(xml) == ()
+    text = text_of(record, "de")
+    assert "Konformitätsaussage" not in text
+    assert "Urteil" not in text
+    assert CertificateRecord.from_json(record.to_json()) == record
+
+
+def test_a_calibration_without_a_model_states_the_reading_alone(
+    registry: Registry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = calibrated_bench(registry, profile=STAIRCASE)
+    monkeypatch.setattr(type(registry), "models", lambda *_args, **_named: [])
+    record = build_record(registry, bench.calibration, ISSUE)
+    assert record.compensation == ""
+    assert all(row.error_after_nm is None for row in record.results)
+    assert record.conformity is not None
+    assert record.conformity.worst_error_nm == pytest.approx(14.0, abs=1.0)
+    assert {line.name for line in record.budget} == {
+        "repeatability", "reference", "zero", "temperature"
+    }  # fmt: skip
+    assert schema_findings(certificate_xml(record)) == ()
+    text = text_of(record, "en")
+    assert "after compensation" not in text
+    assert "No compensation." in text
+    assert CertificateRecord.from_json(record.to_json()) == record
+
+
+def test_reversing_cycles_state_their_zero_hysteresis(registry: Registry) -> None:
+    bench = calibrated_bench(registry, profile=load_profile("reversing"))
+    record = build_record(registry, bench.calibration, ISSUE)
+    found = record.zero_hysteresis
+    assert found is not None
+    assert found.cycles == 3
+    assert found.before_percent_fs == pytest.approx(found.before_nm / 20.0)
+    assert "largest of 3 cycles" in text_of(record, "en")
+    assert schema_findings(certificate_xml(record)) == ()
+
+
+def test_a_record_of_the_older_format_is_still_read(record: CertificateRecord) -> None:
+    import json
+
+    older = json.loads(record.to_json())
+    for name in ("static", "zero_hysteresis", "compensation_kind"):
+        del older[name]
+    for name in ("placement", "table"):
+        del older["method"][name]
+    again = CertificateRecord.from_json(json.dumps(older))
+    assert again.static == ()
+    assert again.results == record.results
+
+
+def test_every_deviation_has_its_sentence_in_every_language() -> None:
+    keys = [key for key in labels_of("en") if key.startswith("deviation_")]
+    assert len(keys) >= 12
+    for language in LANGUAGES:
+        words = labels_of(language)
+        for key in keys:
+            assert f"allowed_{key.removeprefix('deviation_')}" in words
+
+
+def test_many_steps_are_summed_up_in_the_pdf(record: CertificateRecord) -> None:
+    from torquebench.reports.certificate.static_content import static_content
+
+    table = record.static[0]
+    many: StaticTable = replace(table, rows=table.rows * 3)
+    content = static_content(replace(record, static=(many,)), labels_of("en"))
+    assert content is not None
+    (row,) = content["tables"][0]["rows"]
+    assert row[0] == "largest of 24"
+    assert row[1] == f"{max(abs(each.indication or 0.0) for each in table.rows):.3f}"
