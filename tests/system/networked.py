@@ -48,8 +48,11 @@ def daqmx() -> dict[str, Any]:
     }
 
 
-def described(**sections: dict[str, Any]) -> BenchDescription:
-    """Describe the simulated bench with an instrument for each role; `sections` replace them."""
+def described(**sections: Any) -> BenchDescription:
+    """Describe a bench with an instrument for each role.
+
+    `sections` replace them, None leaves one out.
+    """
     text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
     values = tomllib.loads(text)
     values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
@@ -70,4 +73,6 @@ def described(**sections: dict[str, Any]) -> BenchDescription:
         "clamp": modbus(travel_s=0.3),
         **sections,
     }
+    chosen = values["driver"]
+    values["driver"] = {key: section for key, section in chosen.items() if section is not None}
     return validated(BenchDescription, values, "networked.toml")

@@ -392,3 +392,22 @@ def test_a_frozen_drive_states_what_was(
     finally:
         orders.heal()
     assert drive.state().torque_nm == pytest.approx(10.0, abs=0.5)
+
+
+def test_a_canopen_drive_stops_quickly_and_can_be_enabled_again(
+    simulated: dict[str, Simulators], go_on: Callable[[float], None]
+) -> None:
+    drive = open_role(simulated["a"].description, "output_drive")
+    try:
+        drive.enable()
+        drive.command_torque(100.0, 1e4)
+        feed(drive, go_on, 0.1)
+        drive.quick_stop()
+        assert not drive.state().enabled
+        feed(drive, go_on, 0.2)
+        assert simulated["a"].plant.bench.drives["output"].state().torque_nm == 0.0
+        drive.enable()
+        assert drive.state().enabled
+        drive.disable()
+    finally:
+        drive.close()

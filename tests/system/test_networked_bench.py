@@ -24,11 +24,15 @@ from torquebench.station import Station
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "networked.toml"
 
 
-@pytest.fixture(params=["scpi", "nidaqmx"])
+@pytest.fixture(params=["scpi", "nidaqmx", "nidaqmx-with-reference"])
 def simulators(request: pytest.FixtureRequest) -> Iterator[Simulators]:
-    sections: dict[str, dict[str, Any]] = {}
+    sections: dict[str, Any] = {}
     if request.param == "nidaqmx":
         sections = {"counter": daqmx(), "reference": modbus()}
+    elif request.param == "nidaqmx-with-reference":  # all transducers to the counter
+        counter = daqmx()
+        counter["channels"] |= {"input_reference": "Dev1/ctr5", "output_reference": "Dev1/ctr6"}
+        sections = {"counter": counter, "reference": None}
     with Simulators(described(**sections)) as running:
         yield running
 

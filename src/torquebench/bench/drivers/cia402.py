@@ -37,7 +37,7 @@ ABORT_OPTION, HEARTBEAT_CONSUMER, IDENTITY = 0x6007, 0x1016, 0x1018
 
 PROFILE_VELOCITY, PROFILE_TORQUE = 3, 4
 SHUT_DOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x06, 0x07, 0x0F, 0x80
-DISABLE_VOLTAGE = 0x00
+DISABLE_VOLTAGE, QUICK_STOP = 0x00, 0x02
 ABORT_BY_FAULT = 1
 OPERATIONAL = 5
 LARGEST_SLOPE = 2**31 - 1
@@ -113,6 +113,8 @@ class CanopenLink(Link[Any]):
         self._dictionary = load_dictionary()
 
     def _open(self) -> Any:
+        if self.reconnects:  # an answer that is late goes to everybody on the bus
+            time.sleep(self.timeout_s)
         network = self._canopen.Network(self._open_bus())
         network.NOTIFIER_CYCLE = 0.05
         network.connect()
@@ -272,8 +274,11 @@ class Cia402Drive:
         link.write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
         link.write(ABORT_OPTION, ABORT_BY_FAULT)
         link.beat()
-        if self._status() in ("fault", "fault reaction active"):
+        status = self._status()
+        if status in ("fault", "fault reaction active"):
             self._switch(FAULT_RESET, "switch on disabled")
+        elif status == "quick stop active":
+            self._switch(DISABLE_VOLTAGE, "switch on disabled")
         link.write(TARGET_TORQUE, 0)
         link.write(TARGET_VELOCITY, 0)
         self._set_mode(PROFILE_TORQUE)
@@ -330,8 +335,21 @@ class Cia402Drive:
             self._link.write(index, ramp)
         self._link.write(TARGET_VELOCITY, self._velocity(speed_rad_s))
 
+    def quick_stop(self) -> None:
+        """Have the drive stop by its own quick-stop ramp and stay in quick stop."""
+        self._link.write(CONTROLWORD, QUICK_STOP)
+
     def ramp_to_zero(self, duration_s: float) -> None:
-        """Have the drive bring torque or speed to zero by itself."""
+        """Have the drive bring torque or speed to zero by itself.
+
+        One that refuses its ramp or its set point is stopped by its quick stop.
+        """
+        try:
+            self._ramp_to_zero(duration_s)
+        except BenchError:
+            self.quick_stop()
+
+    def _ramp_to_zero(self, duration_s: float) -> None:
         present = self.state()
         seconds = max(duration_s, 1e-3)
         if present.torque_nm is not None:
