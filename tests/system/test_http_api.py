@@ -164,7 +164,7 @@ def test_from_calibration_to_certificate(
     assert result["simulated"]
     number, model = result["calibration_id"], result["model_ids"]["hybrid"]
     assert olga.get("/bench").json()["sides"][1]["compensation"] is None
-    body = {"calibration_id": number, "groups": 2, "points": 6}
+    body = {"calibration_id": number, "groups": 2, "points": 6, "tolerance_percent_fs": 0.5}
     verified = _done(olga, olga.post("/start/verify", json=body))
     assert verified["result"]["verdict"] == "pass", verified
     assert olga.post(f"/models/{model}/activate", json={}).status_code == 403

@@ -14,7 +14,7 @@ Details of their results, all as JSON:
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -46,14 +46,13 @@ from torquebench.campaign.modules import (
 )
 from torquebench.compensation import (
     RECOMMENDED,
-    Comparison,
     CompensationModel,
-    compare,
     load_model,
     make_model,
 )
 from torquebench.errors import InputError, RecordError
-from torquebench.panel.service.aside import run_aside
+from torquebench.panel.aside import run_aside
+from torquebench.panel.comparing import compare_points
 from torquebench.panel.service.fields import WHOLE, Flag, Identifier, Number, ProfileName
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
@@ -262,25 +261,6 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
         calibration_id=entry.calibration_id,
         details=found | {"selected_title": model_title(chosen)},
     )
-
-
-def compare_points(
-    X: Any, y: Any, range_nm: float, progress: Callable[[float, str], None]
-) -> dict[str, Any]:
-    """Compare all candidates on some points; return the table as JSON."""
-    found: Comparison = compare(X, y, range_nm=range_nm, progress=progress)
-    scores = [as_details(score) | {"title": model_title(score.name)} for score in found.scores]
-    reason = found.score(found.selected).reason
-    return {
-        "scores": scores,
-        "selected": found.selected,
-        "sentence": f"Recommended: {model_title(found.selected)}, {reason}.",
-        "refused": dict(found.refused),
-        "noise": None if found.noise is None else as_details(found.noise),
-        "selected_rms_nm": float(found.selected_rms_nm),
-        "steps": found.steps,
-        "folds": found.folds,
-    }
 
 
 def run_fit(context: JobContext, request: FitRequest) -> JobResult:

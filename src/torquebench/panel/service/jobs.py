@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from torquebench.bench.prompts import PromptDesk
 from torquebench.campaign.measuring import RunAbortedError, acting_as
 from torquebench.errors import InputError
+from torquebench.panel.aside import AsideEndedError
 from torquebench.panel.service.actors import Actor, Role, require
-from torquebench.panel.service.aside import AsideEndedError
 from torquebench.panel.service.job import Job
 from torquebench.panel.service.job_values import (
     JobPoint,

@@ -1,0 +1,34 @@
+"""The comparison of models as a process of its own runs it: little to load."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from torquebench.campaign.fitting import model_title
+from torquebench.compensation import Comparison, compare
+from torquebench.records import json_text
+
+__all__ = ["compare_points"]
+
+
+def compare_points(
+    X: Any, y: Any, range_nm: float, progress: Callable[[float, str], None]
+) -> dict[str, Any]:
+    """Compare all candidates on some points; return the table as JSON."""
+    found: Comparison = compare(X, y, range_nm=range_nm, progress=progress)
+    scores = [
+        json.loads(json_text(score)) | {"title": model_title(score.name)} for score in found.scores
+    ]
+    reason = found.score(found.selected).reason
+    return {
+        "scores": scores,
+        "selected": found.selected,
+        "sentence": f"Recommended: {model_title(found.selected)}, {reason}.",
+        "refused": dict(found.refused),
+        "noise": None if found.noise is None else json.loads(json_text(found.noise)),
+        "selected_rms_nm": float(found.selected_rms_nm),
+        "steps": found.steps,
+        "folds": found.folds,
+    }

@@ -1,0 +1,160 @@
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.description import default_bench
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples, Viewer
+from torquebench.errors import InputError
+from torquebench.panel.service import SIGNALS
+from torquebench.panel.service.live import LiveHub
+from torquebench.signals import SignalFaultKind
+
+
+def block(
+    index: int,
+    *,
+    torque_nm: float = 10.0,
+    output_nm: float = 640.0,
+    speed_rad_s: float = 10.0,
+    fault: int = 0,
+) -> AcquiredBlock:
+    start = 0.03 * index
+    time_s = start + np.array([0.005, 0.015, 0.025])
+
+    def samples(channel: str, side: str, value: float, code: int) -> ChannelSamples:
+        values = np.full(3, np.nan if code else value) + np.array([-0.5, 0.0, 0.5])
+        return ChannelSamples(
+            channel, side, False, time_s, 60e3 + values, values, np.full(3, code, np.uint8)
+        )
+
+    return AcquiredBlock(
+        index=index,
+        start_s=start,
+        stop_s=start + 0.03,
+        channels={
+            "input_torque": samples("input_torque", "input", torque_nm, 0),
+            "output_torque": samples("output_torque", "output", output_nm, fault),
+        },
+        compensated={"input": CompensatedSamples(np.full(3, torque_nm), np.full(3, 0.01))},
+        angles={},
+        speed_rad_s={"input": speed_rad_s, "output": speed_rad_s / 80.0},
+        temperatures={"input_transducer": 23.0},
+        edges={},
+    )
+
+
+@pytest.fixture
+def hub() -> LiveHub:
+    return LiveHub(default_bench(), BenchClock(fast=True), Viewer(10))
+
+
+def test_increments_hold_every_row_once(hub: LiveHub) -> None:
+    sequence, times = 0, []
+    for number in range(20):
+        hub.take(block(number))
+        if number % 3 == 0:
+            found = hub.since(sequence)
+            sequence = found.sequence
+            times += found.time_s.tolist()
+    times += hub.since(sequence).time_s.tolist()
+    assert np.allclose(times, 0.03 * np.arange(1, 21))
+    assert hub.since(hub.sequence).time_s.size == 0
+    assert hub.since(10**9).sequence == 20  # a watcher of the server before this one
+
+
+def test_a_slow_watcher_is_told_what_it_missed(hub: LiveHub) -> None:
+    for number in range(5000):
+        hub.take(block(number))
+    found = hub.since(0)
+    assert found.missed + found.time_s.size == 5000
+    assert found.time_s[-1] == pytest.approx(150.0)
+
+
+def test_rows_keep_extremes_raw_and_compensated(hub: LiveHub) -> None:
+    hub.take(block(0))
+    found = hub.since(0)
+    assert (found.low["input_raw_nm"][0], found.high["input_raw_nm"][0]) == (9.5, 10.5)
+    assert found.values["input_torque_nm"][0] == 10.0
+    assert found.values["input_uncertainty_nm"][0] == pytest.approx(0.02)
+    assert np.isnan(found.values["output_torque_nm"][0])
+
+
+def test_a_fault_is_no_number_and_goes_stale(hub: LiveHub, monkeypatch: pytest.MonkeyPatch) -> None:
+    hub.take(block(0))
+    now = time.monotonic() + 1.5
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    hub.take(block(1, fault=int(max(SignalFaultKind))))
+    latest = hub.latest()
+    assert latest["output_raw_nm"].stale
+    assert latest["output_raw_nm"].fault
+    assert latest["output_raw_nm"].value == 640.0
+    assert not latest["input_raw_nm"].stale
+    assert np.isnan(hub.since(1).values["output_raw_nm"][0])
+    assert latest["output_reference_nm"].value is None
+    assert latest["output_reference_nm"].stale
+
+
+@pytest.mark.parametrize(
+    ("change", "percent"),
+    [({}, 80.0), ({"output_nm": 900.0}, 100 * 80 / 90), ({"speed_rad_s": 0.0}, None)],
+)
+def test_efficiency_is_stated_where_it_means_something(
+    hub: LiveHub, change: dict[str, float], percent: float | None
+) -> None:
+    hub.take(block(0, **change))  # 10 N·m at the input's speed, 640 N·m at an eightieth of it
+    found = hub.latest()["efficiency_percent"].value
+    assert found is None if percent is None else found == pytest.approx(percent)
+
+
+def test_without_a_reducer_there_is_no_efficiency() -> None:
+    hub = LiveHub(default_bench(), BenchClock(fast=True), Viewer(10), lambda: "calibrator")
+    hub.take(block(0))
+    assert hub.latest()["efficiency_percent"].value is None
+
+
+def test_memory_stays_as_it_is_over_an_hour(hub: LiveHub) -> None:
+    levels = hub._memory.levels
+    before = [level._values.nbytes for level in levels]
+    for number in range(0, 4000):
+        hub.take(block(number))
+    assert [level._values.nbytes for level in levels] == before
+    assert sum(before) < 8e6
+    shown = hub.trend(3600.0, ["input_raw_nm"], points=100)
+    assert shown.time_s.size <= 100
+    assert shown.sequence == hub.sequence
+
+
+def test_unknown_signals_are_refused(hub: LiveHub) -> None:
+    with pytest.raises(InputError, match="one of"):
+        hub.since(0, ["torque"])
+
+
+def test_many_watchers_read_while_rows_come(hub: LiveHub) -> None:
+    ended = threading.Event()
+    problems: list[BaseException] = []
+
+    def guarded(read: Callable[[], object]) -> Callable[[], None]:
+        def work() -> None:
+            try:
+                while not ended.is_set():
+                    read()
+            except BaseException as error:
+                problems.append(error)
+
+        return work
+
+    reads = (lambda: hub.since(0), lambda: hub.trend(60.0), hub.latest)
+    threads = [threading.Thread(target=guarded(read)) for read in reads]
+    for thread in threads:
+        thread.start()
+    for number in range(300):
+        hub.take(block(number))
+    ended.set()
+    for thread in threads:
+        thread.join()
+    assert problems == []
+    assert {len(SIGNALS)} == {len(hub.since(0).values)}
