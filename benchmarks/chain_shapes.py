@@ -98,6 +98,63 @@ def _one_sided_loop(
     return np.where(np.sign(x) == side, _loop(x, branch, max(rise, 1e-9), fall), 0.0)
 
 
+def _arctangent(x: FloatArray, branch: FloatArray, side: float, width: float) -> FloatArray:  # noqa: ARG001
+    return side * np.arctan(_one_sided(x, side) / width)
+
+
+def _settling(x: FloatArray, branch: FloatArray, side: float, knee: float) -> FloatArray:  # noqa: ARG001
+    """Rational curve: quadratic at first, straight at last."""
+    size = _one_sided(x, side)
+    return side * size**2 / (size + knee)
+
+
+def _line_contact(x: FloatArray, branch: FloatArray, side: float) -> FloatArray:  # noqa: ARG001
+    """Deflection of a line contact over the load: x (1 - ln x), slope and all."""
+    size = _one_sided(x, side)
+    return side * size * (1.0 - np.log(np.maximum(size, 1e-12)))
+
+
+def _algebraic_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
+    return x / np.sqrt(width**2 + x**2)
+
+
+def _warped_sine(
+    x: FloatArray,
+    branch: FloatArray,  # noqa: ARG001
+    period: float,
+    warp: float,
+    quadrature: float,
+) -> FloatArray:
+    angle = 2 * np.pi * np.arctan(warp * x) / (warp * period)
+    return np.sin(angle + quadrature * np.pi / 2)
+
+
+def _sech_bump(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
+    return 1.0 / np.cosh((x - centre) / width)
+
+
+def _slip(
+    x: FloatArray, branch: FloatArray, side: float, level: float, gap: float, width: float
+) -> FloatArray:
+    """Smooth step at a level, lower by a gap on the way back."""
+    size = _one_sided(x, side)
+    risen = np.clip((size - np.where(branch > 0, level, level - gap)) / width, 0.0, 1.0)
+    return side * risen**2 * (3.0 - 2.0 * risen)
+
+
+def _play_loop(
+    x: FloatArray, branch: FloatArray, side: float, width: float, growth: float
+) -> FloatArray:
+    """Half the loop of a play that has been to full scale before; it grows with the load.
+
+    The play's state on the way up is max(w, x - w), on the way down min(1 - w, x + w), at 0 alike.
+    """
+    size = np.minimum(_one_sided(x, side), 1.0)
+    up, down = np.maximum(width, size - width), np.minimum(1.0 - width, size + width)
+    loop = (1.0 + growth * size) / (1.0 + growth) * (down - up) / (2.0 * width)
+    return np.where(np.sign(x) == side, side * branch * loop, 0.0)
+
+
 SHAPES: dict[str, Shape] = {
     "offset": _offset,
     "power": _power,
@@ -113,4 +170,12 @@ SHAPES: dict[str, Shape] = {
     "packet": _packet,
     "loop": _loop,
     "one-sided-loop": _one_sided_loop,
+    "arctangent": _arctangent,
+    "settling": _settling,
+    "line-contact": _line_contact,
+    "algebraic-step": _algebraic_step,
+    "warped-sine": _warped_sine,
+    "sech-bump": _sech_bump,
+    "slip": _slip,
+    "play-loop": _play_loop,
 }

@@ -10,94 +10,47 @@ chirped ripple, Lorentzian bumps, kinks, skewed loops, heavy-tailed noise, drift
 
 The *known-form bound* is what a fit reaches that is told the exact shapes: see :func:`known_form`.
 
-Families in ``HELD_OUT_FAMILIES`` and seeds from ``HELD_OUT_SEED`` on are never looked at while a
-model is developed; the benchmark reports them apart.
+The models were developed on all families but those in ``UNSEEN_FAMILIES``: arctangent couplings,
+stick-slip, line contacts with loops of plays, rational curves, noise that grows with the load, a
+zero that follows the temperature. These were written down when the models were finished, and
+nothing was changed after their results; the benchmark reports them apart. Seeds from
+``REPORTED_SEED`` on were used for nothing but the reported figures.
 """
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks.chain_shapes import SHAPES, FloatArray
+from benchmarks.chain_families import FAMILIES, UNSEEN_FAMILIES, Term, draw_noise
+from benchmarks.chain_noise import REPEATABILITY, Noise
+from benchmarks.chain_shapes import FloatArray
 
-REPEATABILITY = 2e-4
-"""Standard deviation of one reading, as a fraction of full scale (0.02 % FS)."""
+__all__ = [
+    "FAMILIES",
+    "LOADING_ACCURACY",
+    "REPEATABILITY",
+    "REPORTED_SEED",
+    "UNSEEN_FAMILIES",
+    "CalibrationSet",
+    "Chain",
+    "DenseSet",
+    "KnownForm",
+    "Noise",
+    "Term",
+    "known_form",
+    "make_chain",
+    "path",
+]
 
-HELD_OUT_SEED = 1000
-"""Seeds from here on are kept for the final check."""
-
-WILD_FACTOR = 5.0
-"""How much wider than the others contaminated readings scatter."""
+REPORTED_SEED = 5000
+"""Seeds from here on are kept for the reported figures."""
 
 LOADING_ACCURACY = 1e-3
 """A commanded torque is met to this fraction of full scale, evenly distributed."""
-
-
-@dataclass(frozen=True)
-class Term:
-    """One term of a chain's additional torque: amplitude (fraction of full scale) times shape.
-
-    The first ``fixed`` constants of the shape are structure (a side, a quadrature), never fitted.
-    """
-
-    shape: str
-    amplitude: float
-    constants: tuple[float, ...] = ()
-    fixed: int = 0
-
-    def unit(self, x: FloatArray, branch: FloatArray) -> FloatArray:
-        """Value with amplitude one."""
-        return SHAPES[self.shape](x, branch, *self.constants)
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of one reading, as fractions of full scale.
-
-    ``freedom`` is Student's degrees of freedom (infinite: normal), and ``wild`` the share of
-    readings whose noise is ``WILD_FACTOR`` times as large; either is scaled so that the standard
-    deviation of all readings stays ``scale``. ``drift`` is what the zero gains from the first to
-    the last reading,
-    and ``drift_bend`` bends it (exponent of the elapsed fraction of the time).
-    """
-
-    scale: float = REPEATABILITY
-    freedom: float = np.inf
-    wild: float = 0.0
-    drift: float = 0.0
-    drift_bend: float = 1.0
-
-    def draw(self, size: int, rng: np.random.Generator) -> FloatArray:
-        """Random part, without drift."""
-        if np.isfinite(self.freedom):
-            return np.asarray(self.core * rng.standard_t(self.freedom, size))
-        factor = np.where(rng.uniform(size=size) < self.wild, WILD_FACTOR, 1.0)
-        return self.core * factor * rng.standard_normal(size)
-
-    @property
-    def core(self) -> float:
-        """Scale of the distribution's middle part."""
-        if np.isfinite(self.freedom):
-            return float(self.scale * np.sqrt((self.freedom - 2) / self.freedom))
-        return float(self.scale / np.sqrt(1 - self.wild + self.wild * WILD_FACTOR**2))
-
-    def weights(self, residual: FloatArray) -> FloatArray:
-        """Weights by which least squares becomes maximum likelihood, at these residuals."""
-        scaled = residual**2 / self.core**2
-        if np.isfinite(self.freedom):
-            return np.asarray((self.freedom + 1) / (self.freedom + scaled))
-        middle = (1 - self.wild) * np.exp(-0.5 * scaled)
-        wild = self.wild / WILD_FACTOR * np.exp(-0.5 * scaled / WILD_FACTOR**2)
-        return np.asarray((middle + wild / WILD_FACTOR**2) / (middle + wild + 1e-300))
-
-    def drifted(self, size: int) -> FloatArray:
-        """Drift of ``size`` readings taken at even times."""
-        return self.drift * (np.arange(size) / max(size - 1, 1)) ** self.drift_bend
 
 
 @dataclass(frozen=True)
@@ -153,7 +106,8 @@ class Chain:
         jitter = LOADING_ACCURACY * self.range_nm * rng.uniform(-1, 1, points)
         torque = np.clip(torque + jitter, -self.range_nm, self.range_nm)
         torque = np.where(torque * series < 0, -torque, torque)
-        noise = self.noise.draw(points, rng) + self.noise.drifted(points)
+        scatter = self.noise.relative(torque / self.range_nm) * self.noise.draw(points, rng)
+        noise = scatter + self.noise.drifted(points)
         reading = self.reading(torque, branch) + self.range_nm * noise
         number = np.where(series > 0, 1.0, 2.0)
         return CalibrationSet(np.column_stack([reading, branch, number]), torque)
@@ -183,188 +137,6 @@ def path(points: int, range_nm: float) -> tuple[FloatArray, FloatArray, FloatArr
     return torque, branch, direction
 
 
-# --- families ---
-
-
-def _main_quadratic(rng: np.random.Generator, shape_linear: float = 1.0) -> list[Term]:
-    """Per-direction linear and quadratic terms, some 0.6 % of full scale together."""
-    sign = rng.choice([-1.0, 1.0])
-    linear = sign * rng.uniform(0.0020, 0.0050)
-    bent = sign * rng.uniform(0.0015, 0.0040)
-    terms = []
-    for side in (1.0, -1.0):
-        terms.append(Term("power", linear * rng.uniform(0.85, 1.15), (side, shape_linear), 1))
-        terms.append(Term("power", bent * rng.uniform(0.7, 1.3), (side, 2.0), 1))
-    return terms
-
-
-def _sine_pair(rng: np.random.Generator, low: float, high: float) -> list[Term]:
-    amplitude, phase = rng.uniform(low, high), rng.uniform(0, 2 * np.pi)
-    period = rng.uniform(0.12, 0.40)
-    return [
-        Term("sine", amplitude * np.cos(phase), (period, 0.0)),
-        Term("sine", amplitude * np.sin(phase), (period, 1.0)),
-    ]
-
-
-def _sign(rng: np.random.Generator) -> float:
-    return float(rng.choice([-1.0, 1.0]))
-
-
-def _reference(rng: np.random.Generator) -> list[Term]:
-    return [
-        Term("offset", rng.normal(0, 5e-5)),
-        *_main_quadratic(rng),
-        Term("smooth-step", _sign(rng) * rng.uniform(3e-4, 7e-4), (rng.uniform(0.005, 0.02),)),
-        *_sine_pair(rng, 1e-4, 3e-4),
-        *[
-            Term(
-                "bump",
-                _sign(rng) * rng.uniform(2e-4, 5e-4),
-                (rng.uniform(-0.9, 0.9), rng.uniform(0.04, 0.12)),
-            )
-            for _ in range(2)
-        ],
-        *_loop_pair(rng, 1.0, 1.0),
-    ]
-
-
-def _loop_pair(rng: np.random.Generator, rise: float, fall: float) -> list[Term]:
-    amplitude = _sign(rng) * rng.uniform(1e-4, 3e-4)
-    return [
-        Term("one-sided-loop", amplitude * rng.uniform(0.7, 1.3), (side, rise, fall), 1)
-        for side in (1.0, -1.0)
-    ]
-
-
-def _quadratic(rng: np.random.Generator) -> list[Term]:
-    return [Term("offset", rng.normal(0, 5e-5)), *_main_quadratic(rng)]
-
-
-def _power_law(rng: np.random.Generator) -> list[Term]:
-    terms = [Term("offset", rng.normal(0, 5e-5))]
-    sign, exponent = _sign(rng), rng.uniform(1.3, 2.7)
-    linear, bent = sign * rng.uniform(0.001, 0.003), sign * rng.uniform(0.002, 0.005)
-    for side in (1.0, -1.0):
-        terms.append(Term("power", linear * rng.uniform(0.8, 1.2), (side, 1.0), 1))
-        bend = exponent * rng.uniform(0.9, 1.1)
-        terms.append(Term("power", bent * rng.uniform(0.8, 1.2), (side, bend), 1))
-    return [
-        *terms,
-        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 4e-4), (rng.uniform(0.003, 0.02),)),
-        Term("triangle", rng.uniform(1e-4, 3e-4), (rng.uniform(0.1, 0.3), rng.uniform(0, 6.28))),
-        Term(
-            "resonance",
-            _sign(rng) * rng.uniform(2e-4, 5e-4),
-            (rng.uniform(-0.9, 0.9), rng.uniform(0.02, 0.06)),
-        ),
-        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.4, 0.9), 0.7)),
-    ]
-
-
-def _skewed_hysteresis(rng: np.random.Generator) -> list[Term]:
-    """Loops of different size and skew in each direction, open at zero or not."""
-    width = _sign(rng) * rng.uniform(2e-4, 5e-4)
-    rise = rng.choice([0.0, rng.uniform(0.3, 0.6), rng.uniform(1.5, 2.5)])
-    fall = rng.uniform(0.6, 2.0)
-    terms = []
-    for side in (1.0, -1.0):
-        # A loop that is open at zero passes from one direction into the other without a jump.
-        amplitude = width * (rng.uniform(0.6, 1.4) if rise > 0 else 1.0)
-        terms.append(Term("one-sided-loop", amplitude, (side, rise, fall), 1))
-    return [
-        Term("offset", rng.normal(0, 5e-5)),
-        *_main_quadratic(rng, shape_linear=rng.uniform(0.95, 1.1)),
-        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
-        *terms,
-    ]
-
-
-def _contaminated(rng: np.random.Generator) -> list[Term]:
-    return [*_skewed_hysteresis(rng), *_sine_pair(rng, 1e-4, 2e-4)]
-
-
-def _heavy_tailed(rng: np.random.Generator) -> list[Term]:
-    return [*_power_law(rng)]
-
-
-def _drifting(rng: np.random.Generator) -> list[Term]:
-    terms = [Term("offset", 0.0)]
-    sign = _sign(rng)
-    terms += [
-        Term("saturation", sign * rng.uniform(0.002, 0.006), (side, rng.uniform(0.4, 2.0)), 1)
-        for side in (1.0, -1.0)
-    ]
-    return [
-        *terms,
-        Term("power", sign * rng.uniform(0.001, 0.003), (1.0, rng.uniform(1.4, 2.2)), 1),
-        Term("power", sign * rng.uniform(0.001, 0.003), (-1.0, rng.uniform(1.4, 2.2)), 1),
-        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
-        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (0.8, 1.2)),
-    ]
-
-
-def _kinked(rng: np.random.Generator) -> list[Term]:
-    """Contact that changes at a torque: slopes change over a short width."""
-    kinks = [
-        Term(
-            "kink",
-            _sign(rng) * rng.uniform(1e-3, 3e-3),
-            (side, rng.uniform(0.2, 0.8), rng.uniform(0.01, 0.04)),
-            1,
-        )
-        for side in (1.0, -1.0)
-    ]
-    return [
-        Term("offset", rng.normal(0, 5e-5)),
-        *_main_quadratic(rng, shape_linear=rng.uniform(1.0, 1.2)),
-        *kinks,
-        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 4e-4), (rng.uniform(0.003, 0.02),)),
-        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (0.7, 1.3)),
-    ]
-
-
-def _rippled(rng: np.random.Generator) -> list[Term]:
-    """Ripple that stretches and grows with the torque, and a wave packet of tooth engagement."""
-    period, stretch = rng.uniform(0.12, 0.30), rng.uniform(-0.15, 0.15)
-    amplitude, phase = rng.uniform(1e-4, 3e-4), rng.uniform(0, 2 * np.pi)
-    exponent = rng.uniform(1.6, 2.4)
-    main = [
-        Term(t.shape, t.amplitude, (t.constants[0], exponent if t.constants[1] == 2 else 1.0), 1)
-        for t in _main_quadratic(rng)
-    ]
-    return [
-        Term("offset", rng.normal(0, 5e-5)),
-        *main,
-        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
-        Term("chirp", amplitude * np.cos(phase), (period, stretch, 0.0)),
-        Term("chirp", amplitude * np.sin(phase), (period, stretch, 1.0)),
-        Term(
-            "packet",
-            _sign(rng) * rng.uniform(2e-4, 4e-4),
-            (rng.uniform(-0.8, 0.8), rng.uniform(0.08, 0.15), rng.uniform(0.15, 0.3)),
-        ),
-        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (1.3, 0.8)),
-    ]
-
-
-FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
-    "reference": _reference,
-    "quadratic": _quadratic,
-    "power-law": _power_law,
-    "skewed-hysteresis": _skewed_hysteresis,
-    "heavy-tailed": _heavy_tailed,
-    "drifting": _drifting,
-    "contaminated": _contaminated,
-    "kinked": _kinked,
-    "rippled": _rippled,
-}
-"""Families by name; all but the first two hold nothing of any model's basis exactly."""
-
-HELD_OUT_FAMILIES = ("heavy-tailed", "kinked", "rippled")
-"""Families that no model was developed on."""
-
-
 def make_chain(family: str, seed: int, range_nm: float = 2000.0) -> Chain:
     """Draw a chain.
 
@@ -379,15 +151,7 @@ def make_chain(family: str, seed: int, range_nm: float = 2000.0) -> Chain:
     """
     rng = np.random.default_rng([zlib.crc32(family.encode()), seed])
     terms = tuple(FAMILIES[family](rng))
-    noise = Noise()
-    if family == "heavy-tailed":
-        noise = Noise(freedom=3.0)
-    if family == "contaminated":
-        noise = Noise(wild=0.06)
-    if family == "drifting":
-        drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
-        noise = Noise(drift=drift, drift_bend=rng.uniform(0.7, 1.4))
-    return Chain(family, seed, terms, noise, range_nm)
+    return Chain(family, seed, terms, draw_noise(family, rng), range_nm)
 
 
 # --- the known-form bound ---
@@ -411,17 +175,19 @@ def known_form(chain: Chain, data: CalibrationSet, nonlinear: bool = False) -> K
     """Fit the chain's own exact form to a calibration of it: the bound to compare models with.
 
     The form, the noise's distribution (least squares for normal noise, Student's likelihood for
-    heavy tails) and the drift's shape are told. With ``nonlinear=False``, the strictest bound,
+    heavy tails, weights where it grows with the load) and the drift's shape are told. With ``nonlinear=False``, the strictest bound,
     every constant inside a shape (period, centre, width, exponent) is told as well, and only the
     amplitudes are unknown: no method can be expected to do better. With ``nonlinear=True`` those
     constants are unknown too, and the fit starts from their true values.
     """
     x, branch = data.standard_nm / chain.range_nm, data.X[:, 1]
-    target = (data.standard_nm - data.X[:, 0]) / chain.range_nm
+    relative = chain.noise.relative(x)
+    target = (data.standard_nm - data.X[:, 0]) / chain.range_nm / relative
     drift = _unit_drift(chain, x.size)
 
     def columns(terms: tuple[Term, ...]) -> FloatArray:
-        return np.column_stack([term.unit(x, branch) for term in terms] + drift)
+        rows = np.column_stack([term.unit(x, branch) for term in terms] + drift)
+        return np.asarray(rows / relative[:, None])
 
     terms = chain.terms
     if nonlinear:

@@ -174,6 +174,10 @@ class Kind:
         """Whether it can happen in a procedure: a zero has no power, a reducer no standard."""
         if self.needs_power and procedure == "zero":
             return False
+        if self.name == "encoder slips":  # where the angle matters: clamped, or measured
+            return procedure.startswith(("calibrate", "verify"))
+        if self.name == "drive turns too fast":  # one waits for that, the other is locked
+            return procedure not in ("starting torque", "hysteresis loops")
         return standard or not self.name.startswith("standard")
 
 

@@ -251,7 +251,10 @@ def judged(
         problems.append(f"unforeseen {type(error).__name__}: {error}")
     if faulty.broken_s is None:
         return Outcome(kind.name, procedure.name, "too late", "", float("nan"), 0, ())
-    if kind.needs_power and error is None and kind.name != "drive refuses commands":
+    if kind.needs_power and error is None and kind.name not in MET_LATER:
+        lasted_s = (faulty.safe_s or station.clock.now()) - faulty.broken_s
+        if lasted_s < SAFE_S:  # the procedure was over before it could matter
+            return Outcome(kind.name, procedure.name, "too late", "", float("nan"), 0, ())
         problems.append("nobody noticed it")
     safe_s = float("nan")
     if alarms and faulty.powered:
@@ -262,7 +265,8 @@ def judged(
         if safe_s > SAFE_S:
             problems.append(f"safe only after {safe_s:.2f} s")
     run = station.registry.runs(limit=1)[0]
-    points, wrong = checked(RunFolder.open(run.folder), station.description)
+    folder = RunFolder.open(run.folder)
+    points, wrong = checked(folder, station.description, stopped=error is not None)
     problems += wrong
     if error is not None and run.status != "failed":
         problems.append(f"the run is {run.status}")
@@ -271,8 +275,14 @@ def judged(
     return Outcome(kind.name, procedure.name, status, named, safe_s, points, tuple(problems))
 
 
-def checked(folder: RunFolder, description: BenchDescription) -> tuple[int, list[str]]:
-    """Count the points of a record, and say what is wrong with it."""
+def checked(
+    folder: RunFolder, description: BenchDescription, *, stopped: bool
+) -> tuple[int, list[str]]:
+    """Count the points of a record, and say what is wrong with it.
+
+    The last point of a run that was stopped doesn't count: what stopped it may have begun while
+    it was taken, and a calibration that goes on takes it again.
+    """
     problems = []
     try:
         folder.verify()
@@ -281,11 +291,10 @@ def checked(folder: RunFolder, description: BenchDescription) -> tuple[int, list
     if not any(read_audit(folder.path / AUDIT_FILE)):
         problems.append("no audit log")
     streams = {d["uid"]: str(d["name"]) for _, d in folder.documents("descriptor")}
-    count = 0
-    for _, event in folder.documents("event"):
-        if streams[event["descriptor"]] != "points":
-            continue
-        count += 1
+    points = [
+        event for _, event in folder.documents("event") if streams[event["descriptor"]] == "points"
+    ]
+    for event in points[:-1] if stopped else points:
         for side in ("input", "output"):
             found = {
                 key.removeprefix(f"{side}-steady-"): value
@@ -293,7 +302,7 @@ def checked(folder: RunFolder, description: BenchDescription) -> tuple[int, list
                 if key.startswith(f"{side}-steady-")
             }
             problems += wrong_values(side, found, description)
-    return count, problems
+    return len(points), problems
 
 
 def wrong_values(
@@ -339,7 +348,7 @@ def killed(seed: int, procedure: Procedure, data: Path, draw: np.random.Generato
         if run.status not in ("interrupted", "completed"):
             problems.append(f"the run is {run.status}")
         folder = RunFolder.open(run.folder)
-        points, wrong = checked(folder, described(seed))
+        points, wrong = checked(folder, described(seed), stopped=True)
         if sum(1 for _ in folder.documents("event")) < events:
             problems.append("an acknowledged point is lost")
     return Outcome(

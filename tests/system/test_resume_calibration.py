@@ -76,6 +76,8 @@ def test_a_calibration_killed_at_any_moment_keeps_its_points_and_goes_on(
             with pytest.raises(InputError, match="no point"):
                 read_interrupted(station.registry, before)
             return
+        if before.status == "failed":  # its last point may have met what stopped it
+            kept = kept[:-1]
         interrupted = read_interrupted(station.registry, before)
         assert len(interrupted.points) == len(kept)
         if len(kept) == 20:

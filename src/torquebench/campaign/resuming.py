@@ -41,7 +41,8 @@ class InterruptedCalibration:
     steps : tuple of Step
         Of the whole calibration.
     points : tuple of (Step, Row)
-        Every acknowledged point, complete series or not, in measuring order.
+        Every acknowledged point, complete series or not, in measuring order; of a run that was
+        stopped by an alarm all but the last one, in which the cause may have begun.
     interrupted : datetime.datetime
         When the last point was taken.
     """
@@ -130,6 +131,8 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
     folder.verify()
     start = next((document for _, document in folder.documents("start")), None)
     taken = list(_points(folder))
+    if run.status == "failed":  # what stopped it may have begun while the last point was taken
+        taken = taken[:-1]
     before = _before(registry, folder)
     if start is None or not (taken or before):
         raise InputError(

@@ -192,7 +192,7 @@ def friction_sweep(
         yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
         yield from bpp.run_wrapper(_sweep(devices, settings, points, rows), md=metadata)
 
-    limits = turning_limits("input", settings.speeds_rpm[-1])
+    limits = turning_limits(devices, "input", settings.speeds_rpm[-1])
     yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
     return _result(points, rows)
 

@@ -24,7 +24,7 @@ STANDING_RPM = 5.0
 STANDING_DEG = 5.0
 """How fast and how far a clamped side may turn: wind-up and play, but no slipping."""
 RATE_MARGIN = 4.0
-"""How much faster than the drive's own rate a torque may change."""
+"""How much faster than the drive's own rate a torque or a speed may change."""
 SPEED_MARGIN = 1.05
 SPEED_MARGIN_RPM = 10.0
 
@@ -50,9 +50,14 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
     )
 
 
-def turning_limits(side: Side, largest_rpm: float) -> StepLimits:
+def turning_limits(devices: BenchDevices, side: Side, largest_rpm: float) -> StepLimits:
     """Return what turning a side up to a speed needs, rpm."""
-    return StepLimits(side, speed_rpm=SPEED_MARGIN * abs(largest_rpm) + SPEED_MARGIN_RPM)
+    drive = devices.context.description.module(side).drive
+    return StepLimits(
+        side,
+        speed_rpm=SPEED_MARGIN * abs(largest_rpm) + SPEED_MARGIN_RPM,
+        speed_rate_rpm_per_s=RATE_MARGIN * drive.speed_rate_rpm_per_s,
+    )
 
 
 def guarded(
