@@ -135,6 +135,7 @@ def build_record(
         reference_percent=source.reference.expanded_uncertainty_percent,
         tolerance_percent_fs=issue.tolerance_percent_fs,
         of_range=source.reference.of_range,
+        resolution_nm=source.stated_resolution_nm or 0.0,
     )
     static, zero_hysteresis = static_tables(
         data, source.profile, source.model, source.reference, source.resolution_nm

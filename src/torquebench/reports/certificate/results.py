@@ -60,6 +60,7 @@ def evaluate_results(
     reference_percent: float,
     tolerance_percent_fs: float | None,
     of_range: bool = True,
+    resolution_nm: float = 0.0,
 ) -> Results:
     """Return errors with their uncertainty at each step, raw and compensated, and the verdict.
 
@@ -80,6 +81,8 @@ def evaluate_results(
         scale; None where nothing is judged.
     of_range : bool, default True
         Whether `reference_percent` means the range; else it means the torque.
+    resolution_nm : float, default 0
+        Resolution of the indication where it was read off; 0 where the scatter holds it already.
 
     Raises
     ------
@@ -88,6 +91,9 @@ def evaluate_results(
     """
     steps = _Steps.of(data)
     before, after = _sides(data, steps, model)
+    for side in (before, after):
+        if side is not None:
+            side.resolution_nm = resolution_nm
     rows: list[ResultRow] = []
     decisions: list[Decision] = []
     budgets: list[Budget] = []
@@ -207,6 +213,7 @@ class _Side:
         model: CompensationModel,
     ) -> None:
         self.range_nm = data.range_nm
+        self.resolution_nm = 0.0
         self.error_nm = steps.mean(error_nm)
         self.count = steps.count
         self.curve_nm = None if curve_nm is None else steps.mean(curve_nm)
@@ -240,6 +247,9 @@ class _Side:
             quantities.append(Quantity("model", 0.0, float(self.curve_nm[place]), unit="N·m"))
         if self.zero_nm is not None:
             quantities.append(Quantity.rectangular("zero", 0.0, self.zero_nm / 2.0, unit="N·m"))
+        if self.resolution_nm > 0.0:  # of the indication and of the zero, together
+            half_width = self.resolution_nm / sqrt(2.0)
+            quantities.append(Quantity.rectangular("resolution", 0.0, half_width, unit="N·m"))
         if self.drift_k is not None:
             share = TEMPERATURE_PERCENT_PER_10K / 100.0 * self.drift_k / 10.0
             half_width = share * self.range_nm / 2.0

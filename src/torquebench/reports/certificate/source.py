@@ -143,10 +143,16 @@ class Source:
         }
 
     @property
+    def stated_resolution_nm(self) -> float | None:
+        """Resolution that was stated with a table, N·m; None for a run."""
+        stated = self.folder.results.get("resolution_nm")
+        return None if stated is None else float(stated)
+
+    @property
     def resolution_nm(self) -> float:
         """Resolution of the indication in N·m: as it was stated, or from the noise."""
-        stated = self.folder.results.get("resolution_nm")
-        return resolution_of(self.data) if stated is None else float(stated)
+        stated = self.stated_resolution_nm
+        return resolution_of(self.data) if stated is None else stated
 
 
 def _changed_points(data: CalibrationData, calibration: CalibrationEntry) -> tuple[str, ...]:
