@@ -26,7 +26,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.chain_families import FAMILIES, UNSEEN_FAMILIES, Term, draw_noise
-from benchmarks.chain_noise import REPEATABILITY, Noise
+from benchmarks.chain_noise import NORMAL, REPEATABILITY, Noise
 from benchmarks.chain_shapes import FloatArray
 
 __all__ = [
@@ -79,7 +79,7 @@ class Chain:
     family: str
     seed: int
     terms: tuple[Term, ...]
-    noise: Noise = Noise()
+    noise: Noise = NORMAL
     range_nm: float = 2000.0
 
     def additional_torque(self, torque_nm: FloatArray, branch: FloatArray) -> FloatArray:
@@ -175,9 +175,10 @@ def known_form(chain: Chain, data: CalibrationSet, nonlinear: bool = False) -> K
     """Fit the chain's own exact form to a calibration of it: the bound to compare models with.
 
     The form, the noise's distribution (least squares for normal noise, Student's likelihood for
-    heavy tails, weights where it grows with the load) and the drift's shape are told. With ``nonlinear=False``, the strictest bound,
-    every constant inside a shape (period, centre, width, exponent) is told as well, and only the
-    amplitudes are unknown: no method can be expected to do better. With ``nonlinear=True`` those
+    heavy tails, weights where it grows with the load) and the drift's shape are told. With
+    ``nonlinear=False``, the strictest bound, every constant inside a shape (period, centre, width,
+    exponent) is told as well, and only the amplitudes are unknown: no method can be expected to do
+    better. With ``nonlinear=True`` those
     constants are unknown too, and the fit starts from their true values.
     """
     x, branch = data.standard_nm / chain.range_nm, data.X[:, 1]

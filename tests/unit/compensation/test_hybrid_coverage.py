@@ -1,12 +1,12 @@
-"""Accuracy and coverage on chains with a known truth that nothing was developed on."""
+"""Accuracy and coverage on chains with a known truth, of seeds that nothing was developed on."""
 
 import numpy as np
 import pytest
-from benchmarks.chains import FAMILIES, HELD_OUT_SEED, known_form, make_chain
+from benchmarks.chains import FAMILIES, known_form, make_chain
 
 from torquebench.compensation import make_model
 
-SEEDS = range(HELD_OUT_SEED + 500, HELD_OUT_SEED + 504)
+SEEDS = range(1500, 1503)
 
 
 def outcomes(kind: str, points: int) -> tuple[np.ndarray, np.ndarray]:

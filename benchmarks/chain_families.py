@@ -1,0 +1,305 @@
+"""Families of synthetic torque chains: how their terms and their noise are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.chain_noise import Noise
+from benchmarks.chain_shapes import SHAPES, FloatArray
+
+__all__ = ["FAMILIES", "UNSEEN_FAMILIES", "Term", "draw_noise"]
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a chain's additional torque: amplitude (fraction of full scale) times shape.
+
+    The first ``fixed`` constants of the shape are structure (a side, a quadrature), never fitted.
+    """
+
+    shape: str
+    amplitude: float
+    constants: tuple[float, ...] = ()
+    fixed: int = 0
+
+    def unit(self, x: FloatArray, branch: FloatArray) -> FloatArray:
+        """Value with amplitude one."""
+        return SHAPES[self.shape](x, branch, *self.constants)
+
+
+def _main_quadratic(rng: np.random.Generator, shape_linear: float = 1.0) -> list[Term]:
+    """Per-direction linear and quadratic terms, some 0.6 % of full scale together."""
+    sign = rng.choice([-1.0, 1.0])
+    linear = sign * rng.uniform(0.0020, 0.0050)
+    bent = sign * rng.uniform(0.0015, 0.0040)
+    terms = []
+    for side in (1.0, -1.0):
+        terms.append(Term("power", linear * rng.uniform(0.85, 1.15), (side, shape_linear), 1))
+        terms.append(Term("power", bent * rng.uniform(0.7, 1.3), (side, 2.0), 1))
+    return terms
+
+
+def _sine_pair(rng: np.random.Generator, low: float, high: float) -> list[Term]:
+    amplitude, phase = rng.uniform(low, high), rng.uniform(0, 2 * np.pi)
+    period = rng.uniform(0.12, 0.40)
+    return [
+        Term("sine", amplitude * np.cos(phase), (period, 0.0)),
+        Term("sine", amplitude * np.sin(phase), (period, 1.0)),
+    ]
+
+
+def _sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _reference(rng: np.random.Generator) -> list[Term]:
+    return [
+        Term("offset", rng.normal(0, 5e-5)),
+        *_main_quadratic(rng),
+        Term("smooth-step", _sign(rng) * rng.uniform(3e-4, 7e-4), (rng.uniform(0.005, 0.02),)),
+        *_sine_pair(rng, 1e-4, 3e-4),
+        *[
+            Term(
+                "bump",
+                _sign(rng) * rng.uniform(2e-4, 5e-4),
+                (rng.uniform(-0.9, 0.9), rng.uniform(0.04, 0.12)),
+            )
+            for _ in range(2)
+        ],
+        *_loop_pair(rng, 1.0, 1.0),
+    ]
+
+
+def _loop_pair(rng: np.random.Generator, rise: float, fall: float) -> list[Term]:
+    amplitude = _sign(rng) * rng.uniform(1e-4, 3e-4)
+    return [
+        Term("one-sided-loop", amplitude * rng.uniform(0.7, 1.3), (side, rise, fall), 1)
+        for side in (1.0, -1.0)
+    ]
+
+
+def _quadratic(rng: np.random.Generator) -> list[Term]:
+    return [Term("offset", rng.normal(0, 5e-5)), *_main_quadratic(rng)]
+
+
+def _power_law(rng: np.random.Generator) -> list[Term]:
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    sign, exponent = _sign(rng), rng.uniform(1.3, 2.7)
+    linear, bent = sign * rng.uniform(0.001, 0.003), sign * rng.uniform(0.002, 0.005)
+    for side in (1.0, -1.0):
+        terms.append(Term("power", linear * rng.uniform(0.8, 1.2), (side, 1.0), 1))
+        bend = exponent * rng.uniform(0.9, 1.1)
+        terms.append(Term("power", bent * rng.uniform(0.8, 1.2), (side, bend), 1))
+    return [
+        *terms,
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 4e-4), (rng.uniform(0.003, 0.02),)),
+        Term("triangle", rng.uniform(1e-4, 3e-4), (rng.uniform(0.1, 0.3), rng.uniform(0, 6.28))),
+        Term(
+            "resonance",
+            _sign(rng) * rng.uniform(2e-4, 5e-4),
+            (rng.uniform(-0.9, 0.9), rng.uniform(0.02, 0.06)),
+        ),
+        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.4, 0.9), 0.7)),
+    ]
+
+
+def _skewed_hysteresis(rng: np.random.Generator) -> list[Term]:
+    """Loops of different size and skew in each direction, open at zero or not."""
+    width = _sign(rng) * rng.uniform(2e-4, 5e-4)
+    rise = rng.choice([0.0, rng.uniform(0.3, 0.6), rng.uniform(1.5, 2.5)])
+    fall = rng.uniform(0.6, 2.0)
+    terms = []
+    for side in (1.0, -1.0):
+        # A loop that is open at zero passes from one direction into the other without a jump.
+        amplitude = width * (rng.uniform(0.6, 1.4) if rise > 0 else 1.0)
+        terms.append(Term("one-sided-loop", amplitude, (side, rise, fall), 1))
+    return [
+        Term("offset", rng.normal(0, 5e-5)),
+        *_main_quadratic(rng, shape_linear=rng.uniform(0.95, 1.1)),
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
+        *terms,
+    ]
+
+
+def _contaminated(rng: np.random.Generator) -> list[Term]:
+    return [*_skewed_hysteresis(rng), *_sine_pair(rng, 1e-4, 2e-4)]
+
+
+def _heavy_tailed(rng: np.random.Generator) -> list[Term]:
+    return [*_power_law(rng)]
+
+
+def _drifting(rng: np.random.Generator) -> list[Term]:
+    terms = [Term("offset", 0.0)]
+    sign = _sign(rng)
+    terms += [
+        Term("saturation", sign * rng.uniform(0.002, 0.006), (side, rng.uniform(0.4, 2.0)), 1)
+        for side in (1.0, -1.0)
+    ]
+    return [
+        *terms,
+        Term("power", sign * rng.uniform(0.001, 0.003), (1.0, rng.uniform(1.4, 2.2)), 1),
+        Term("power", sign * rng.uniform(0.001, 0.003), (-1.0, rng.uniform(1.4, 2.2)), 1),
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
+        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (0.8, 1.2)),
+    ]
+
+
+def _kinked(rng: np.random.Generator) -> list[Term]:
+    """Contact that changes at a torque: slopes change over a short width."""
+    kinks = [
+        Term(
+            "kink",
+            _sign(rng) * rng.uniform(1e-3, 3e-3),
+            (side, rng.uniform(0.2, 0.8), rng.uniform(0.01, 0.04)),
+            1,
+        )
+        for side in (1.0, -1.0)
+    ]
+    return [
+        Term("offset", rng.normal(0, 5e-5)),
+        *_main_quadratic(rng, shape_linear=rng.uniform(1.0, 1.2)),
+        *kinks,
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 4e-4), (rng.uniform(0.003, 0.02),)),
+        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (0.7, 1.3)),
+    ]
+
+
+def _rippled(rng: np.random.Generator) -> list[Term]:
+    """Ripple that stretches and grows with the torque, and a wave packet of tooth engagement."""
+    period, stretch = rng.uniform(0.12, 0.30), rng.uniform(-0.15, 0.15)
+    amplitude, phase = rng.uniform(1e-4, 3e-4), rng.uniform(0, 2 * np.pi)
+    exponent = rng.uniform(1.6, 2.4)
+    main = [
+        Term(t.shape, t.amplitude, (t.constants[0], exponent if t.constants[1] == 2 else 1.0), 1)
+        for t in _main_quadratic(rng)
+    ]
+    return [
+        Term("offset", rng.normal(0, 5e-5)),
+        *main,
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
+        Term("chirp", amplitude * np.cos(phase), (period, stretch, 0.0)),
+        Term("chirp", amplitude * np.sin(phase), (period, stretch, 1.0)),
+        Term(
+            "packet",
+            _sign(rng) * rng.uniform(2e-4, 4e-4),
+            (rng.uniform(-0.8, 0.8), rng.uniform(0.08, 0.15), rng.uniform(0.15, 0.3)),
+        ),
+        Term("loop", _sign(rng) * rng.uniform(1e-4, 3e-4), (1.3, 0.8)),
+    ]
+
+
+def _arctangent(rng: np.random.Generator) -> list[Term]:
+    """Coupling whose stiffness saturates, with ripple that crowds towards zero."""
+    sign, width = _sign(rng), rng.uniform(0.25, 0.8)
+    amplitude, phase = rng.uniform(1e-4, 3e-4), rng.uniform(0, 2 * np.pi)
+    warp, period = rng.uniform(0.3, 1.0), rng.uniform(0.15, 0.35)
+    return [
+        Term("offset", rng.normal(0, 5e-5)),
+        *[
+            Term(
+                "arctangent",
+                sign * rng.uniform(0.003, 0.006),
+                (side, width * rng.uniform(0.8, 1.2)),
+                1,
+            )
+            for side in (1.0, -1.0)
+        ],
+        Term("algebraic-step", _sign(rng) * rng.uniform(1e-4, 4e-4), (rng.uniform(0.004, 0.02),)),
+        Term("warped-sine", amplitude * np.cos(phase), (period, warp, 0.0)),
+        Term("warped-sine", amplitude * np.sin(phase), (period, warp, 1.0)),
+        *_loop_pair(rng, rng.uniform(0.5, 0.9), rng.uniform(1.2, 1.8)),
+    ]
+
+
+def _stick_slip(rng: np.random.Generator) -> list[Term]:
+    """Slips at two torques in each direction, on the way back at lower ones."""
+    sign = _sign(rng)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        exponent = rng.uniform(1.2, 1.8)
+        terms.append(Term("power", sign * rng.uniform(0.003, 0.006), (side, exponent), 1))
+        for lowest in (0.15, 0.55):
+            level, gap = rng.uniform(lowest, lowest + 0.25), rng.uniform(0.03, 0.1)
+            width = rng.uniform(0.02, 0.06)
+            size = _sign(rng) * rng.uniform(1e-4, 3e-4)
+            terms.append(Term("slip", size, (side, level, gap, width), 1))
+    step = _sign(rng) * rng.uniform(1e-4, 3e-4)
+    return [*terms, Term("algebraic-step", step, (rng.uniform(0.004, 0.02),))]
+
+
+def _line_contact(rng: np.random.Generator) -> list[Term]:
+    """Roller contact that stiffens with the logarithm of the load, and loops of slipping parts."""
+    sign = _sign(rng)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    widths, growth = (0.06, 0.16, 0.33), rng.uniform(0.2, 1.5)
+    size = _sign(rng) * rng.uniform(1e-4, 3e-4)
+    for side in (1.0, -1.0):
+        terms.append(Term("line-contact", sign * rng.uniform(0.003, 0.007), (side,), 1))
+        terms.append(Term("power", sign * rng.uniform(0.001, 0.004), (side, 1.0), 1))
+        for width in widths:
+            constants = (side, width * rng.uniform(0.8, 1.3), growth)
+            terms.append(Term("play-loop", size * rng.uniform(0.2, 0.6), constants, 1))
+    centre, width = rng.uniform(-0.8, 0.8), rng.uniform(0.04, 0.1)
+    return [
+        *terms,
+        Term("sech-bump", _sign(rng) * rng.uniform(2e-4, 4e-4), (centre, width)),
+        Term("algebraic-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+    ]
+
+
+def _warming(rng: np.random.Generator) -> list[Term]:
+    """Chain whose zero follows its temperature, with a lag, while it is calibrated."""
+    sign = _sign(rng)
+    terms = [Term("offset", 0.0)]
+    for side in (1.0, -1.0):
+        size, knee = rng.uniform(0.004, 0.008), rng.uniform(0.5, 2.0)
+        terms.append(Term("settling", sign * size, (side, knee), 1))
+    centre, width = rng.uniform(-0.8, 0.8), rng.uniform(0.04, 0.1)
+    return [
+        *terms,
+        Term("sech-bump", _sign(rng) * rng.uniform(2e-4, 4e-4), (centre, width)),
+        Term("algebraic-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(1.1, 1.6), rng.uniform(0.5, 0.9)),
+    ]
+
+
+FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
+    "reference": _reference,
+    "quadratic": _quadratic,
+    "power-law": _power_law,
+    "skewed-hysteresis": _skewed_hysteresis,
+    "heavy-tailed": _heavy_tailed,
+    "drifting": _drifting,
+    "contaminated": _contaminated,
+    "kinked": _kinked,
+    "rippled": _rippled,
+    "arctangent": _arctangent,
+    "stick-slip": _stick_slip,
+    "line-contact": _line_contact,
+    "warming": _warming,
+}
+"""Families by name; all but the first two hold nothing of any model's basis exactly."""
+
+UNSEEN_FAMILIES = ("arctangent", "stick-slip", "line-contact", "warming")
+"""Families written down when the models were finished; the models were developed on the others."""
+
+
+def draw_noise(family: str, rng: np.random.Generator) -> Noise:
+    """Draw the noise of a chain, after its terms."""
+    if family == "heavy-tailed":
+        return Noise(freedom=3.0)
+    if family == "contaminated":
+        return Noise(wild=0.06)
+    if family == "drifting":
+        drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
+        return Noise(drift=drift, drift_bend=rng.uniform(0.7, 1.4))
+    if family == "arctangent":
+        return Noise(growth=rng.uniform(1.0, 4.0))
+    if family == "warming":
+        drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
+        return Noise(drift=drift, lag=rng.uniform(0.1, 0.6))
+    return Noise()

@@ -1,0 +1,78 @@
+"""Noise and drift of a synthetic chain's readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.chain_shapes import FloatArray
+
+__all__ = ["NORMAL", "REPEATABILITY", "WILD_FACTOR", "Noise"]
+
+REPEATABILITY = 2e-4
+"""Standard deviation of one reading, as a fraction of full scale (0.02 % FS)."""
+
+WILD_FACTOR = 5.0
+"""How much wider than the others contaminated readings scatter."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of one reading, as fractions of full scale.
+
+    ``freedom`` is Student's degrees of freedom (infinite: normal), and ``wild`` the share of
+    readings whose noise is ``WILD_FACTOR`` times as large; either is scaled so that the standard
+    deviation of all readings stays ``scale``. ``drift`` is what the zero gains from the first to
+    the last reading,
+    and ``drift_bend`` bends it (exponent of the elapsed fraction of the time); with a ``lag`` above
+    0 it settles exponentially instead (time constant as a fraction of the calibration). ``growth``
+    makes the noise grow with the load: by this factor, plus one, from zero to full scale.
+    """
+
+    scale: float = REPEATABILITY
+    freedom: float = np.inf
+    wild: float = 0.0
+    drift: float = 0.0
+    drift_bend: float = 1.0
+    lag: float = 0.0
+    growth: float = 0.0
+
+    def draw(self, size: int, rng: np.random.Generator) -> FloatArray:
+        """Random part, without drift."""
+        if np.isfinite(self.freedom):
+            return np.asarray(self.core * rng.standard_t(self.freedom, size))
+        factor = np.where(rng.uniform(size=size) < self.wild, WILD_FACTOR, 1.0)
+        return self.core * factor * rng.standard_normal(size)
+
+    @property
+    def core(self) -> float:
+        """Scale of the distribution's middle part."""
+        if np.isfinite(self.freedom):
+            return float(self.scale * np.sqrt((self.freedom - 2) / self.freedom))
+        return float(self.scale / np.sqrt(1 - self.wild + self.wild * WILD_FACTOR**2))
+
+    def weights(self, residual: FloatArray) -> FloatArray:
+        """Weights by which least squares becomes maximum likelihood, at these residuals."""
+        scaled = residual**2 / self.core**2
+        if np.isfinite(self.freedom):
+            return np.asarray((self.freedom + 1) / (self.freedom + scaled))
+        middle = (1 - self.wild) * np.exp(-0.5 * scaled)
+        wild = self.wild / WILD_FACTOR * np.exp(-0.5 * scaled / WILD_FACTOR**2)
+        return np.asarray((middle + wild / WILD_FACTOR**2) / (middle + wild + 1e-300))
+
+    def drifted(self, size: int) -> FloatArray:
+        """Drift of ``size`` readings taken at even times."""
+        time = np.arange(size) / max(size - 1, 1)
+        if self.lag > 0.0:
+            return np.asarray(self.drift * np.expm1(-time / self.lag) / np.expm1(-1 / self.lag))
+        return self.drift * time**self.drift_bend
+
+    def relative(self, x: FloatArray) -> FloatArray:
+        """Return the noise at loads x over that of all readings, evenly loaded, together."""
+        mean_square = 1.0 + self.growth + self.growth**2 / 3
+        return np.asarray((1.0 + self.growth * np.abs(x)) / np.sqrt(mean_square))
+
+
+NORMAL = Noise()
+"""Normal, without drift."""
