@@ -203,6 +203,22 @@ def test_a_lost_server_is_unmistakable_and_the_page_comes_back(
     person.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
     person.sees("Use the red emergency stop")
     panel.start()
-    person.wait(lambda: painted(person) > 5, "live values again")
+    person.wait(
+        lambda: not person.driver.find_elements(By.CSS_SELECTOR, ".stale .tile")
+        and painted(person) > 5,
+        "live values again",
+    )
     person.connected()
-    assert not person.driver.find_elements(By.CSS_SELECTOR, ".stale .tile")
+    assert not person.driver.find_element(By.ID, "popup").is_displayed()
+
+
+def test_memory_of_the_page_stays_flat(person: Visitor) -> None:
+    def heap() -> float:
+        person.driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
+        return float(person.driver.execute_cdp_cmd("Runtime.getHeapUsage", {})["usedSize"])
+
+    person.open("/")
+    person.wait(lambda: painted(person) > 100, "a warm page")
+    before, first = heap(), painted(person)
+    person.wait(lambda: painted(person) > first + 200, "two hundred updates more")
+    assert heap() < before + 2e6

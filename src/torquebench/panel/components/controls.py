@@ -9,7 +9,10 @@ from torquebench.panel.components.elements import box, icon, words
 
 __all__ = ["Choice", "Field", "button", "link_button", "set_disabled"]
 
-VALUE = "(event) => emit(event.target.value)"
+CHOSEN = "(event) => emit(event.target.value)"
+TYPED = "(event) => { element.props.value = event.target.value; emit(event.target.value); }"
+"""Keeps what is typed in the browser's picture of the page, too: otherwise the next change of
+anything on the page would put back what was there before."""
 
 
 def button(
@@ -118,17 +121,20 @@ class Field:
             with control:
                 for value, text in options.items():
                     words("option", text, value=value, selected=value == self.value)
-            control.on("change", self._changed, js_handler=VALUE)
+            control.on("change", self._changed, js_handler=CHOSEN)
             return control
         tag = "textarea" if lines else "input"
         control = box(tag, "control", disabled=disabled, value=self.value, **attributes)
         if not lines:
             control.props["type"] = kind
-        control.on("input", self._changed, js_handler=VALUE)
+        control.on("input", self._changed, js_handler=TYPED)
         return control
 
     def _changed(self, event: Any) -> None:
         self.value = str(event.args)
+        if self.control.tag != "select":
+            with self.control.props.suspend_updates():
+                self.control.props["value"] = self.value
         if self._on_change is not None:
             self._on_change(self.value)
 
@@ -136,7 +142,6 @@ class Field:
         """Put another value in."""
         self.value = value
         self.control.props["value"] = value
-        self.control.update()
 
     def wrong(self, text: str) -> None:
         """Say what is wrong with the value; an empty text takes it back."""

@@ -69,7 +69,7 @@ class CalibratePage:
             "models": _unfinished((*course.fits[:1], course.compare)),
             "verify": course.verify,
             "sign": None,
-            "certificate": course.certificate,
+            "certificate": _unfinished((course.certificate,)),
         }
         return by_step[self.step]
 

@@ -97,7 +97,7 @@ class _Tile:
         if uncertainty is not None:
             said = text("live.uncertainty", value=f"{uncertainty:.{DECIMALS[self._side]}f}")
         self._uncertainty.set_text(said if state is None or uncertainty is not None else "")
-        share = "—" if torque is None else f"{100.0 * torque / side.range_nm:.1f}"
+        share = "—" if torque is None else f"{round(100.0 * torque / side.range_nm, 1) + 0.0:.1f}"
         self._share.set_text(
             text("live.full_scale", percent=share.replace("-", "−"), range=f"{side.range_nm:g}")
         )
