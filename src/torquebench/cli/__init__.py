@@ -5,24 +5,12 @@ Commands import what they need when they run, so that `torquebench --help` answe
 
 import os
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from torquebench.cli import (
-    calibrate,
-    certificate,
-    check_standard,
-    demo,
-    doctor,
-    evaluate,
-    evaluate_reducer,
-    measure,
-    models,
-    panel,
-    records,
-    simulate,
-)
+from torquebench.cli import records
 from torquebench.cli.failure import guarded
 from torquebench.cli.options import REGISTRY_URL
 
@@ -37,21 +25,49 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _group in (
-    demo,
-    calibrate,
-    check_standard,
-    certificate,
-    models,
-    measure,
-    panel,
-    doctor,
-    simulate,
-):
-    _group.register(app)
-app.add_typer(records.app)
-evaluate_reducer.register(evaluate.app)
-app.add_typer(evaluate.app)
+
+
+def _add_commands(wanted: str) -> None:
+    """Add every command; only those on records where one of them is wanted.
+
+    Lists of records are looked at all day long, and building the other commands takes longer than
+    reading them.
+    """
+    if wanted == "records":
+        app.add_typer(records.app)
+        return
+    from torquebench.cli import (
+        calibrate,
+        certificate,
+        check_standard,
+        demo,
+        doctor,
+        evaluate,
+        evaluate_reducer,
+        measure,
+        models,
+        panel,
+        simulate,
+    )
+
+    for group in (
+        demo,
+        calibrate,
+        check_standard,
+        certificate,
+        models,
+        measure,
+        panel,
+        doctor,
+        simulate,
+    ):
+        group.register(app)
+    app.add_typer(records.app)
+    evaluate_reducer.register(evaluate.app)
+    app.add_typer(evaluate.app)
+
+
+_add_commands(sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else "")
 
 
 def _print_version(wanted: bool) -> None:

@@ -7,7 +7,6 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,6 +95,8 @@ def doctor(
 
 def installation() -> Iterator[Finding]:
     """Look at Python, the libraries and the terminal."""
+    from importlib import metadata
+
     from torquebench import __version__
 
     yield Finding("torquebench", "ok", __version__)
