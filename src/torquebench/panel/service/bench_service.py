@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -67,6 +68,7 @@ class BenchService:
         self, base: BenchDescription, data_dir: Path, store: PanelStore, *, fast: bool
     ) -> None:
         self._closed = threading.Event()
+        self._later = ThreadPoolExecutor(1, "torquebench-panel-log")
         self._store = store
         self._fast = fast
         self._data_dir = data_dir
@@ -213,6 +215,7 @@ class BenchService:
             self._idle.join()
         self.live.close()
         self.station.close()
+        self._later.shutdown()
         self.people.close()
         self._store.close()
 
@@ -399,7 +402,10 @@ class BenchService:
         said = reason.strip()[:200] or "stop button"
         alarm = self.station.emergency_stop(f"{said}, by {actor.label}")
         seconds = time.perf_counter() - started
-        self.note(actor, "stopped the bench", reason=said, seconds=round(seconds, 4))
+        # The alarm itself is in the audit log by now; who asked must not wait for the disk.
+        self._later.submit(
+            self.note, actor, "stopped the bench", reason=said, seconds=round(seconds, 4)
+        )
         return StopReport(alarm.number, seconds)
 
     def stop_here(self, reason: str = "stop on the server") -> StopReport:
