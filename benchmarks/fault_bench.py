@@ -22,6 +22,9 @@ from torquebench.errors import BenchError
 
 __all__ = ["KINDS", "FaultyBench", "Kind"]
 
+SETTLED_BLOCKS = 3
+"""A drive has power for good after so many blocks; what comes before has nothing to compare."""
+
 
 @dataclass(eq=False)
 class FaultyBench:
@@ -52,6 +55,7 @@ class FaultyBench:
         self.broken_s: float | None = None
         self.safe_s: float | None = None
         self.powered = self.wants_power = False
+        self.on_blocks = 0
         self.drive_fault = ""
         self.mute = self.deaf = self.unfed = False
         self.lost_probe = self.dead_probes = False
@@ -73,10 +77,12 @@ class FaultyBench:
     def tick(self) -> None:
         """Break what is due, or look whether both drives are off; before every block."""
         now = self.bench.twin.time_s
+        on = any(drive.state().enabled for drive in self.bench.drives.values())
+        self.on_blocks = self.on_blocks + 1 if on else 0
         if self.broken_s is None and now >= self.due_s:
-            self.powered = any(drive.state().enabled for drive in self.bench.drives.values())
-            if self.wants_power and not self.powered:
+            if self.wants_power and self.on_blocks < SETTLED_BLOCKS:
                 return
+            self.powered = on
             self.broken_s = now
             self.breaking()
         elif self.broken_s is not None and self.safe_s is None and self.at_rest():

@@ -103,6 +103,7 @@ class SafetySupervisor:
         self._safe = threading.Event()
         self._safe.set()
         self._busy_since: float | None = None
+        self._enabled_since: dict[Side, float] = {}
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="torquebench-safety", daemon=True)
 
@@ -257,6 +258,11 @@ class SafetySupervisor:
     def _look_around(self) -> None:
         """Ask the drives, feed their watchdogs, look for signs of life."""
         latched = self._book.latched is not None
+        for side in self._hands:
+            if not self._commands.side(side).enabled:
+                self._enabled_since.pop(side, None)
+            else:
+                self._enabled_since.setdefault(side, time.monotonic())
         feed = not latched or not self._safe.is_set()
         for hand in self._hands.values():
             hand.look(feed=feed)
@@ -268,9 +274,12 @@ class SafetySupervisor:
 
     def _drive_violation(self) -> Violation | None:
         for side, hand in self._hands.items():
-            if not self._commands.side(side).enabled:
+            since = self._enabled_since.get(side)
+            if since is None:
                 continue
-            state, silent_s = hand.state, time.monotonic() - hand.answered
+            silent_s = time.monotonic() - max(hand.answered, since)
+            # What it said before it was switched on says nothing of now.
+            state = hand.state if hand.asked >= since else None
             watchdog_s = self._description.module(side).drive.watchdog_s
             if hand.failure or silent_s > max(watchdog_s, WATCH_PERIOD_S):
                 found = hand.failure or f"no answer for {silent_s:.2f} s"

@@ -36,8 +36,8 @@ class DriveHand:
     ----------
     state : DriveState or None
         As last answered; None before the first answer.
-    answered : float
-        When that was, in `time.monotonic` seconds.
+    asked, answered : float
+        When it was asked for that, and when it answered, in `time.monotonic` seconds.
     asked : float
         When the state was asked for.
     failure : str
