@@ -133,7 +133,8 @@ def main() -> int:
         inside, outside = _stops(client, stops)
     print(
         f"stop: {max(inside):.1f} ms at most within the service to both drives' zero command, "
-        f"{max(outside):.1f} ms from request to answer (aim ≤ {LONGEST_STOP_MS:g} ms, {stops} stops)"
+        f"{max(outside):.1f} ms from request to answer "
+        f"(aim ≤ {LONGEST_STOP_MS:g} ms, {stops} stops)"
     )
     met = met and max(outside) <= LONGEST_STOP_MS
     print("met" if met else "MISSED")
