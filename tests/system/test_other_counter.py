@@ -1,0 +1,67 @@
+"""A model that was made with another counter: refused, or accepted by name with uncertainty."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.system.command_line import run
+from tests.system.test_station_runs import calibrated, staircase
+
+from torquebench.bench.compensating import AcceptedCounter
+from torquebench.errors import ModelMismatchError
+from torquebench.records import RunFolder
+from torquebench.station import Station
+
+OTHER = "ANOTHER-COUNTER/clock-7"
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> Iterator[Station]:
+    with Station.open(data_dir=tmp_path / "data") as opened:
+        calibrated(opened, serial="SIM-T2000", counter=OTHER)
+        yield opened
+
+
+def test_it_is_refused_and_accepted_only_by_its_own_name(station: Station) -> None:
+    with pytest.raises(ModelMismatchError, match=OTHER):
+        station.activate_compensation("output")
+    with pytest.raises(ModelMismatchError, match="SOMEBODY"):
+        station.activate_compensation("output", AcceptedCounter("SOMEBODY/else"))
+    assert station.acquisition.compensation("output") is None
+    active = station.activate_compensation("output", AcceptedCounter(OTHER))
+    assert active.accepted == AcceptedCounter(OTHER, 100.0)
+
+
+def test_what_it_adds_is_in_the_uncertainty_and_in_the_record(station: Station) -> None:
+    accepted = AcceptedCounter(OTHER, tolerance_ppm=200.0)
+    station.activate_compensation("output", accepted)
+    record = station.run(staircase(station.devices, [400.0]), kind="measure")
+    row = record.result[0]
+    added = 2e-4 * (4000.0 + abs(row["torque_nm"])) / np.sqrt(3.0)
+    assert row["torque_uncertainty_nm"] >= added
+    (summary,) = station.registry.runs()
+    kept = RunFolder.open(summary.folder).metadata
+    assert kept["compensation"]["output"]["accepted_counter"] == {
+        "identity": OTHER,
+        "tolerance_ppm": 200.0,
+    }
+    assert kept["timebase_hz"] == 100e6
+
+
+def test_a_model_of_the_present_counter_comes_first(station: Station) -> None:
+    counter = station.drivers.counter.clock_identity
+    calibrated(station, serial="SIM-T2000", counter=counter)
+    active = station.activate_compensation("output", AcceptedCounter(OTHER))
+    assert active.accepted is None
+
+
+def test_measure_takes_the_option(tmp_path: Path) -> None:
+    with Station.open(data_dir=tmp_path / "data") as opened:
+        calibrated(opened, serial="SIM-T2000", counter=OTHER)
+    refused = run("measure", "--count", 1, "--data", "data", cwd=tmp_path)
+    assert "output: not compensated" in refused.stderr
+    options = ("--accept-counter", OTHER, "--clock-tolerance-ppm", 50)
+    taken = run("measure", "--count", 1, "--data", "data", *options, cwd=tmp_path)
+    assert taken.returncode == 0, taken.stderr
+    assert f"made with {OTHER}: 50 ppm added" in " ".join(taken.stderr.split())
