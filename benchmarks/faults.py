@@ -55,8 +55,8 @@ SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 QUICK, FULL = 25, 225
 TRIES = 5
-MET_LATER = ("drive refuses commands", "disk full for documents")
-"""They are met with the next command or point: the time counts from the alarm."""
+MET_LATER = ("drive refuses commands", "disk full for documents", "wild reading")
+"""Met with the next command or point, or where it exceeds a limit: counted from the alarm."""
 Side_ = Literal["input", "output"]
 Plan = Generator[Any, Any, Any]
 
