@@ -198,6 +198,13 @@ async def stop(service: Service, token: Token, body: StopBody) -> StopReport:
     return await asyncio.to_thread(stopped)
 
 
+@router.post("/presence", status_code=204)
+def confirm_presence(service: Service, caller: Caller) -> Response:
+    """Note that whoever commands is at the bench, where its description asks for it."""
+    service.confirm_presence(caller)
+    return Response(status_code=204)
+
+
 @router.get("/alarms")
 def alarms(
     service: Watched,

@@ -393,6 +393,17 @@ class BenchService:
         entries = self.station.supervisor.entries
         return next(alarm_view(entry) for entry in entries if entry.alarm.number == cleared.number)
 
+    def confirm_presence(self, actor: Actor) -> None:
+        """Note that whoever commands is at the bench; see `[safety] presence_s`.
+
+        Raises
+        ------
+        LeaseError
+            Another session commands.
+        """
+        self.jobs.command(actor)
+        self.station.supervisor.confirm_presence(actor.label)
+
     def stop(self, actor: Actor, reason: str = "") -> StopReport:
         """Bring the bench to its safe state at once; anybody signed in may, without the lease.
 
