@@ -30,6 +30,16 @@ class Case:
     right: Callable[[Any], bool]
     lossy: bool = False  # an answer that is lost takes readings with it
     quiet: bool = False  # states that it has nothing instead of raising
+    visa: bool = False  # reached by a VISA resource instead of a plain socket
+
+    def description(self, simulators: Simulators) -> BenchDescription:
+        description = simulators.description
+        if not self.visa:
+            return description
+        host, _, port = description.driver[self.key]["address"].partition(":")
+        section = description.driver[self.key] | {"address": f"TCPIP::{host}::{port}::SOCKET"}
+        driver = dict(description.driver) | {self.key: section}
+        return description.model_copy(update={"driver": driver})
 
 
 def _read_block(counter: CounterCard) -> Any:
@@ -76,6 +86,14 @@ CASES = [
         lambda s: s.time_s.shape == s.torque_nm.shape,
     ),
     Case(
+        "visa-readout",
+        "a",
+        "reference",
+        lambda i: i.read("input", 1.0),
+        lambda s: s.time_s.shape == s.torque_nm.shape,
+        visa=True,
+    ),
+    Case(
         "modbus-readout",
         "b",
         "reference",
@@ -109,7 +127,7 @@ def simulators(case: Case, simulated: dict[str, Simulators]) -> Iterator[Simulat
 
 @pytest.fixture
 def instrument(case: Case, simulators: Simulators) -> Iterator[Any]:
-    opened = open_role(simulators.description, case.key)
+    opened = open_role(case.description(simulators), case.key)
     yield opened
     opened.close()
 
@@ -263,7 +281,7 @@ def test_many_callers_get_their_own_answers(case: Case, instrument: Any) -> None
 
 
 def test_it_closes_twice_and_answers_nobody_afterwards(case: Case, simulators: Simulators) -> None:
-    opened = open_role(simulators.description, case.key)
+    opened = open_role(case.description(simulators), case.key)
     opened.close()
     opened.close()
     failing(case, opened)
