@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from selenium import webdriver
+from selenium.common.exceptions import NoSuchElementException, StaleElementReferenceException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
@@ -117,9 +118,9 @@ class Visitor:
 
     def wait(self, condition: Callable[[], Any], what: str, seconds: float = PATIENCE_S) -> Any:
         """Wait until something is so."""
-        return WebDriverWait(self.driver, seconds, poll_frequency=0.1).until(
-            lambda _: condition(), what
-        )
+        passing = (NoSuchElementException, StaleElementReferenceException)
+        waiting = WebDriverWait(self.driver, seconds, 0.1, ignored_exceptions=passing)
+        return waiting.until(lambda _: condition(), what)
 
     def open(self, path: str) -> None:
         """Open a page and wait until it is connected."""
@@ -170,9 +171,24 @@ class Visitor:
 
     def press(self, label: str) -> None:
         """Press a button."""
-        button = self.button(label)
-        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
-        button.click()
+
+        def press() -> bool:
+            button = self.button(label)
+            self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+            button.click()
+            return True
+
+        self.wait(press, f"pressing {label!r}")
+
+    def fill(self, label: str, value: str) -> None:
+        """Type into a field."""
+
+        def typed() -> bool:
+            self.field(label).clear()
+            self.field(label).send_keys(value)
+            return True
+
+        self.wait(typed, f"typing into {label!r}")
 
     def field(self, label: str) -> WebElement:
         """Find a field by its label."""
@@ -187,7 +203,12 @@ class Visitor:
 
     def choose(self, label: str, value: str) -> None:
         """Choose from a list."""
-        Select(self.field(label)).select_by_value(value)
+
+        def chosen() -> bool:
+            Select(self.field(label)).select_by_value(value)
+            return True
+
+        self.wait(chosen, f"choosing {label!r}")
 
     def size(self, width: int, height: int) -> None:
         """Use a screen of another size."""

@@ -204,8 +204,9 @@ def test_a_lost_server_is_unmistakable_and_the_page_comes_back(
     person.sees("Use the red emergency stop")
     panel.start()
     person.wait(
-        lambda: not person.driver.find_elements(By.CSS_SELECTOR, ".stale .tile")
-        and painted(person) > 5,
+        lambda: (
+            not person.driver.find_elements(By.CSS_SELECTOR, ".stale .tile") and painted(person) > 5
+        ),
         "live values again",
     )
     person.connected()

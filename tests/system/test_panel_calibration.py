@@ -44,19 +44,19 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     assert "may look at this but not change it" in ben.text
 
     ana.sees("Model to be used")
-    ana.field("Your password").send_keys(PEOPLE["Ana"][1])
+    ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Sign and put into use")
     ana.sees("Ben commands the bench")
     ben.press("Give up command")
     ben.sees("Nobody is in command")
-    ana.field("Your password").send_keys("a wrong password")
+    ana.fill("Your password", "a wrong password")
     ana.press("Sign and put into use")
     ana.sees("don't belong together")
-    ana.field("Your password").send_keys(PEOPLE["Ana"][1])
+    ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Sign and put into use")
     ana.sees("Signed.")
 
-    ana.field("Your password").send_keys(PEOPLE["Ana"][1])
+    ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Issue the certificate")
     ana.sees("is issued")
     assert ana.button("Fetch").text.endswith((".pdf", ".xml", ".json"))

@@ -37,7 +37,12 @@ LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 def head(text: Text, look: str, title: str) -> None:
     """Put into the page's head what every page needs."""
     ui.page_title(f"{title} · torquebench")
-    said = json.dumps({"stopFailed": text("stop.failed")}).replace("<", "\\u003c")
+    texts = {
+        "stopFailed": text("stop.failed"),
+        "lost": text("frame.lost"),
+        "reconnecting": text("frame.reconnecting"),
+    }
+    said = json.dumps(texts).replace("<", "\\u003c")
     language = LANGUAGE_TAGS[text.language]
     chosen = f'document.documentElement.lang = "{language}";'
     if look:

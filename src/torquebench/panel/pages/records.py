@@ -188,7 +188,7 @@ class _Calibrations:
             title = f"{number}: {curve.title}"
             lines.append(
                 Line(f"{title}, {text('live.raw')}", curve.standard_nm, curve.raw_error_nm,
-                     colour, points=True)
+                     colour, points=True, symbol="emptyCircle")
             )  # fmt: skip
             if curve.model_error_nm:
                 lines.append(

@@ -82,6 +82,11 @@
     const popup = document.getElementById("popup");
     if (!popup) return;
     popup.setAttribute("role", "alert");
+    const [lost, again] = popup.querySelectorAll("span");
+    if (texts().lost) {
+      lost.textContent = texts().lost;
+      again.textContent = texts().reconnecting;
+    }
     new MutationObserver(markLost).observe(popup, { attributes: true });
   });
 })();
