@@ -15,6 +15,7 @@ from tests.system.command_line import run, widest_line
 from tests.system.networked import canopen, daqmx, described, modbus
 from tests.system.test_station_runs import staircase
 
+from torquebench.bench.description import load_bench
 from torquebench.bench.drivers.simulation_control import SimulationControl
 from torquebench.cli.doctor_bench import drives, instruments
 from torquebench.errors import BenchError, InputError, TorquebenchError
@@ -181,6 +182,20 @@ def test_simulate_serves_and_doctor_finds_everything_well(tmp_path: Path) -> Non
         _, said = serving.communicate(timeout=20)
     assert serving.returncode == 0
     assert "simulators ended" in said
+
+
+def test_the_demo_starts_its_simulators_and_ends_them(tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(_on_free_ports(EXAMPLE.read_text(encoding="utf-8")), encoding="utf-8")
+    told = run("demo", "--quick", "--bench", bench, "--seed", 3, cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    assert "simulators started for this demo" in told.stderr
+    assert "seed 3" in told.stderr
+    assert "against the true torque" in told.stdout
+    assert "simulated" in (tmp_path / "torquebench-demo.html").read_text(encoding="utf-8")
+    after = SimulationControl(load_bench(bench).driver["simulation"]["control"])
+    with pytest.raises(BenchError, match="refused"):
+        after.ask("status")
 
 
 def test_doctor_names_each_instrument_that_fails_and_hides_no_other() -> None:
