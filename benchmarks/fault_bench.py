@@ -55,6 +55,7 @@ class FaultyBench:
         self.broken_s: float | None = None
         self.safe_s: float | None = None
         self.powered = self.wants_power = False
+        self.side: Side = "output"
         self.on_blocks = 0
         self.drive_fault = ""
         self.mute = self.deaf = self.unfed = False
@@ -62,12 +63,14 @@ class FaultyBench:
         self.heat_k = 0.0
         self.counter_error: Exception | None = None
 
-    def plan(self, due_s: float, breaking: Callable[[], None], *, powered: bool) -> None:
+    def plan(
+        self, due_s: float, breaking: Callable[[], None], side: Side, *, powered: bool
+    ) -> None:
         """Break something before the first block after a moment of bench time.
 
-        With `powered` not before a drive has power.
+        With `powered` not before the drive of that side has power.
         """
-        self.due_s, self.breaking, self.wants_power = due_s, breaking, powered
+        self.due_s, self.breaking, self.side, self.wants_power = due_s, breaking, side, powered
 
     def at_rest(self) -> bool:
         """Whether both drives are off without torque and speed, whatever they say."""
@@ -77,7 +80,7 @@ class FaultyBench:
     def tick(self) -> None:
         """Break what is due, or look whether both drives are off; before every block."""
         now = self.bench.twin.time_s
-        on = any(drive.state().enabled for drive in self.bench.drives.values())
+        on = self.bench.drives[self.side].state().enabled
         self.on_blocks = self.on_blocks + 1 if on else 0
         if self.broken_s is None and now >= self.due_s:
             if self.wants_power and self.on_blocks < SETTLED_BLOCKS:

@@ -215,7 +215,8 @@ def one_fault(
 
         lasts_s = rehearse(station.devices, procedure.plan(station)).duration_s
         moment_s = float(draw.uniform(0.05, 0.95)) * lasts_s
-        faulty.plan(station.clock.now() + moment_s, breaking, powered=kind.needs_power)
+        due_s = station.clock.now() + moment_s
+        faulty.plan(due_s, breaking, procedure.side, powered=kind.needs_power)
         error: BaseException | None = None
         alarms_before = len(station.supervisor.history)
         try:
