@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import Side
     from torquebench.bench.samples import AcquiredBlock, Viewer
-    from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
 __all__ = ["register"]
@@ -57,6 +56,7 @@ def measure(
     """
     from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import SIDES
+    from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
     with Station.open(bench, data, real_time=True) as station:
