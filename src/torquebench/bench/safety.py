@@ -44,7 +44,7 @@ __all__ = [
     "StepLimits",
 ]
 
-WATCH_PERIOD_S = 0.01
+WATCH_PERIOD_S = 0.005
 """How often the supervisor's thread looks in real time, s of wall time."""
 IDLE_PERIOD_S = 0.05
 """The same in simulated time, where acquisition does most of it, block by block."""
