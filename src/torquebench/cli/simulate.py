@@ -34,7 +34,7 @@ def register(app: typer.Typer) -> None:
 
 def simulate(
     bench: Annotated[
-        Path, typer.Option("--bench", help="Bench description with a section [driver.simulation].")
+        Path, typer.Option("--bench", help="Bench description whose instruments are simulated.")
     ],
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Follow the wall instead of going on as read.")
@@ -47,8 +47,7 @@ def simulate(
 ) -> None:
     """Serve every instrument that a bench description names, simulated, on its address.
 
-    Ctrl-C ends it. Other terminals open the same description: `torquebench demo --bench FILE`,
-    `torquebench doctor --bench FILE`, `torquebench panel --bench FILE`.
+    Ctrl-C ends it. Any other command opens the same description from another terminal.
     """
     from torquebench.bench.description import load_bench
     from torquebench.simulators import Simulators
@@ -145,7 +144,12 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
         if key in wanted:
             command += [f"--{key}", str(wanted[key])]
     process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # Ctrl-C is for the demo, which needs them to come to rest
     )
     try:
         assert process.stdout is not None
