@@ -1,4 +1,5 @@
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -135,6 +136,27 @@ def test_one_session_commands_and_any_may_stop(people: dict[str, httpx.Client]) 
     assert cleared.json()["acknowledged_by"] == "Olga"
 
 
+def test_a_stop_waits_for_no_other_request(
+    server: Server, people: dict[str, httpx.Client], admin: httpx.Client
+) -> None:
+    done = []
+
+    def sign_in() -> None:
+        with server.client() as nobody:
+            nobody.post("/session", json={"name": "Max", "password": PASSWORD})
+        done.append(time.monotonic())
+
+    crowd = [threading.Thread(target=sign_in) for _ in range(60)]
+    for thread in crowd:
+        thread.start()
+    assert people["plant"].post("/stop", json={"reason": "in a crowd"}).status_code == 200
+    stopped = time.monotonic()
+    for thread in crowd:
+        thread.join()
+    assert sum(moment > stopped for moment in done) > 10
+    assert admin.get("/alarms", params={"standing": True}).json()
+
+
 def test_a_job_is_paused_resumed_and_aborted(people: dict[str, httpx.Client]) -> None:
     olga = people["Olga"]
     job = olga.post("/start/calibrate", json={"side": "output"}).json()["job_id"]
@@ -182,6 +204,17 @@ def test_from_calibration_to_certificate(
     assert [each["number"] for each in detail["certificates"]] == [certificate]
     name = detail["certificates"][0]["files"][0]
     assert olga.get(f"/certificates/{certificate}/{name}").content.startswith(b"%PDF")
+    for wanted, count in (("olga calibrate", 1), ("nobody", 0), ("%", 0)):
+        params = {"text": wanted, "status": "completed", "since": "2020-01-01T00:00:00Z"}
+        assert olga.get("/runs", params=params).json()["total"] >= count
+        assert bool(olga.get("/runs", params=params).json()["runs"]) is bool(count)
+    trend = {"columns": ["output_torque_nm"], "points": 10}
+    shown = olga.get(f"/runs/{result['run_ids'][0]}/trend", params=trend).json()
+    assert max(shown["columns"]["output_torque_nm"]["high"]) > 1900.0
+    curve = olga.get(f"/calibrations/{number}/errors", params={"model_id": model}).json()
+    assert max(map(abs, curve["model_error_nm"])) < max(map(abs, curve["raw_error_nm"]))
+    drifts = olga.get("/transducers/SIM-T2000/drift").json()
+    assert {each["unit"] for each in drifts} == {"%", "% FS"}
     run = olga.get(f"/runs/{result['run_ids'][0]}").json()
     assert (run["run"]["operator"], run["changes"]) == ("Olga", [])
     assert olga.get(f"/runs/{result['run_ids'][0]}/export").content.startswith(b"PK")
