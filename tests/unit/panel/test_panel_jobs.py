@@ -89,6 +89,22 @@ def test_wrong_requests_start_nothing(service: BenchService) -> None:
     assert failed.problem.kind == "RecordError"
 
 
+def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
+    asked = {"side": "output", "step_percent": 10.0, "repeats": 2, "models": ["polynomial-2"]}
+    view = service.jobs.start(BEN, "calibrate", asked)
+    while len(service.jobs.points(view.job_id)) < 50:  # within the second series
+        time.sleep(0.01)
+    service.jobs.abort(BEN, view.job_id)
+    assert ended(service, view).state == "aborted"
+    (run,) = service.records.runs(status="aborted").runs
+    asked = {"run_id": run.run_id, "models": ["polynomial-2"]}
+    view = ended(service, service.jobs.start(BEN, "resume-calibration", asked))
+    assert view.state == "done", view.problem
+    assert view.result is not None
+    assert view.result.calibration_id == 1
+    assert len(view.result.details["points"]["reading_nm"]) == 80
+
+
 def test_leaving_the_service_ends_a_job_without_torque(tmp_path: Path) -> None:
     with BenchService.open(None, tmp_path, fast=True) as service:
         view = service.jobs.start(BEN, "calibrate", {"side": "output"})

@@ -290,7 +290,7 @@ class BenchService:
         return actor.kind != "person" or self.people.signed_in(actor.session_id)
 
     def _job_ended(self, view: JobView) -> None:
-        if view.kind in ("calibrate", "fit"):
+        if view.kind in ("calibrate", "resume-calibration", "fit"):
             for side in SIDES:
                 self.refresh_compensation(side)
 

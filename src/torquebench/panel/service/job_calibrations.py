@@ -5,6 +5,7 @@ Details of their results, all as JSON:
 - "calibrate": `side`, `range_nm`, `points` (`reading_nm`, `standard_nm`, `branch`, `series`),
   `models`: for each fitted model `title`, `kind`, `torque_nm` at the points, `summary` (errors on
   its own points) and `remarks`; `raw`: the summary without compensation; `unsettled`.
+- "resume-calibration": as "calibrate", with the points of both runs.
 - "compare-models": `scores` (one row a model), `selected`, `sentence`, `refused`, `noise_nm`.
 - "fit": as "calibrate", with the one new model.
 - "verify": `models`: for each, and "raw", `title`, `against_standard`, `averaged`, `groups`,
@@ -33,6 +34,7 @@ from torquebench.campaign.fitting import (
     model_title,
 )
 from torquebench.campaign.measuring import (
+    Measured,
     measure_calibration,
     measure_verification,
     rehearse_calibration,
@@ -44,6 +46,7 @@ from torquebench.campaign.modules import (
     register_verification,
     store_model,
 )
+from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.compensation import (
     RECOMMENDED,
     CompensationModel,
@@ -57,7 +60,7 @@ from torquebench.panel.service.fields import WHOLE, Flag, Identifier, Number, Pr
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview
-from torquebench.procedures import rehearse
+from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
 from torquebench.records import CalibrationEntry, RunFolder, json_text
 from torquebench.reports.certificate import run_data
@@ -68,6 +71,7 @@ __all__ = [
     "CalibrateRequest",
     "CompareRequest",
     "FitRequest",
+    "ResumeRequest",
     "VerifyRequest",
     "calibration_data",
 ]
@@ -89,6 +93,14 @@ class CalibrateRequest(JobRequest):
     rising_only: Flag | None = None
     repeats: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
     step_percent: Percent | None = None
+    models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    bench_clear: Flag = False
+
+
+class ResumeRequest(JobRequest):
+    """Go on with an interrupted calibration; side and profile are those of its run."""
+
+    run_id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
     bench_clear: Flag = False
 
@@ -158,13 +170,39 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
     station, job = context.station, context.job
     confirm_clear(station.description, request.bench_clear)
     profile = _calibration_profile(context, request)
-    choices = [ModelChoice(name) for name in dict.fromkeys(request.models)]
+    choices = _choices(request.models)
+    measured = measure_calibration(station, request.side, profile, progress=job)
+    return _fitted(context, measured, profile, choices)
+
+
+def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
+    """Go on with an interrupted calibration at its interrupted series, then fit and register."""
+    station = context.station
+    confirm_clear(station.description, request.bench_clear)
+    choices = _choices(request.models)
+    interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
+    measured = resume_calibration(station, interrupted, progress=context.job)
+    return _fitted(context, measured, interrupted.profile, choices)
+
+
+def _choices(names: Sequence[str]) -> list[ModelChoice]:
+    choices = [ModelChoice(name) for name in dict.fromkeys(names)]
     for choice in choices:
         make_model(choice.name)
-    measured = measure_calibration(station, request.side, profile, progress=job)
+    return choices
+
+
+def _fitted(
+    context: JobContext,
+    measured: Measured[StaircaseResult],
+    profile: Profile,
+    choices: Sequence[ModelChoice],
+) -> JobResult:
+    """Fit models to what was measured and register it all."""
+    station = context.station
     context.check()
     data = measured.result.data
-    fitted = fit_models(data, choices, job, title="Fitting models")
+    fitted = fit_models(data, choices, context.job, title="Fitting models")
     registered = register_calibration(station, measured, profile, fitted, active=None)
     best = min(fitted, key=lambda item: _errors(item, data).worst_percent_fs, default=None)
     found = "" if best is None else f"; {best.title} leaves {_errors(best, data).worst_nm:.3g} N·m"
@@ -401,6 +439,12 @@ def _calibrate_title(request: CalibrateRequest) -> str:
 
 CALIBRATION_KINDS: tuple[JobKind, ...] = (
     JobKind("calibrate", _calibrate_title, CalibrateRequest, run_calibration, preview_calibration),
+    JobKind(
+        "resume-calibration",
+        lambda asked: f"Go on with {asked.run_id}",
+        ResumeRequest,
+        run_resumption,
+    ),
     JobKind(
         "compare-models",
         lambda asked: f"Compare models of calibration {asked.calibration_id}",
