@@ -50,7 +50,7 @@ class CalibratePage:
         if course.reached != self._reached:
             self._reached = course.reached
             self.step = course.reached
-        known = (self.step, course.reached, _state(course), self.visitor.commands)
+        known = (self.step, course.reached, _state(course))
         if known != self._shown:
             self._shown = known
             self._render()
