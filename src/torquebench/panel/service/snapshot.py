@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import date, datetime
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.panel.service.live import Connection, LatestValue, LiveHub
@@ -149,6 +149,8 @@ def side_snapshots(
     for side in SIDES:
         module = station.description.module(side)
         state, problem = states[side]
+        if state is not None and state.due is not None:  # its last day may have passed meanwhile
+            state = replace(state, valid=datetime.now(UTC).date() <= state.due)
         raw = values[f"{side}_raw_nm"]
         found[side] = SideSnapshot(
             side=side,
