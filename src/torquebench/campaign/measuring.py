@@ -37,6 +37,7 @@ __all__ = [
     "OnPause",
     "RunAbortedError",
     "acting_as",
+    "measure",
     "measure_calibration",
     "measure_check",
     "measure_friction",
@@ -233,7 +234,34 @@ def _measure(
     progress: Progress,
     on_pause: OnPause | None,
 ) -> Measured[Result]:
-    rehearse(station.devices, plan())
+    return measure(
+        station,
+        plan,
+        rehearsed=plan,
+        kind=kind,
+        title=title,
+        metadata=metadata,
+        progress=progress,
+        on_pause=on_pause,
+    )
+
+
+def measure(
+    station: Station,
+    plan: Callable[[], Plan[Result]],
+    *,
+    rehearsed: Callable[[], Plan[Any]],
+    kind: str,
+    title: str,
+    metadata: Mapping[str, Any],
+    progress: Progress,
+    on_pause: OnPause | None,
+) -> Measured[Result]:
+    """Rehearse a plan, run it as a run of its own, and register the zeros that it took.
+
+    `rehearsed` makes the plan without what can't be done with a rehearsal's recordings.
+    """
+    rehearse(station.devices, rehearsed())
     done = -1
 
     def watch(step: PlanProgress) -> None:

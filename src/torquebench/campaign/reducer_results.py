@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from math import inf, isfinite
 from typing import Any, Literal
 
 from torquebench.station import RunRecord
+from torquebench.uncertainty import Budget, BudgetLine, Distribution
 
 __all__ = [
     "ReducerTestRecord",
@@ -16,6 +18,9 @@ __all__ = [
     "TestQuantity",
     "TestRehearsal",
     "TestVerdict",
+    "budget_from_plain",
+    "plain_budget",
+    "worst_verdict",
 ]
 
 TestName = Literal[
@@ -35,17 +40,15 @@ class TestQuantity:
     title : str
         Name for people.
     value, expanded_uncertainty : float
-        Estimate and its expanded uncertainty (k = 2), in `unit`.
+        Estimate and its expanded uncertainty (95.45 % coverage), in `unit`.
     unit : str
-        Of both, and of the limit and the truth.
+        Of both, and of the limit.
     limit : str
         What the data sheet demands, in words with its unit; empty where it demands nothing.
     verdict : str
         Guard-banded verdict against that limit; empty without one.
     rule : str
         Which definition was used, where makers differ.
-    truth : float or None
-        What the simulated reducer really has; None on a real bench or where it isn't known.
     """
 
     __test__ = False  # not a test of pytest's
@@ -58,7 +61,6 @@ class TestQuantity:
     limit: str = ""
     verdict: TestVerdict = ""
     rule: str = ""
-    truth: float | None = None
 
 
 @dataclass(frozen=True)
@@ -186,3 +188,66 @@ def worst_verdict(verdicts: Any) -> TestVerdict:
     'conditionalPass'
     """
     return max(verdicts, key=_SEVERITY.index, default="")
+
+
+def plain_budget(estimate: Budget) -> dict[str, Any]:
+    """Return an estimate and its contributions for JSON; unlimited degrees of freedom are null."""
+
+    def freedom(value: float) -> float | None:
+        return value if isfinite(value) else None
+
+    return {
+        "value": estimate.value,
+        "unit": estimate.unit,
+        "standard_uncertainty": estimate.standard_uncertainty,
+        "degrees_of_freedom": freedom(estimate.degrees_of_freedom),
+        "coverage_factor": estimate.coverage_factor(),
+        "expanded_uncertainty": estimate.expanded_uncertainty(),
+        "contributions": [
+            {
+                "name": line.name,
+                "standard_uncertainty": line.contribution,
+                "degrees_of_freedom": freedom(line.degrees_of_freedom),
+                "sensitivity": line.sensitivity,
+                "share": line.share,
+            }
+            for line in estimate.lines
+        ],
+    }
+
+
+def budget_from_plain(plain: Mapping[str, Any]) -> Budget:
+    """Return the estimate that `plain_budget` wrote.
+
+    Examples
+    --------
+    >>> found = Budget(1.0, 0.1, float("inf"), (), "arcmin")
+    >>> budget_from_plain(plain_budget(found)) == found
+    True
+    """
+
+    def freedom(value: float | None) -> float:
+        return inf if value is None else float(value)
+
+    unit = str(plain["unit"])
+    lines = tuple(
+        BudgetLine(
+            name=str(line["name"]),
+            unit=unit,
+            value=0.0,
+            standard_uncertainty=float(line["standard_uncertainty"]),
+            degrees_of_freedom=freedom(line["degrees_of_freedom"]),
+            distribution=Distribution.NORMAL,
+            sensitivity=float(line["sensitivity"]),
+            contribution=float(line["standard_uncertainty"]),
+            share=float(line["share"]),
+        )
+        for line in plain["contributions"]
+    )
+    return Budget(
+        float(plain["value"]),
+        float(plain["standard_uncertainty"]),
+        freedom(plain["degrees_of_freedom"]),
+        lines,
+        unit,
+    )

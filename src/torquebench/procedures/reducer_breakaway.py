@@ -57,7 +57,8 @@ class BreakawaySettings:
     largest_nm : float or None
         The ramp ends here without motion; by default five times what is expected.
     motion_deg : float or None
-        The driven side has moved for certain after so many degrees; by default 5° of the input.
+        The driven side has moved for certain after so many degrees; by default 5° of the input
+        and 0.2° of the output.
     zero_s : float
         Length of the zero before each position, s.
     """
@@ -91,17 +92,16 @@ class BreakawaySettings:
         """
         if self.expected_nm is not None:
             return self.expected_nm
-        return (0.04 / limits.ratio if side == "input" else 0.04) * limits.rated_torque_nm
+        return (0.04 / abs(limits.ratio) if side == "input" else 0.04) * limits.rated_torque_nm
 
     def largest(self, side: Side, limits: ReducerLimits) -> float:
         """Torque at which the ramp ends without motion, N·m."""
         return self.largest_nm or 5.0 * self.expected(side, limits)
 
-    def motion_rad(self, side: Side, limits: ReducerLimits) -> float:
+    def motion_rad(self, side: Side) -> float:
         """Angle after which the driven side has moved for certain, rad."""
-        if self.motion_deg is not None:
-            return float(np.radians(self.motion_deg))
-        return float(np.radians(5.0)) / (1.0 if side == "input" else limits.ratio)
+        degrees = 5.0 if side == "input" else 0.2
+        return float(np.radians(degrees if self.motion_deg is None else self.motion_deg))
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +201,7 @@ def breakaway(
 
 def _check(limits: ReducerLimits, side: Side, largest_nm: float) -> None:
     """Refuse a ramp beyond the data sheet, whichever side it is on."""
-    at_output = largest_nm * (limits.ratio if side == "input" else 1.0)
+    at_output = largest_nm * (abs(limits.ratio) if side == "input" else 1.0)
     if at_output > limits.largest_torque_nm:
         raise LimitError(
             f"a ramp up to {largest_nm:g} N·m at the {side}",
@@ -266,7 +266,7 @@ class _Finder:
         """Raise the torque in one uniform ramp, cut into looks for motion; tell whether it came."""
         devices, module = self.devices, self.devices.module(self.side)
         start = yield from angle_rad(devices, self.side)
-        enough = self.settings.motion_rad(self.side, self.limits)
+        enough = self.settings.motion_rad(self.side)
         steps = int(np.ceil(abs(target_nm) / (rate * STEP_S)))
         for step in range(1, steps + 1):
             yield from move(module.drive.ramp, RampTo(target_nm * step / steps, rate))

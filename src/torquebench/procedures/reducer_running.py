@@ -411,8 +411,9 @@ def efficiency_map(
 def _grid(limits: ReducerLimits, settings: EfficiencySettings) -> list[_Asked]:
     """All points: a speed's torques rise; the output brakes, so its torque opposes the motion."""
     directions = [1.0] * settings.clockwise + [-1.0] * settings.counter_clockwise
+    turn = float(np.sign(limits.ratio))
     return [
-        _Asked(sign * speed, -sign * share * limits.rated_torque_nm, 1, repeat)
+        _Asked(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
         for repeat, sign in enumerate(directions, start=1)
         for speed in settings.speeds_rpm
         for share in settings.torque_shares

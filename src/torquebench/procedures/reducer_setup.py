@@ -44,7 +44,7 @@ class ReducerLimits:
     Parameters
     ----------
     ratio : float
-        Input turns for one output turn, above 0.
+        Input turns for one output turn; negative where the output turns against the input.
     rated_torque_nm : float
         T_N at the output, N·m.
     largest_torque_nm : float
@@ -64,7 +64,12 @@ class ReducerLimits:
     largest_input_rpm: float
 
     def __post_init__(self) -> None:
-        numbers = (self.ratio, self.rated_torque_nm, self.largest_torque_nm, self.largest_input_rpm)
+        numbers = (
+            abs(self.ratio),
+            self.rated_torque_nm,
+            self.largest_torque_nm,
+            self.largest_input_rpm,
+        )
         if not all(np.isfinite(number) and number > 0.0 for number in numbers):
             raise InputError(f"limits of the reducer {numbers}", "numbers above 0")
         if self.rated_torque_nm > self.largest_torque_nm:
@@ -277,18 +282,18 @@ def turn_output(
     before = yield from _angles(devices)
     axis = devices.input.drive.speed
     rate = devices.context.description.input.drive.speed_rate_rad_per_s2
-    path = np.radians(abs(output_deg)) * limits.ratio
+    path = np.radians(abs(output_deg)) * abs(limits.ratio)
     speed = min(speed_rpm, limits.largest_input_rpm) * RAD_S_PER_RPM
     speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
     yield from power_on(devices, "input")
-    yield from move(axis, float(np.copysign(speed, output_deg)))
+    yield from move(axis, float(np.copysign(speed, output_deg * limits.ratio)))
     yield from bps.sleep(path / speed - speed / rate)
     yield from move(axis, 0.0)
     yield from bps.sleep(REST_S)
     after = yield from _angles(devices)
     if before is not None and after is not None:
         turned = after - before
-        asked = float(np.copysign(path, output_deg))
+        asked = float(np.copysign(path, output_deg * limits.ratio))
         slack = 0.2 + 3.0 * speed * devices.context.description.counter.block_s
         _check_ratio(limits, float(turned[0]), float(turned[1]), asked, slack)
 

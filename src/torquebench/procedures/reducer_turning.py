@@ -133,7 +133,7 @@ def transmission_error(
         The output doesn't turn by the reducer's ratio.
     """
     settings = settings or TransmissionSettings()
-    input_rpm = settings.output_rpm * limits.ratio
+    input_rpm = settings.output_rpm * abs(limits.ratio)
     limits.check_input_speed(input_rpm)
     signs = [1] * settings.clockwise + [-1] * settings.counter_clockwise
     chunks = _chunks(settings)

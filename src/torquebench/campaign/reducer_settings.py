@@ -1,0 +1,68 @@
+"""How each reducer test is driven: defaults by the reducer's size, and a short form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+from torquebench.procedures.friction import FrictionSettings
+from torquebench.procedures.reducer_breakaway import BreakawaySettings
+from torquebench.procedures.reducer_loop import BenchTwistSettings, HysteresisSettings
+from torquebench.procedures.reducer_running import EfficiencySettings, NoLoadSettings
+from torquebench.procedures.reducer_setup import ReducerLimits, WarmUp
+from torquebench.procedures.reducer_turning import TransmissionSettings
+from torquebench.reducers import ReducerDescription
+
+__all__ = ["ReducerTestSettings", "reducer_limits"]
+
+
+def reducer_limits(reducer: ReducerDescription) -> ReducerLimits:
+    """Return what a plan must keep to, from a reducer's data sheet."""
+    return ReducerLimits(
+        ratio=reducer.signed_ratio,
+        rated_torque_nm=reducer.rated_torque_nm,
+        largest_torque_nm=reducer.acceleration_torque_nm,
+        largest_input_rpm=reducer.max_input_speed_rpm,
+    )
+
+
+@dataclass(frozen=True)
+class ReducerTestSettings:
+    """Settings of every test.
+
+    Parameters
+    ----------
+    no_load, starting, back_driving, hysteresis, transmission, efficiency
+        Of each test's plan.
+    bench_twist : BenchTwistSettings or None
+        How the bench's own twist is measured against the calibrator before torque-angle loops;
+        None leaves it out.
+    twist_arcmin_per_nm : float or None
+        The bench's own twist where it is known already, arcmin/(N·m); then it isn't measured.
+    """
+
+    no_load: NoLoadSettings = field(default_factory=NoLoadSettings)
+    starting: BreakawaySettings = field(default_factory=BreakawaySettings)
+    back_driving: BreakawaySettings = field(default_factory=BreakawaySettings)
+    hysteresis: HysteresisSettings = field(default_factory=HysteresisSettings)
+    transmission: TransmissionSettings = field(default_factory=TransmissionSettings)
+    efficiency: EfficiencySettings = field(default_factory=EfficiencySettings)
+    bench_twist: BenchTwistSettings | None = field(default_factory=BenchTwistSettings)
+    twist_arcmin_per_nm: float | None = None
+
+    @classmethod
+    def short(cls) -> Self:
+        """Return settings for a first look: few points, no warming up, one position."""
+        cold = WarmUp(longest_s=0.0)
+        sweep = FrictionSettings(speeds_rpm=(100.0, 300.0, 600.0, 1000.0), repeats=2)
+        return cls(
+            no_load=NoLoadSettings(sweep, cold),
+            starting=BreakawaySettings(positions=2),
+            back_driving=BreakawaySettings(positions=2),
+            hysteresis=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
+            transmission=TransmissionSettings(output_rpm=4.0),
+            efficiency=EfficiencySettings(
+                torque_shares=(0.25, 0.5, 1.0), speeds_rpm=(300.0, 900.0), warm_up=cold
+            ),
+            bench_twist=BenchTwistSettings(cycles=1),
+        )

@@ -1,0 +1,139 @@
+"""What a reducer of the twin really is: the answers that a test should find, without noise."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.twin import reducer as red
+from torquebench.twin.reducer import ReducerConstants
+
+__all__ = [
+    "true_back_driving_nm",
+    "true_efficiency",
+    "true_loop",
+    "true_no_load_nm",
+    "true_starting_nm",
+    "true_transmission_error",
+]
+
+FloatArray = NDArray[np.float64]
+RPM = 2.0 * np.pi / 60.0
+
+
+def true_loop(
+    reducer: ReducerConstants, torque_nm: float, points: int = 2001
+) -> tuple[FloatArray, FloatArray]:
+    """Quasi-static torque-angle loop −T → +T → −T of a preloaded reducer, input locked.
+
+    Parameters
+    ----------
+    reducer : ReducerConstants
+    torque_nm : float
+        Largest torque T at the output, N·m.
+    points : int
+        Points of each branch.
+
+    Returns
+    -------
+    torque_nm, angle_rad : float64[2·points]
+        Torque that the module applies to the output, and the angle that it turns by; the
+        rising branch first.
+    """
+    if not torque_nm > 0.0 or points < 3:
+        raise InputError(f"a loop to {torque_nm} N·m with {points} points", "above 0, at least 3")
+    state = np.zeros(red.REDUCER_STATES)
+    reach = torque_nm / min(reducer.stiffness_nm_rad) + reducer.backlash_rad
+    step = 2.0 * reach / (10 * points)
+    _branch(reducer, state, torque_nm, step)  # the preload, from rest
+    _branch(reducer, state, -torque_nm, -step)
+    rising = _branch(reducer, state, torque_nm, step)
+    falling = _branch(reducer, state, -torque_nm, -step)
+    up = np.linspace(-torque_nm, torque_nm, points)
+    angle_up = np.interp(up, rising[0], rising[1])
+    angle_down = np.interp(up, falling[0][::-1], falling[1][::-1])
+    return np.concatenate((up, up[::-1])), np.concatenate((angle_up, angle_down[::-1]))
+
+
+def _branch(
+    reducer: ReducerConstants, state: FloatArray, target_nm: float, step_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Twist in small steps until a torque is reached; torque and twist along the way.
+
+    Within the backlash only the hysteresis holds: the torque still grows with the twist there.
+    """
+    twist = float(state[red.TWIST])
+    torque = [float(red.reducer_torque(reducer, state, twist, 0.0))]
+    path = [twist]
+    while (torque[-1] - target_nm) * np.sign(step_rad) < 0.0:
+        twist += step_rad
+        path.append(twist)
+        torque.append(float(red.reducer_torque(reducer, state, twist, 0.0)))
+    return np.array(torque), np.array(path)
+
+
+def _output_drag(reducer: ReducerConstants, output_rad_s: FloatArray, viscous: float) -> FloatArray:
+    drag = reducer.output_drag_nm * np.tanh(output_rad_s / 0.005)
+    return np.asarray(drag + reducer.output_viscous_nm_s * viscous * output_rad_s)
+
+
+def _input_torque(
+    reducer: ReducerConstants, speed_rpm: ArrayLike, load_nm: ArrayLike, temperature_c: float
+) -> FloatArray:
+    """Torque at the input that turns it at a speed against a load at the output, N·m."""
+    speed, load = np.broadcast_arrays(np.asarray(speed_rpm, float) * RPM, load_nm)
+    coulomb, viscous = red.temperature_factors(reducer, temperature_c)
+    gear = _output_drag(reducer, np.abs(speed) / reducer.ratio, viscous) + load
+    level = [
+        float(red.friction_level(reducer, abs(float(s)), float(g), coulomb))
+        for s, g in zip(speed.ravel(), gear.ravel(), strict=True)
+    ]
+    friction = np.reshape(level, speed.shape) + reducer.viscous_nm_s * viscous * np.abs(speed)
+    return np.asarray(friction + gear / reducer.ratio)
+
+
+def true_no_load_nm(
+    reducer: ReducerConstants, speed_rpm: ArrayLike, temperature_c: float
+) -> FloatArray:
+    """No-load running torque at the input, with the sign of the speed, N·m."""
+    speed = np.asarray(speed_rpm, dtype=np.float64)
+    return np.asarray(np.sign(speed) * _input_torque(reducer, speed, 0.0, temperature_c))
+
+
+def true_efficiency(
+    reducer: ReducerConstants, speed_rpm: ArrayLike, output_nm: ArrayLike, temperature_c: float
+) -> FloatArray:
+    """Efficiency in driving direction at input speeds and output torques, as a share."""
+    load = np.abs(np.asarray(output_nm, dtype=np.float64))
+    return np.asarray(
+        load / (reducer.ratio * _input_torque(reducer, speed_rpm, load, temperature_c))
+    )
+
+
+def true_starting_nm(reducer: ReducerConstants, temperature_c: float) -> float:
+    """Torque at the input at which it begins to turn, output free, N·m."""
+    coulomb, _ = red.temperature_factors(reducer, temperature_c)
+    drag = reducer.output_drag_nm
+    return float(red.friction_level(reducer, 0.0, drag, coulomb) + drag / reducer.ratio)
+
+
+def true_back_driving_nm(reducer: ReducerConstants, temperature_c: float) -> float:
+    """Torque at the output at which it begins to turn, input free, N·m.
+
+    The friction at the input grows with the torque that reaches it: T/R = f₀ + s·T/R.
+    """
+    coulomb, _ = red.temperature_factors(reducer, temperature_c)
+    at_input = coulomb * reducer.static_nm
+    return float(at_input * reducer.ratio / (1.0 - reducer.load_share) + reducer.output_drag_nm)
+
+
+def true_transmission_error(reducer: ReducerConstants, output_angle_rad: ArrayLike) -> FloatArray:
+    """Transmission error θ_o − θ_i/R at output angles, rad, mean not removed."""
+    angle = np.asarray(output_angle_rad, dtype=np.float64)
+    return np.asarray(
+        sum(
+            amplitude * np.sin(order * angle + phase)
+            for order, amplitude, phase in zip(
+                reducer.error_order, reducer.error_rad, reducer.error_phase_rad, strict=True
+            )
+        )
+    )
