@@ -105,6 +105,19 @@ def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
     assert len(view.result.details["points"]["reading_nm"]) == 80
 
 
+def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
+    asked = {"test": "starting", "reducer": "standard", "serial": "S-1", "quick": True}
+    shown = service.jobs.preview("reducer-test", asked)
+    assert 0 < shown.largest_torque_nm["input"] <= shown.limit_torque_nm["input"]
+    view = ended(service, service.jobs.start(BEN, "reducer-test", asked))
+    assert view.state == "done", view.problem
+    assert view.result is not None
+    (outcome,) = view.result.details["outcomes"]
+    assert outcome["name"] == "starting"
+    assert outcome["quantities"][0]["unit"] == "N·m"
+    assert service.records.run(view.result.run_ids[0]).run.status == "completed"
+
+
 def test_leaving_the_service_ends_a_job_without_torque(tmp_path: Path) -> None:
     with BenchService.open(None, tmp_path, fast=True) as service:
         view = service.jobs.start(BEN, "calibrate", {"side": "output"})

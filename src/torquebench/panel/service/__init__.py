@@ -33,8 +33,9 @@ Work (`jobs`): one at a time, each needs the lease
     - `jobs.preview(kind, request)` -> `JobPreview` (steps, duration, limits; nothing moves).
     - `jobs.start(actor, kind, request)` -> `JobView`; kinds and their requests (pydantic) are in
       `JOB_KINDS`: "calibrate", "resume-calibration", "compare-models", "fit", "verify", "zero",
-      "check".
-      What `JobView.result.details` holds is said in the modules job_calibrations and job_checks.
+      "check", "reducer-test".
+      What `JobView.result.details` holds is said in the modules job_calibrations, job_checks
+      and job_reducers.
     - `jobs.current` / `jobs.get(job_id)` / `jobs.recent()` -> `JobView` (state, stages, progress,
       problem, result); `jobs.points(job_id, since=0)` -> list of `JobPoint` as they come, with
       `values["reading_nm"]`, `["standard_nm"]`, `["error_nm"]`, `["series"]`, `["branch"]`.

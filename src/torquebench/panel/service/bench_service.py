@@ -20,6 +20,7 @@ from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_v
 from torquebench.panel.service.clients import Clients
 from torquebench.panel.service.job_calibrations import CALIBRATION_KINDS
 from torquebench.panel.service.job_checks import CERTIFICATE_KIND, CHECK_KINDS
+from torquebench.panel.service.job_reducers import REDUCER_KINDS
 from torquebench.panel.service.job_values import JobView
 from torquebench.panel.service.jobs import JobDesk, JobKind, Workplace
 from torquebench.panel.service.lease import CommandLease
@@ -38,7 +39,9 @@ from torquebench.station import Station, data_directory
 
 __all__ = ["JOB_KINDS", "BenchService"]
 
-JOB_KINDS: Mapping[str, JobKind] = {kind.name: kind for kind in (*CALIBRATION_KINDS, *CHECK_KINDS)}
+JOB_KINDS: Mapping[str, JobKind] = {
+    kind.name: kind for kind in (*CALIBRATION_KINDS, *CHECK_KINDS, *REDUCER_KINDS)
+}
 """What `jobs.start` can start."""
 
 LIVE_BLOCK_S = 0.03
