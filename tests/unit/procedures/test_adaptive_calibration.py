@@ -1,5 +1,6 @@
 """An adaptive calibration runs on the simulated bench: one run, one record."""
 
+import threading
 import warnings
 
 import numpy as np
@@ -84,3 +85,19 @@ def test_placed_points_do_what_many_more_even_ones_do(station: Station) -> None:
     assert len(placed) == 44
     assert len(evenly) == 80
     assert worst_percent(station, placed) < 1.25 * worst_percent(station, evenly)
+
+
+def test_a_run_can_be_aborted_while_points_are_placed(station: Station) -> None:
+    person = threading.Thread(target=station.abort, args=("enough",))
+
+    def watch(step: Progress) -> None:
+        if "placing" in step.message:
+            person.start()
+
+    record = station.run(
+        calibrate(station.devices, "output", PROFILE), kind="calibrate-output", progress=watch
+    )
+    person.join()
+    assert record.exit_status == "abort"
+    assert not station.drivers.drives["output"].state().enabled
+    assert not station.drivers.drives["output"].state().torque_nm
