@@ -165,7 +165,7 @@ def _backlash(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
         Contribution("torque zero", known.torque_zero_nm * tilt / positions**0.5),
         Contribution("angle", 2.0**0.5 * known.angle_rad),
         Contribution("angle scale", known.angle_relative * abs(value)),
-        *_single(loops, lambda each: each.backlash_error_rad),
+        Contribution("local fit", _mean(loops, lambda each: each.backlash_error_rad)),
     ]
     return _arcmin(value, parts)
 
@@ -194,22 +194,13 @@ def _lost_motion(
         Contribution(
             "bench compliance", known.bench_compliance_rad_per_nm * 2.0 * share, sensitivity=-1.0
         ),
-        *_single(chosen, lambda each: each.lost_motion_error_rad),
+        Contribution("local fit", _mean(chosen, lambda each: each.lost_motion_error_rad)),
     ]
     return _arcmin(value, parts)
 
 
 def _lost(each: LoopFeatures) -> float:
     return each.lost_motion_rad
-
-
-def _single(
-    loops: list[LoopFeatures], error: Callable[[LoopFeatures], float]
-) -> list[Contribution]:
-    """Return the uncertainty of the local fits, where no repeats show it."""
-    if len(loops) > 1:
-        return []
-    return [Contribution("local fit", error(loops[0]))]
 
 
 def _stiffness_budget(

@@ -39,7 +39,7 @@ def features_of(
     curve = _curve(up, down, low, high)
     share = settings.lost_motion_rule.share * settings.rated_torque_nm
     places = np.array([0.0, share, -share])
-    at_up, at_down = up.at(places), down.at(places)
+    at_up, at_down = up.curved_at(places), down.curved_at(places)
     middle = 0.5 * (at_up.value + at_down.value)
     energy = float(np.trapezoid(curve.falling_rad - curve.rising_rad, curve.torque_nm))
     return LoopFeatures(
