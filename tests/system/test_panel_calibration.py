@@ -65,3 +65,22 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("Compensated:")
     ana.sees("(k = 2)")
     assert ana.problems() == ben.problems() == []
+
+
+def test_a_specimen_is_tested_for_hysteresis_and_compared(
+    visitors: tuple[Visitor, Visitor],
+) -> None:
+    ben, _ = visitors
+    ben.sign_in("Ben", "/reducer")
+    ben.choose("Reducer", "standard")
+    ben.fill("Serial number of the specimen", "S-1")
+    ben.press("Quick look")
+    ben.sees("What would happen")
+    assert "Duration" in ben.text
+    ben.press("Mount the reducer and begin")
+    ben.sees("Data sheet", 100.0)
+    for quantity in ("backlash", "lost motion", "stiffness"):
+        assert quantity in ben.text.lower()
+    ben.sees("Compared with earlier specimens")
+    ben.press("Give up command")
+    assert ben.problems() == []

@@ -31,7 +31,7 @@ class _Runs:
         text = self._text
         kinds = {"": text("records.any")} | {
             kind: text(f"records.kind_{kind}")
-            for kind in ("calibrate", "verify", "check", "zero", "reducer")
+            for kind in ("calibrate", "verify", "check", "zero", "test")
         }
         states = {"": text("records.any")} | {
             state: text(f"records.status_{state}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from torquebench.campaign.reducer_tests import TESTS
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
@@ -14,35 +15,29 @@ from torquebench.panel.pages.job_panel import JobPanel
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer_result import comparison, outcomes
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import JobPoint, JobView, Problem
+from torquebench.panel.service import SIGNALS, JobView, Problem
 
 __all__ = ["reducer_page"]
 
-TESTS = (
-    "no-load",
-    "starting",
-    "back-driving",
-    "hysteresis",
-    "transmission-error",
-    "efficiency",
-    "full",
-)
 AXES = {
-    "x": ("input_speed_rpm", "speed_rpm", "output_angle_deg", "angle_deg", "output_angle_rad",
-          "angle_rad", "input_angle_rad", "time_s"),
-    "y": ("output_torque_nm", "input_torque_nm", "torque_nm", "output_reading_nm",
-          "input_reading_nm", "reading_nm"),
-}  # fmt: skip
-"""Fields of a point to draw, the first ones that it has."""
+    "no-load": ("input_speed_rpm", "input_raw_nm"),
+    "starting": ("input_angle_deg", "input_raw_nm"),
+    "back-driving": ("output_angle_deg", "output_raw_nm"),
+    "hysteresis": ("output_angle_deg", "output_raw_nm"),
+    "transmission-error": ("input_angle_deg", "output_angle_deg"),
+    "efficiency": ("output_raw_nm", "input_raw_nm"),
+}
+"""Live signals that a test is about: across and up."""
+PAST_S = 600.0
+POINTS = 800
 
 
 class _ReducerPage:
     def __init__(self, visitor: Visitor) -> None:
         self.visitor, self.text = visitor, visitor.text
-        self._job: JobView | None = None
         self._shown: tuple[Any, ...] | None = None
-        self._count = -1
-        self._drawn: tuple[str, str] = ("", "")
+        self._drawn = ""
+        self._began: float | None = None
 
     def build(self) -> None:
         with box("div", "stack"):
@@ -74,6 +69,10 @@ class _ReducerPage:
                 self._test = Choice(
                     text("reducer.test"), tests, "hysteresis", on_change=self._preview
                 )
+                quick = {"quick": text("reducer.quick_explained")}
+                self._quick = Choice(
+                    text("reducer.extent"), quick, several=True, on_change=self._preview
+                )
                 self._clear = clear_choice(visitor)
                 with box("div", "line"):
                     button(text("reducer.start"), self._start, "primary", picture="play_arrow")
@@ -85,6 +84,7 @@ class _ReducerPage:
             "reducer": self._reducer.value,
             "serial": self._serial.value.strip(),
             "test": self._test.value,
+            "quick": "quick" in self._quick.values,
         }
         if self._clear is not None:
             request["bench_clear"] = "clear" in self._clear.values
@@ -115,11 +115,10 @@ class _ReducerPage:
         self._panel.refresh(job)
         known = None if job is None else (job.job_id, job.open)
         if known != self._shown:
-            self._shown, self._job, self._count = known, job, -1
+            self._shown, self._began = known, None
             self._form.set_visibility(job is None or not job.open)
             self._show(job)
-        if job is not None and job.open and job.points != self._count:
-            self._count = job.points
+        if job is not None and job.open:
             self._grow(job)
 
     def _show(self, job: JobView | None) -> None:
@@ -140,34 +139,33 @@ class _ReducerPage:
                     comparison(self.visitor, job.result)
 
     def _grow(self, job: JobView) -> None:
-        """Draw the points of the newest stream."""
-        points = self.visitor.service.jobs.points(job.job_id)
-        if not points:
-            return
-        stream = [point for point in points if point.stream == points[-1].stream]
-        axes = _axes(stream[-1])
-        if axes is None:
-            return
-        x, y = axes
-        chosen = [point for point in stream if x in point.values and y in point.values]
+        """Draw what the bench has read since the test began, at most ten minutes."""
+        live = self.visitor.service.live
+        if self._began is None:
+            self._began = live.bench_time_s
+        part = self._runs_of(job)
+        x, y = AXES[part]
+        past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
+        names = {signal.name: f"{signal.title}, {signal.unit}" for signal in SIGNALS}
         lines = [
-            Line(points[-1].stream, [point.values[x] for point in chosen],
-                 [point.values[y] for point in chosen], COLOURS[1], points=True)
+            Line(self.text(f"test.{part}"), past.values[x].tolist(), past.values[y].tolist(),
+                 COLOURS[1])
         ]  # fmt: skip
-        key = (x, y)
-        if self._chart is None or self._drawn != key:
-            self._drawn = key
+        if self._chart is None or self._drawn != part:
+            self._drawn = part
             self._place.clear()
             with self._place:
-                self._chart = Chart(self.text("reducer.live_label"), x, y, lines, tall=True)
+                label = self.text("reducer.live_label")
+                self._chart = Chart(label, names[x], names[y], lines, tall=True)
         else:
             self._chart.show(lines)
 
-
-def _axes(point: JobPoint) -> tuple[str, str] | None:
-    x = next((name for name in AXES["x"] if name in point.values), "")
-    y = next((name for name in AXES["y"] if name in point.values), "")
-    return (x, y) if x and y else None
+    @staticmethod
+    def _runs_of(job: JobView) -> str:
+        """Return which test is under way; a full test has several, one after the other."""
+        asked = str(job.request["test"])
+        parts = [test.name for test in TESTS.values() if test.title == job.stage]
+        return asked if asked in AXES else next(iter(parts), "hysteresis")
 
 
 def reducer_page(visitor: Visitor) -> None:
