@@ -215,5 +215,5 @@ def load_reducer(name_or_path: str | Path) -> ReducerDescription:
         raise InputError(
             f"{name}: {key}: {first['msg']}",
             "the keys of a reducer description",
-            "see docs/reference/reducer-descriptions.md",
+            "see the packaged types, and docs/how-to/evaluate-reducer-data.md",
         ) from error
