@@ -273,11 +273,11 @@ def _check_gain(
     share: NDArray[np.float64], drive: NDArray[np.float64], load: NDArray[np.float64]
 ) -> None:
     found = share[np.isfinite(share)]
-    if np.all(found > 1.0):
-        swapped = np.median(np.abs(drive)) > np.median(np.abs(load))
+    swapped = bool(np.median(np.abs(drive)) > np.median(np.abs(load)))
+    if np.all(found > 1.0) or (swapped and np.all(found < 0.05)):
         raise InputError(
             f"efficiencies of {100 * found.min():.4g} % to {100 * found.max():.4g} %",
-            "at most 100 %",
+            "more than 5 % and at most 100 %",
             "input and output torque are swapped: name the columns the other way round"
             if swapped
             else "check the ratio, the zeros and which column is which",
