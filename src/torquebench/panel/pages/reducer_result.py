@@ -41,7 +41,7 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
                 (
                     quantity["title"],
                     number(quantity["value"]),
-                    number(quantity["expanded_uncertainty"]),
+                    f"{quantity['expanded_uncertainty']:.2g}",
                     quantity["unit"],
                     quantity["limit"] or "—",
                     text.maybe(f"verdict.{quantity['verdict']}", "—"),
@@ -88,7 +88,7 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
             text("reducer.compare_label", title=title),
             text("reducer.specimen"),
             f"{title}, {found[0][1][key][1]}",
-            [Line(title, [], values, "--series-1")],
+            [Line(title, [], values, "--series-1", points=True)],
             names=names,
         )
 
