@@ -47,6 +47,7 @@ def _add_commands(wanted: str) -> None:
         measure,
         models,
         panel,
+        reducer_test,
         simulate,
     )
 
@@ -57,6 +58,7 @@ def _add_commands(wanted: str) -> None:
         certificate,
         models,
         measure,
+        reducer_test,
         panel,
         doctor,
         simulate,
