@@ -212,6 +212,9 @@ def evaluate_ramps(
     time_s, angle, torque, model = (np.concatenate(column) for column in zip(*parts, strict=True))
     nominal = _nominal_nm(bench, side)
     zero = _root_mean_square(model) if ramps.compensated else nominal
+    # What a chain adds turns its sign with the torque: the mean of both directions keeps it.
+    peak = max(float(np.max(np.abs(part[2]))) for part in parts)
+    relative = float(np.hypot(_standard_relative(bench), zero / peak))
     result = evaluate_breakaway(
         time_s,
         angle,
@@ -219,7 +222,7 @@ def evaluate_ramps(
         kind="starting" if side == "input" else "back-driving",
         run=np.repeat(np.arange(len(sizes)), sizes),
         position=np.repeat([each.position_deg for each in ramps.ramps], sizes),
-        uncertainty=TorqueUncertainty(_standard_relative(bench), zero),
+        uncertainty=TorqueUncertainty(relative, 0.0),
         resolution_rad=_resolution_rad(bench, side),
         presliding_rad=PRESLIDING_RAD[side],
     )
