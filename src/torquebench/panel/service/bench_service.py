@@ -396,6 +396,11 @@ class BenchService:
         entries = self.station.supervisor.entries
         return next(alarm_view(entry) for entry in entries if entry.alarm.number == cleared.number)
 
+    @property
+    def presence_wanted(self) -> bool:
+        """Whether the bench asks for somebody beside it while a drive has power."""
+        return bool(self.station.description.safety.presence_s)
+
     def confirm_presence(self, actor: Actor) -> None:
         """Note that whoever commands is at the bench; see `[safety] presence_s`.
 
