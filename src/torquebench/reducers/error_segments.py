@@ -18,6 +18,8 @@ ARCSEC = np.pi / 180.0 / 3600.0
 SAMPLES_PER_PERIOD = 10.0
 RATIO_TOLERANCE = 1e-3
 """Relative deviation of the ratio that is named before anything else is looked at."""
+GAP_STEPS = 25.0
+"""A step of the angle that is so much larger than nearly all others is a gap of the record."""
 DRIFT_SHARE = 0.05
 LEAST_DRIFT_ARCSEC = 2.0
 
@@ -77,15 +79,17 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
 def runs_of(given: Floats, taken: Floats, ratio: float) -> list[Run]:
     """Return the runs in one direction that are at least one output revolution long.
 
+    A run ends where the record has a gap (two recordings put one behind the other), and begins
+    and ends exactly where the input turns back.
+
     Raises
     ------
     InputError
         Where there is none.
     """
     shared = given / ratio
-    turns = turning_points(shared)
     runs, longest = [], 0.0
-    for start, stop in pairwise(turns.tolist()):
+    for start, stop in _one_way(shared):
         rows = slice(start, stop + 1)
         direction = np.sign(shared[stop] - shared[start])
         order = slice(None, None, int(direction))
@@ -104,6 +108,24 @@ def runs_of(given: Floats, taken: Floats, ratio: float) -> list[Run]:
             f"turn the input by {abs(ratio):g} revolutions or more without a reversal",
         )
     return runs
+
+
+def _one_way(angle: Floats) -> list[tuple[int, int]]:
+    """Return first and last samples of the stretches in which an angle goes one way."""
+    steps = np.abs(np.diff(angle))
+    gaps = np.flatnonzero(steps > GAP_STEPS * np.quantile(steps, 0.95)) + 1
+    found = []
+    for begin, end in pairwise([0, *gaps.tolist(), angle.size]):
+        piece = angle[begin:end]
+        if piece.size < 2:
+            continue
+        for start, stop in pairwise(turning_points(piece).tolist()):
+            # Turning points of a smoothed angle are near the real ones only.
+            part = piece[start : stop + 1] * np.sign(piece[stop] - piece[start])
+            if part.any():
+                first, last = int(np.argmin(part)), int(np.argmax(part))
+                found.append((begin + start + first, begin + start + last))
+    return found
 
 
 def check_sampling(run: Run, highest_order: float) -> None:

@@ -57,6 +57,22 @@ def test_bad_records_are_named(changed, match):
         evaluate_transmission_error(*record(**changed), RATIO)
 
 
+@pytest.mark.parametrize("overshoot", [-0.3, -0.13, 0.0, 0.13, 0.3])
+def test_two_recordings_with_a_gap_between_them_share_no_sample(overshoot):
+    """While the input reverses nothing is recorded: the gap and the play in it are no slip."""
+    size, lost = 16000, 10.0 * ARCSEC
+    first = 0.17 + 2 * np.pi * np.linspace(0.0, 1.06, size)
+    second = first[-1] + 2 * np.pi * overshoot - 2 * np.pi * np.linspace(0.0, 1.06, size)
+    given = RATIO * np.concatenate([first, second])
+    taken = np.concatenate([first + error(first) - lost, second + error(second) + lost])
+    result = evaluate_transmission_error(given, taken, RATIO)
+    expected = np.ptp(error(np.linspace(0, 2 * np.pi, 100001))) / ARCSEC
+    assert len(result.directions) == 2
+    for each in result.directions:
+        assert each.peak_to_peak.value == pytest.approx(expected, abs=0.05)
+    assert result.reversal_arcsec.value == pytest.approx(20.0, abs=0.1)
+
+
 def test_swapped_reversed_and_missing_angles_are_named():
     given, taken = record()
     for arguments, match in (
