@@ -64,6 +64,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.open("/")
     ana.sees("Compensated:")
     ana.sees("(k = 2)")
+    ana.press("Give up command")
     assert ana.problems() == ben.problems() == []
 
 
