@@ -61,6 +61,7 @@ class Channel:
         self._scale = transducer.scale()
         self._stuck_windows = max(2, round(stuck_s / window_s))
         self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
+        self._counted = SampleRing(columns=1, capacity=self._stuck_windows)
 
     @property
     def zero_hz(self) -> float:
@@ -95,10 +96,14 @@ class Channel:
     def _with_stuck(self, frequency: FrequencySamples) -> FrequencySamples:
         """Mark windows of a frequency that has lost all noise of its own."""
         count = frequency.frequency_hz.size
-        before = self._ring.tail(self._stuck_windows - count)
-        if count == 0 or before.shape[1] + count < self._stuck_windows:
+        if count == 0:
             return frequency
-        recent = np.concatenate((before[1], frequency.frequency_hz))
+        # As it was counted: what was marked before would hide that it goes on.
+        newest = slice(-self._stuck_windows, None)
+        self._counted.append(frequency.time_s[newest], frequency.frequency_hz[newest])
+        recent = self._counted.tail(self._stuck_windows)[1]
+        if recent.size < self._stuck_windows:
+            return frequency
         spread = recent.max() - recent.min()  # NaN, so never stuck, where one is faulty
         if spread < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
             everywhere = np.ones(count, dtype=np.bool_)

@@ -29,6 +29,8 @@ TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
 """Fewer edges than these in one look are no frequency."""
+HELD_SHARE = 0.01
+"""A standard that repeats one value while its module moves by this share of the range is stuck."""
 
 
 class Glance(Protocol):
@@ -59,6 +61,16 @@ class Change:
 
     watch: Watch
     violation: Violation | None
+
+
+@dataclass(frozen=True)
+class _Held:
+    """A value that a standard keeps stating, and how far its module's torque went meanwhile."""
+
+    value_nm: float
+    since_s: float
+    lowest_nm: float
+    highest_nm: float
 
 
 _REMEDIES = {
@@ -95,6 +107,7 @@ class SignalJudge:
         self._last_speed: dict[tuple[Side, bool], tuple[float, float]] = {}
         self._last_angle: dict[Side, tuple[float, float]] = {}
         self._stood_at: dict[Side, tuple[tuple[int, float], float]] = {}
+        self._held: dict[Side, _Held] = {}
         self._warnings: list[Change] = []
         self._violation: Violation | None = None
 
@@ -103,6 +116,7 @@ class SignalJudge:
         self._faulty_s.clear()
         self._unread_s.clear()
         self._stood_at.clear()
+        self._held.clear()
         self._last_torque.clear()
         self._last_speed.clear()
 
@@ -195,7 +209,10 @@ class SignalJudge:
         if self._violation is None and self._commands.any_enabled:
             self._missing(block)
             self._faulty(block)
+            self._holding(block)
             self._disagreeing(block)
+        elif not self._commands.any_enabled:
+            self._held.clear()
         return self._result()
 
     def _temperature(self, side: Side, temperatures: Mapping[str, float]) -> None:
@@ -256,6 +273,32 @@ class SignalJudge:
             self._faulty_s[name] = faulty_s
             if longest_s > self._description.safety.signal_loss_s:
                 self._lost(name, kind, longest_s)
+
+    def _holding(self, block: AcquiredBlock) -> None:
+        """Notice a standard that repeats one value while the torque beside it changes."""
+        for side in SIDES:
+            own = block.channels.get(torque_channel(side))
+            standard = block.channels.get(reference_channel(side))
+            if (
+                own is None
+                or standard is None
+                or 0 in (own.torque_nm.size, standard.torque_nm.size)
+            ):
+                self._held.pop(side, None)
+                continue
+            value = float(standard.torque_nm[-1])
+            held = self._held.get(side)
+            if held is None or np.any(standard.torque_nm != value) or value != held.value_nm:
+                now_nm = float(own.torque_nm[-1])
+                self._held[side] = _Held(value, block.stop_s, now_nm, now_nm)
+                continue
+            lowest = float(np.fmin.reduce(own.torque_nm, initial=held.lowest_nm))
+            highest = float(np.fmax.reduce(own.torque_nm, initial=held.highest_nm))
+            self._held[side] = _Held(value, held.since_s, lowest, highest)
+            lasted_s = block.stop_s - held.since_s
+            moved_enough = HELD_SHARE * self._description.module(side).range_nm
+            if lasted_s >= self._description.safety.stuck_s and highest - lowest > moved_enough:
+                self._lost(standard.channel, SignalFaultKind.STUCK, lasted_s)
 
     def _disagreeing(self, block: AcquiredBlock) -> None:
         """Hold a module against the standard on its side: they carry the same torque."""

@@ -15,6 +15,7 @@ from torquebench.errors import (
     SignalFault,
     TorquebenchError,
 )
+from torquebench.signals import SignalFaultKind
 
 if TYPE_CHECKING:
     from tests.unit.bench.conftest import LowBench
@@ -102,6 +103,18 @@ def test_a_lost_signal_takes_the_torque_off(bench: LowBench, channel: Any, kind:
     with pytest.raises(SignalFault, match=channel):
         bench.clock.wait(2.0)
     assert_safe(bench, AlarmKind.SIGNAL_LOST, channel)
+
+
+@pytest.mark.parametrize("channel", ["output_torque", "output_reference"])
+def test_a_frozen_signal_stays_marked_until_it_lives_again(bench: LowBench, channel: Any) -> None:
+    bench.load_output(0.0)
+    bench.drivers.drives["output"].disable()
+    bench.commands.output.enabled = False  # nothing is stopped by it
+    bench.simulated.twin.inject_fault(channel, "frozen", duration_s=1.0)
+    bench.clock.wait_until(1.5)
+    samples = bench.acquisition.channel(channel)
+    assert (samples.window(0.35, 0.99).fault == SignalFaultKind.STUCK).all()
+    assert not samples.window(1.1, 1.5).fault.any()
 
 
 def test_one_faulty_window_is_no_alarm(bench: LowBench) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet, DriveState
 from torquebench.bench.safety import AlarmKind, AlarmLevel, StepLimits
+from torquebench.bench.safety_signals import SignalJudge
 from torquebench.bench.slices import joined
 from torquebench.errors import (
     BenchError,
@@ -103,6 +104,32 @@ def test_a_module_that_disagrees_with_the_standard_stops_the_bench(bench: LowBen
     bench.simulated.twin.inject_fault("output_torque", "wild_value", duration_s=2.0, amount=0.03)
     with pytest.raises(SignalFault, match="output_torque and output_reference are"):
         bench.clock.wait(2.0)
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_a_standard_that_repeats_one_value_while_its_module_moves_is_named(
+    bench: LowBench, live: bool
+) -> None:
+    bench.load_output(500.0)
+    bench.clock.wait(0.5)
+    assert bench.acquisition.latest_block is not None
+    block = bench.acquisition.latest_block
+    judge = SignalJudge(bench.description, bench.supervisor.limits, bench.commands)
+    found = []
+    for index in range(10):  # a slow ramp: the disagreement stays far below its limit
+        torque = np.full(5, 500.0 + 4.0 * index)
+        stated = np.full(5, 500.0 + 4.0 * index * live)
+        channels = {
+            "output_torque": replace(block.channels["output_torque"], torque_nm=torque),
+            "output_reference": replace(block.channels["output_reference"], torque_nm=stated),
+        }
+        moment = block.stop_s + 0.05 * index
+        violation, _ = judge.judge(replace(block, stop_s=moment, channels=channels))
+        found.append(violation)
+    assert (found[-1] is None) == live
+    if not live:
+        assert found[0] is None
+        assert "output_reference: the counter delivers the same value" in found[-1].found
 
 
 def test_nobody_at_the_bench_takes_the_power_off(open_bench: OpenBench) -> None:
