@@ -16,9 +16,8 @@ from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
-    from torquebench.uncertainty import Budget
 
-__all__ = ["plain_budget", "present", "stated"]
+__all__ = ["FAILED", "present", "stated"]
 
 FAILED = ("fail", "conditionalFail")
 
@@ -105,32 +104,6 @@ def _print_verdicts(judged: Sequence[QuantityVerdict]) -> None:
     out().print(table)
 
 
-def plain_budget(estimate: Budget) -> dict[str, Any]:
-    """Return an estimate and its contributions for JSON; unlimited degrees of freedom are null."""
-
-    def freedom(value: float) -> float | None:
-        return value if isfinite(value) else None
-
-    return {
-        "value": estimate.value,
-        "unit": estimate.unit,
-        "standard_uncertainty": estimate.standard_uncertainty,
-        "degrees_of_freedom": freedom(estimate.degrees_of_freedom),
-        "coverage_factor": estimate.coverage_factor(),
-        "expanded_uncertainty": estimate.expanded_uncertainty(),
-        "contributions": [
-            {
-                "name": line.name,
-                "standard_uncertainty": line.contribution,
-                "degrees_of_freedom": freedom(line.degrees_of_freedom),
-                "sensitivity": line.sensitivity,
-                "share": line.share,
-            }
-            for line in estimate.lines
-        ],
-    }
-
-
 def _write(
     test: str,
     data: Path,
@@ -144,6 +117,7 @@ def _write(
     import hashlib
 
     from torquebench import __version__
+    from torquebench.campaign.reducer_results import plain_budget
     from torquebench.records import json_text, write_atomically
 
     if output.exists() and not output.is_dir():

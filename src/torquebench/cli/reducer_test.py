@@ -2,98 +2,200 @@
 
 from __future__ import annotations
 
-import tempfile
 import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
+from typer.core import TyperGroup
 
-from torquebench.cli.console import narrow_table, note, out, say
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.cli.console import note, out, say
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    check_output,
+)
 from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
-    from torquebench.campaign.reducer_results import ReducerTestRecord, TestOutcome
+    from torquebench.campaign.reducer_results import ReducerTestRecord
     from torquebench.campaign.reducer_settings import ReducerTestSettings
     from torquebench.reducers import ReducerDescription
     from torquebench.station import Station
 
-__all__ = ["register"]
+__all__ = ["ABOUT", "register"]
 
-CHECK_FAILED = 1
+ABOUT = {
+    "starting": "Input torque rises slowly, output free, until the input turns.",
+    "back-driving": "Output torque rises slowly, input free, until the output turns.",
+    "transmission-error": "Both angles over full output revolutions, without load, in both "
+    "directions.",
+    "hysteresis": "Input locked, output loaded: stiffness, backlash, lost motion, loop energy.",
+    "no-load": "Input driven in steps of speed, output free, warm: friction against speed.",
+    "efficiency": "Input driven, output braking, warm: efficiency over torque and speed.",
+    "full": "All tests, cold ones first, in one report.",
+}
+"""What each test does; here too, so that help needs no bench to be imported."""
+
+MORE = """
+
+    Torques are compensated by the active models; without one, the result says so. Every part is
+    a run of its own; its results.json holds all numbers. Leaves with 1 where a limit of the data
+    sheet isn't kept, with 2 on bad input.
+"""
+
+ReducerOption = Annotated[
+    str | None,
+    typer.Option(
+        help="What is mounted: a packaged type (standard, rv-40e, harmonic-20) or a .toml file; "
+        "by default what the simulated bench holds.",
+        show_default=False,
+    ),
+]
+SerialOption = Annotated[str, typer.Option(help="Serial number of the specimen.")]
+ShortOption = Annotated[
+    bool, typer.Option("--short", help="A first look: few points, no warming up.")
+]
+TwistOption = Annotated[
+    float | None,
+    typer.Option(min=0, help="The bench's own twist, arcmin/(N·m); then it isn't measured."),
+]
+NoTwistOption = Annotated[
+    bool, typer.Option("--no-twist", help="Leave the bench's own twist in the loops.")
+]
+DryRunOption = Annotated[
+    bool, typer.Option("--dry-run", help="Check limits and durations; nothing moves.")
+]
+ReportOption = Annotated[
+    Path | None, typer.Option("--report", help="Write a report with figures (.html).")
+]
+YesOption = Annotated[
+    bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+]
+
+
+class _Tests(TyperGroup):
+    """Names the tests where one is asked for that doesn't exist."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args and not args[0].startswith("-") and args[0] not in self.commands:
+            raise InputError(
+                f"a reducer test {args[0]!r}", f"one of {', '.join(self.commands)}", "name one"
+            )
+        return super().resolve_command(ctx, args)
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("test")(put_to_test)
+    """Add the commands."""
+    from torquebench.cli.reducer_compare import compare
+
+    tests = typer.Typer(
+        cls=_Tests,
+        name="test",
+        no_args_is_help=True,
+        help="Test a mounted reducer, with uncertainties and a verdict against its data sheet.",
+    )
+    for name, about in ABOUT.items():
+        tests.command(name, help=about + MORE)(_command(name))
+    tests.command("compare")(compare)
+    app.add_typer(tests)
 
 
-def put_to_test(
-    name: Annotated[
-        str,
-        typer.Argument(
-            help="no-load, starting, back-driving, hysteresis, transmission-error, efficiency, "
-            "or full for all of them."
-        ),
-    ],
-    reducer: Annotated[
-        str, typer.Option(help="A packaged type (standard, rv-40e, harmonic-20) or a TOML file.")
-    ] = "standard",
-    serial: Annotated[str, typer.Option(help="Serial number of the specimen.")] = "",
-    short: Annotated[
-        bool, typer.Option("--short", help="A first look: few points, no warming up.")
-    ] = False,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check limits and durations; nothing moves.")
-    ] = False,
-    data: DataOption = DEFAULT_DATA,
-    bench: BenchOption = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
-    real_time: RealTimeOption = False,
-) -> None:
-    """Test a reducer, with uncertainties and a verdict against its data sheet.
+def _command(name: str) -> Callable[..., None]:
+    def command(
+        reducer: ReducerOption = None,
+        serial: SerialOption = "",
+        short: ShortOption = False,
+        twist: TwistOption = None,
+        no_twist: NoTwistOption = False,
+        dry_run: DryRunOption = False,
+        report: ReportOption = None,
+        bench: BenchOption = None,
+        data: DataOption = DEFAULT_DATA,
+        yes: YesOption = False,
+        real_time: RealTimeOption = False,
+    ) -> None:
+        from torquebench.bench.description import default_bench, load_bench
 
-    Torques are compensated by the active models; without one, the result says so. Every part is
-    a run of its own; its results.json holds all numbers. Leaves with 1 where a limit isn't kept.
-    """
-    from torquebench.bench.description import default_bench, load_bench
+        described = default_bench() if bench is None else load_bench(bench)
+        kind, described = _mounted(described, reducer, serial)
+        wanted = _Wanted(name, kind, _settings(short, twist, no_twist), serial)
+        if dry_run:
+            _dry_run(described, wanted)
+            return
+        if report is not None:
+            check_output(report)
+        _confirm(described, kind, yes)
+        record = _run(described, wanted, data, yes=yes, real_time=real_time)
+        _finish(record, report)
+
+    return command
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    name: str
+    reducer: ReducerDescription
+    settings: ReducerTestSettings
+    serial: str
+
+
+def _settings(short: bool, twist: float | None, no_twist: bool) -> ReducerTestSettings:
     from torquebench.campaign.reducer_settings import ReducerTestSettings
-    from torquebench.campaign.reducer_tests import TESTS
-    from torquebench.reducers import load_reducer
 
-    if name not in TESTS:
-        raise InputError(f"a reducer test {name!r}", f"one of {', '.join(TESTS)}")
-    kind = load_reducer(reducer)
-    described = default_bench() if bench is None else load_bench(bench)
-    described = _with_specimen(described, reducer, serial)
     settings = ReducerTestSettings.short() if short else ReducerTestSettings()
-    if dry_run:
-        _dry_run(described, name, kind, settings)
-        return
-    _confirm(described, kind, yes)
-    record = _run(described, name, kind, settings, serial, data, yes=yes, real_time=real_time)
-    _report(record)
-    if record.failed:
-        raise typer.Exit(CHECK_FAILED)
+    if twist is not None and no_twist:
+        raise InputError("--twist and --no-twist", "one of both")
+    if no_twist:
+        return replace(settings, bench_twist=None)
+    return settings if twist is None else replace(settings, twist_arcmin_per_nm=twist)
 
 
-def _with_specimen(described: BenchDescription, reducer: str, serial: str) -> BenchDescription:
-    """Have a simulated bench mount the packaged type; another serial is another specimen."""
-    from torquebench.reducers import available_reducers
+def _mounted(
+    described: BenchDescription, named: str | None, serial: str
+) -> tuple[ReducerDescription, BenchDescription]:
+    """Return the type that is tested, and the bench with it mounted where it is simulated.
 
-    if not described.simulated or "reducer" in described.driver:
-        return described
-    driver = dict(described.driver)
-    if reducer in available_reducers():
-        driver["reducer"] = reducer
-    if serial and "reducer_seed" not in driver:
-        driver["reducer_seed"] = zlib.crc32(serial.encode())
-    return described.model_copy(update={"driver": driver})
+    A simulated bench mounts the packaged type that is named; another serial is another specimen.
+
+    Raises
+    ------
+    InputError
+        No type is named on a real bench, or its ratio isn't that of the bench's description.
+    """
+    from torquebench.reducers import available_reducers, load_reducer
+
+    if named is None and not described.simulated:
+        raise InputError(
+            f"no reducer for {described.name}",
+            "a packaged type or a description (.toml)",
+            "say with --reducer what is mounted",
+        )
+    held = str(described.driver.get("reducer", "standard")) if described.simulated else ""
+    kind = load_reducer(named or held)
+    if described.simulated:
+        driver = dict(described.driver)
+        if named in available_reducers():
+            driver["reducer"] = held = str(named)
+        if serial:
+            driver.setdefault("reducer_seed", zlib.crc32(serial.encode()))
+        ratio = load_reducer(held).ratio
+        settings = described.bench.model_copy(update={"reducer_ratio": ratio})
+        described = described.model_copy(update={"driver": driver, "bench": settings})
+    expected = described.bench.reducer_ratio
+    if abs(kind.ratio / expected - 1.0) > 1e-6:
+        raise InputError(
+            f"{named}: a ratio of {kind.ratio:g}",
+            f"{expected:g}, the ratio of what is mounted on {described.name}",
+            "correct the reducer's description, or reducer_ratio of the bench",
+        )
+    return kind, described
 
 
 def _confirm(described: BenchDescription, reducer: ReducerDescription, yes: bool) -> None:
@@ -113,44 +215,24 @@ def _confirm(described: BenchDescription, reducer: ReducerDescription, yes: bool
         raise typer.Exit(1)
 
 
-def _dry_run(
-    described: BenchDescription,
-    name: str,
-    reducer: ReducerDescription,
-    settings: ReducerTestSettings,
-) -> None:
+def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
+    import tempfile
+
     from torquebench.campaign.reducer_tests import rehearse_reducer_test
+    from torquebench.cli.reducer_test_tables import rehearsal_table
     from torquebench.station import Station
 
     with (
         tempfile.TemporaryDirectory() as scratch,
         Station.open(described, Path(scratch)) as station,
     ):
-        parts = rehearse_reducer_test(station, name, reducer, settings)
-    table = narrow_table(f"What would be done with {escape(reducer.name)}")
-    table.add_column("", overflow="fold")
-    for heading in ("time", "points", "input", "output"):
-        table.add_column(heading, justify="right")
-    for part in parts:
-        most = [
-            f"{part.largest_torque_nm[side]:.4g} N·m\n{part.largest_speed_rpm[side]:.4g} rpm"
-            for side in ("input", "output")
-        ]
-        table.add_row(part.title, f"{part.duration_s / 60:.1f} min", str(part.points), *most)
-    out().print(table)
+        parts = rehearse_reducer_test(station, wanted.name, wanted.reducer, wanted.settings)
+    out().print(rehearsal_table(wanted.reducer, parts, simulated=described.simulated))
     say("Limits and interlocks checked; nothing was moved.")
 
 
 def _run(
-    described: BenchDescription,
-    name: str,
-    reducer: ReducerDescription,
-    settings: ReducerTestSettings,
-    serial: str,
-    data: Path,
-    *,
-    yes: bool,
-    real_time: bool,
+    described: BenchDescription, wanted: _Wanted, data: Path, *, yes: bool, real_time: bool
 ) -> ReducerTestRecord:
     from torquebench.bench.prompts import DeskOperator, PromptDesk
     from torquebench.campaign.measuring import RunAbortedError
@@ -158,6 +240,7 @@ def _run(
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
     if described.simulated:
@@ -165,6 +248,7 @@ def _run(
     desk = PromptDesk()
     operator = None if described.simulated else DeskOperator(desk)
     with Station.open(described, data, real_time=real_time, operator=operator) as station:
+        tell_recovered(station)
         _compensate(station)
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
@@ -172,10 +256,10 @@ def _run(
             with progress, interrupts.watching(), answering(desk, progress, yes=yes):
                 return run_reducer_test(
                     station,
-                    name,
-                    reducer,
-                    settings,
-                    serial=serial,
+                    wanted.name,
+                    wanted.reducer,
+                    wanted.settings,
+                    serial=wanted.serial,
                     progress=progress,
                     on_pause=interrupts.ask,
                 )
@@ -184,48 +268,26 @@ def _run(
 
 
 def _compensate(station: Station) -> None:
-    """Compensate every side that has a model; the result says which one has none."""
+    """Compensate every side that has a model, and say which one has none."""
     from torquebench.bench.roles import SIDES
 
     for side in SIDES:
         try:
-            station.activate_compensation(side)
+            active = station.activate_compensation(side)
         except ModelMismatchError as missing:
-            note(f"{side}: {missing.found}")
+            note(f"{side}: not compensated, {missing.found}")
+        else:
+            note(f"{side}: compensated by model-{active.model_id} ({active.kind})")
 
 
-def _report(record: ReducerTestRecord) -> None:
-    simulated = " - simulated" if record.simulated else ""
-    specimen = f" {record.serial}" if record.serial else ""
-    say(f"[bold]{escape(record.reducer_name + specimen)}{simulated}[/bold]")
-    for outcome in record.outcomes:
-        _print_outcome(outcome)
-    verdict = record.verdict
-    if verdict:
-        style = "red" if record.failed else "green"
-        say(f"Against the data sheet: [{style}]{_words(verdict)}[/{style}]")
+def _finish(record: ReducerTestRecord, report: Path | None) -> None:
+    from torquebench.cli.reducer_test_tables import print_record
 
+    print_record(record)
+    if report is not None:
+        from torquebench.reports.page import write_page
+        from torquebench.reports.reducer_report import reducer_page
 
-def _print_outcome(outcome: TestOutcome) -> None:
-    from torquebench.cli.reducer_tables import stated
-
-    table = narrow_table(outcome.title, caption="U: expanded uncertainty, 95.45 % coverage")
-    table.add_column("", overflow="fold")
-    for heading in ("value", "U"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("data sheet", overflow="fold")
-    for each in outcome.quantities:
-        value, expanded = stated(each.value, each.expanded_uncertainty)
-        judged = f"{each.limit}: {_words(each.verdict)}" if each.verdict else ""
-        table.add_row(escape(each.title), value, expanded, each.unit, escape(judged))
-    out().print(table)
-    for remark in outcome.remarks:
-        say(f"[dim]{escape(remark)}[/dim]")
-    say(f"Run: {outcome.run.run_id}")
-
-
-def _words(verdict: str) -> str:
-    from torquebench.uncertainty import Verdict
-
-    return Verdict(verdict).label
+        say(f"Report: {write_page(reducer_page(record), report)}")
+    if record.failed:
+        raise typer.Exit(CHECK_FAILED)

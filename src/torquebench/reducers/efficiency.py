@@ -47,6 +47,9 @@ class EfficiencyPoint:
         How many steady points the mean is of.
     temperature_c : float
         Mean; NaN where it wasn't measured.
+    nominal_torque_nm, nominal_speed_rpm : float
+        Set point that the point is named by: torque as a magnitude, speed with its sign; the
+        means where none was given.
     """
 
     driving: Side
@@ -56,6 +59,8 @@ class EfficiencyPoint:
     loss_w: float
     points: int
     temperature_c: float
+    nominal_torque_nm: float
+    nominal_speed_rpm: float
 
     def input_torque_nm(self, ratio: float) -> float:
         """Return the magnitude of the input torque, N·m."""
@@ -156,8 +161,9 @@ class EfficiencyMap:
         """Return the values under their names, for tables and reports."""
         return tuple(
             ResultQuantity(
-                f"efficiency_{each.driving}_{each.torque_nm:.0f}_nm_{each.speed_rpm:+.0f}_rpm",
-                f"efficiency at {each.torque_nm:.4g} N·m, {each.speed_rpm:.0f} rpm"
+                f"efficiency_{each.driving}_{each.nominal_torque_nm:.0f}_nm_"
+                f"{each.nominal_speed_rpm:+.0f}_rpm",
+                f"efficiency at {each.nominal_torque_nm:.4g} N·m, {each.nominal_speed_rpm:.0f} rpm"
                 + (", output drives" if each.driving == "output" else ""),
                 each.efficiency,
             )
@@ -195,8 +201,8 @@ def evaluate_efficiency(
         Input turns for one output turn; negative where the output turns against the input.
     temperature_c : array of float, shape (n,), optional
     nominal_torque_nm, nominal_speed_rpm : array of float, shape (n,), optional
-        Set points by which repeats are put together; by default points within 1 % of the
-        largest torque and of the largest speed count as one.
+        Set points by which repeats are put together and results are named; by default points
+        within 1 % of the largest torque and of the largest speed count as one.
     input_uncertainty, output_uncertainty : TorqueUncertainty, optional
     largest_temperature_range_k : float
         Above this the temperature counts as unsteady, which is a finding.
@@ -232,9 +238,15 @@ def evaluate_efficiency(
     share = np.where(driving == 1, power_out / np.where(power_in == 0, 1, power_in), np.nan)
     share = np.where(driving == -1, power_in / np.where(power_out == 0, 1, power_out), share)
     _check_gain(share, drive, load)
-    targets = _groups(load, speed, nominal_torque_nm, nominal_speed_rpm, driving)
+    set_torque, set_speed = load, speed
+    if nominal_torque_nm is not None:
+        (set_torque,) = finite_columns(load.size, nominal_torque_nm=nominal_torque_nm)
+    if nominal_speed_rpm is not None:
+        (set_speed,) = finite_columns(load.size, nominal_speed_rpm=nominal_speed_rpm)
+    targets = _groups(set_torque, set_speed, driving)
     known = (input_uncertainty or TorqueUncertainty(), output_uncertainty or TorqueUncertainty())
-    points = _points(targets, share, drive, load, speed, warmth, ratio, driving, known)
+    named = (np.abs(set_torque), set_speed)
+    points = _points(targets, share, drive, load, speed, warmth, ratio, driving, known, named)
     findings += _findings(points, warmth, largest_temperature_range_k, speed.size)
     for each in points:
         if largest_share is not None:
@@ -285,18 +297,9 @@ def _check_gain(
 
 
 def _groups(
-    load: NDArray[np.float64],
-    speed: NDArray[np.float64],
-    nominal_torque: ArrayLike | None,
-    nominal_speed: ArrayLike | None,
-    driving: NDArray[np.int64],
+    torque: NDArray[np.float64], speed: NDArray[np.float64], driving: NDArray[np.int64]
 ) -> NDArray[np.intp]:
     """Return a number for each point by torque, speed and driving side."""
-    torque = load
-    if nominal_torque is not None:
-        (torque,) = finite_columns(load.size, nominal_torque_nm=nominal_torque)
-    if nominal_speed is not None:
-        (speed,) = finite_columns(load.size, nominal_speed_rpm=nominal_speed)
     keys = [_clustered(torque), _clustered(speed), driving]
     found = np.unique(np.column_stack(keys), axis=0, return_inverse=True)[1]
     return np.asarray(found, dtype=np.intp).ravel()
@@ -320,6 +323,7 @@ def _points(
     ratio: float,
     driving: NDArray[np.int64],
     known: tuple[TorqueUncertainty, TorqueUncertainty],
+    named: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> tuple[EfficiencyPoint, ...]:
     used = np.isfinite(share)
     squares, freedom = 0.0, 0
@@ -363,9 +367,15 @@ def _points(
                 loss_w=abs(torque_in - torque_out / abs(ratio)) * omega,
                 points=count,
                 temperature_c=float(warmth[here].mean()),
+                nominal_torque_nm=float(named[0][here].mean()),
+                nominal_speed_rpm=float(named[1][here].mean()),
             )
         )
-    return tuple(sorted(points, key=lambda each: (each.driving, each.speed_rpm, each.torque_nm)))
+    return tuple(
+        sorted(
+            points, key=lambda each: (each.driving, each.nominal_speed_rpm, each.nominal_torque_nm)
+        )
+    )
 
 
 def _findings(

@@ -1,0 +1,90 @@
+"""Tables of reducer tests within 80 columns: what would be done, and what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.reducer_tables import FAILED, stated
+
+if TYPE_CHECKING:
+    from torquebench.campaign.reducer_results import (
+        ReducerTestRecord,
+        TestOutcome,
+        TestRehearsal,
+    )
+    from torquebench.reducers import ReducerDescription
+
+__all__ = ["print_record", "rehearsal_table"]
+
+
+def rehearsal_table(
+    reducer: ReducerDescription, parts: Sequence[TestRehearsal], *, simulated: bool
+) -> Table:
+    """Return what a test would do: durations, and the largest torques and speeds."""
+    said = " - simulated" if simulated else ""
+    table = narrow_table(
+        f"What would be done with {escape(reducer.name)}{said}",
+        caption=f"allowed at the reducer: {reducer.acceleration_torque_nm:g} N·m, "
+        f"{reducer.max_input_speed_rpm:g} rpm",
+    )
+    table.add_column("", overflow="fold")
+    for heading in ("time", "warm-up", "points", "input", "output"):
+        table.add_column(heading, justify="right")
+    for part in parts:
+        most = []
+        for side in ("input", "output"):
+            torque, speed = part.largest_torque_nm[side], part.largest_speed_rpm[side]
+            words = [f"{torque:.4g} N·m"] * (torque > 0) + [f"{speed:.4g} rpm"] * (speed > 0)
+            most.append("\n".join(words) or "–")
+        warm = f"≤ {part.longest_warm_up_s / 60:.0f} min" if part.longest_warm_up_s else "–"
+        minutes = f"{part.duration_s / 60:.1f} min"
+        table.add_row(part.title, minutes, warm, str(part.points), *most)
+    return table
+
+
+def print_record(record: ReducerTestRecord) -> None:
+    """Print the values with U, limits and verdicts of every part, and what has to be known."""
+    said = " - simulated" if record.simulated else ""
+    specimen = f" {record.serial}" if record.serial else ""
+    say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
+    for outcome in record.outcomes:
+        _print_outcome(outcome)
+    if record.verdict:
+        style = "red" if record.failed else "green"
+        say(f"Against the data sheet: [{style}]{_words(record.verdict)}[/{style}]")
+
+
+def _print_outcome(outcome: TestOutcome) -> None:
+    table = narrow_table(outcome.title, caption="U: expanded uncertainty, 95.45 % coverage")
+    table.add_column("", overflow="fold")
+    for heading in ("value", "U"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    judged = any(each.verdict for each in outcome.quantities)
+    if judged:
+        table.add_column("limit", no_wrap=True)
+        table.add_column("verdict", no_wrap=True)
+    for each in outcome.quantities:
+        if each.key.startswith("order_") and each.value < each.expanded_uncertainty:
+            continue  # an order that doesn't stand out of its uncertainty says nothing
+        cells = [*stated(each.value, each.expanded_uncertainty), each.unit]
+        if judged and each.verdict:
+            style = "red" if each.verdict in FAILED else "green"
+            words = f"[{style}]{_words(each.verdict)}[/{style}]"
+            cells += [each.limit.removesuffix(f" {each.unit}"), words]
+        table.add_row(escape(each.title), *cells)
+    out().print(table)
+    for remark in outcome.remarks:
+        say(f"[dim]{escape(remark)}[/dim]")
+    say(f"Run: {outcome.run.run_id}\n")
+
+
+def _words(verdict: str) -> str:
+    from torquebench.uncertainty import Verdict
+
+    return Verdict(verdict).label

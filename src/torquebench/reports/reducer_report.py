@@ -1,0 +1,149 @@
+"""The report of a reducer test: every part with its figures, values, limits and verdicts."""
+
+from __future__ import annotations
+
+from torquebench.campaign.reducer_results import ReducerTestRecord, TestOutcome
+from torquebench.reducers import (
+    BreakawayResult,
+    EfficiencyMap,
+    HysteresisResult,
+    NoLoadResult,
+    TransmissionErrorResult,
+)
+from torquebench.reports.errors_table import number
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.reducer_figures import (
+    breakaway_figure,
+    efficiency_figure,
+    loop_figure,
+    no_load_figure,
+    polar_error_figure,
+    transmission_error_figure,
+)
+from torquebench.uncertainty import Verdict
+
+__all__ = ["reducer_page"]
+
+
+def reducer_page(record: ReducerTestRecord) -> Page:
+    """Return the report of a reducer test.
+
+    Parameters
+    ----------
+    record : ReducerTestRecord
+        What `run_reducer_test` found.
+
+    Returns
+    -------
+    Page
+        Ready for `torquebench.reports.page.write_page`.
+    """
+    specimen = f", specimen {record.serial}" if record.serial else ""
+    return Page(
+        title=f"Reducer test: {record.reducer_name}{specimen}",
+        subtitle=f"{record.bench_name} · {record.started:%Y-%m-%d %H:%M} UTC",
+        sections=[_summary(record), *(_section(each) for each in record.outcomes)],
+        simulated=record.simulated,
+    )
+
+
+def _summary(record: ReducerTestRecord) -> Section:
+    reducer = record.reducer
+    rating = (
+        f"ratio {reducer['ratio']:g}, rated {reducer['rated_torque_nm']:g} N·m, acceleration "
+        f"{reducer['acceleration_torque_nm']:g} N·m, up to {reducer['max_input_speed_rpm']:g} rpm"
+    )
+    facts = Facts(
+        (
+            ("Reducer", f"{record.reducer_name}: {rating}"),
+            ("Specimen", record.serial or "no serial number"),
+            ("Bench", record.bench_name),
+            ("Operator", record.operator),
+            ("Duration", f"{record.bench_seconds:.0f} s of bench time"),
+            ("Software", f"torquebench {record.software_version}"),
+            ("Verdict", _words(record.verdict) if record.verdict else "nothing was judged"),
+        )
+    )
+    judged = [
+        (
+            each.title,
+            *_stated(each.value, each.expanded_uncertainty),
+            each.limit,
+            _words(each.verdict),
+        )
+        for outcome in record.outcomes
+        for each in outcome.quantities
+        if each.verdict
+    ]
+    blocks: list[Facts | Table] = [facts]
+    if judged:
+        caption = "Against the data sheet, with a guard band of U (95.45 % coverage)."
+        blocks.append(Table(("quantity", "value", "U", "limit", "verdict"), judged, caption))
+    return Section("Summary", "", blocks)
+
+
+def _section(outcome: TestOutcome) -> Section:
+    rows = [
+        (
+            each.title,
+            *_stated(each.value, each.expanded_uncertainty),
+            each.unit,
+            each.rule,
+        )
+        for each in outcome.quantities
+        if not (each.key.startswith("order_") and each.value < each.expanded_uncertainty)
+    ]
+    table = Table(
+        ("quantity", "value", "U", "unit", "rule"),
+        rows,
+        "U: expanded uncertainty, 95.45 % coverage.",
+    )
+    remarks = tuple(("Remark", remark) for remark in outcome.remarks)
+    facts = Facts((*remarks, ("Record", outcome.run.run_id)))
+    return Section(outcome.title, "", (*_figures(outcome), table, facts))
+
+
+def _figures(outcome: TestOutcome) -> tuple[Figure, ...]:
+    result = outcome.result
+    if isinstance(result, HysteresisResult):
+        caption = (
+            "Output angle against the locked input over output torque, less the bench's own twist "
+            "where it is known; each loop about its middle at zero. Below: the first loop's key "
+            f"points; lost motion: {result.rule.words()}."
+        )
+        return (Figure(loop_figure(result), caption),)
+    if isinstance(result, NoLoadResult):
+        caption = "No-load running torque at the input, every repeat, and the fitted friction."
+        return (Figure(no_load_figure(result), caption),)
+    if isinstance(result, BreakawayResult):
+        caption = "Torque at the first motion of every ramp; bars: U of the moment of motion alone."
+        return (Figure(breakaway_figure(result), caption),)
+    if isinstance(result, TransmissionErrorResult):
+        caption = (
+            "Output angle less input angle by the ratio over one output revolution, mean removed, "
+            f"orders up to {result.highest_order:g}; below its orders."
+        )
+        polar = "The same as a polar plot: the dark circle is an error of 0."
+        return (
+            Figure(transmission_error_figure(result), caption),
+            Figure(polar_error_figure(result), polar),
+        )
+    if isinstance(result, EfficiencyMap):
+        caption = (
+            "Efficiency over input speed and output torque: measured points, and iso-lines by "
+            "interpolation of the input torque."
+        )
+        return (Figure(efficiency_figure(result), caption),)
+    return ()
+
+
+def _stated(value: float, expanded: float) -> tuple[str, str]:
+    if expanded > 0.0:
+        places = 1 - int(f"{expanded:e}".split("e")[1])
+        if 0 <= places <= 8:
+            return f"{value:.{places}f}", f"{expanded:.{places}f}"
+    return number(value, 5), number(expanded, 2)
+
+
+def _words(verdict: str) -> str:
+    return Verdict(verdict).label
