@@ -54,7 +54,7 @@ class ReducerTestSettings:
     def short(cls) -> Self:
         """Return settings for a first look: few points, no warming up, one position."""
         cold = WarmUp(longest_s=0.0)
-        sweep = FrictionSettings(speeds_rpm=(100.0, 300.0, 600.0, 1000.0), repeats=2)
+        sweep = FrictionSettings(speeds_rpm=(100.0, 200.0, 300.0, 500.0, 700.0, 1000.0), repeats=2)
         return cls(
             no_load=NoLoadSettings(sweep, cold),
             starting=BreakawaySettings(positions=2),

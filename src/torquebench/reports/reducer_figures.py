@@ -91,19 +91,19 @@ def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
     near.set_xlim(-reach, reach)
     span = float(np.ptp(both)) / ARCMIN
     near.set_ylim(float(both.min()) / ARCMIN - 0.12 * span, float(both.max()) / ARCMIN + 0.2 * span)
-    for number, point in enumerate(result.key_points):
+    whole.margins(y=0.12)
+    for point in result.key_points:
         place = (point.torque_nm, (point.angle_rad - middle) / ARCMIN)
         axes = near if abs(point.torque_nm) <= reach else whole
         axes.plot(*place, "o", color="black", markersize=4.5, zorder=4)
-        above = number % 2 == 0
-        falling = "↓" in point.label
+        left = "↓" in point.label or ("↑" not in point.label and point.torque_nm > 0.0)
         axes.annotate(
             point.label,
             place,
-            xytext=(-7, 4) if falling or (above and "↑" not in point.label) else (7, -4),
+            xytext=(-7, 4) if left else (7, -4),
             textcoords="offset points",
-            ha="right" if falling or (above and "↑" not in point.label) else "left",
-            va="bottom" if falling or (above and "↑" not in point.label) else "top",
+            ha="right" if left else "left",
+            va="bottom" if left else "top",
             fontsize=8,
         )
 
@@ -180,47 +180,46 @@ def transmission_error_figure(result: TransmissionErrorResult) -> str:
     result : TransmissionErrorResult
     """
     with mpl.rc_context(_STYLE):
-        figure, (upper, lower) = _new(5.6, 2)
-        width = 0.28 * (2 if len(result.directions) == 1 else 1)
-        for number, each in enumerate(result.directions):
+        panels = len(result.directions) + 1
+        figure, axes = _new(1.75 * panels + 0.6, panels)
+        lower = axes[-1]
+        shift = 0.004 * result.highest_order
+        for number, (upper, each) in enumerate(zip(axes, result.directions, strict=False)):
             colour = _COLOURS[number]
-            upper.plot(
-                np.degrees(each.angle_rad),
-                each.error_arcsec,
-                color=colour,
-                lw=0.6,
-                alpha=0.85,
-                label=f"{each.direction}, {each.peak_to_peak.value:.1f} arcsec peak to peak",
-            )
-            markers, stems, base = lower.stem(
-                each.order + (number - 0.5) * width,
+            label = f"{each.direction}, {each.peak_to_peak.value:.1f} arcsec peak to peak"
+            upper.plot(np.degrees(each.angle_rad), each.error_arcsec, color=colour, lw=0.7)
+            upper.set_title(label, loc="left", fontsize=9, color=colour)
+            upper.set_xlim(0.0, 360.0)
+            upper.set_xticks(np.arange(0.0, 361.0, 45.0))
+            upper.set_ylabel("error in arcsec")
+            lower.vlines(
+                each.order + number * shift,
+                0.0,
                 each.amplitude_arcsec,
-                basefmt=" ",
+                color=colour,
+                lw=1.3,
+                label=each.direction,
             )
-            markers.set(color=colour, markersize=2.2)
-            stems.set(color=colour, linewidth=1.0)
-            base.set_visible(False)
+        axes[-2].set_xlabel("output angle in degrees")
+        taken: list[float] = []
         for order in result.directions[0].orders:
+            if any(abs(order.order - other) < 0.02 * result.highest_order for other in taken):
+                continue
             if order.amplitude.value > 2.0 * order.amplitude.expanded_uncertainty():
+                taken.append(order.order)
                 lower.annotate(
                     f"{order.order:g}",
                     (order.order, order.amplitude.value),
-                    xytext=(3, 2),
+                    xytext=(4, 1),
                     textcoords="offset points",
                     fontsize=8,
                 )
-        upper.set_xlim(0.0, 360.0)
-        upper.set_xticks(np.arange(0.0, 361.0, 45.0))
-        upper.set_xlabel("output angle in degrees")
-        upper.set_ylabel("error in arcsec")
         lower.set_xlim(-0.01 * result.highest_order, 1.05 * result.highest_order)
-        lower.set_ylim(bottom=0.0)
-        lower.margins(y=0.15)
-        lower.set_xlabel(
-            f"order per output revolution ({abs(result.ratio):g}: once a turn of input)"
-        )
+        highest = max(float(np.max(each.amplitude_arcsec)) for each in result.directions)
+        lower.set_ylim(0.0, 1.15 * highest)
+        turn = abs(result.ratio)
+        lower.set_xlabel(f"order per output revolution ({turn:g}: once a turn of the input)")
         lower.set_ylabel("amplitude in arcsec")
-        _legend_above(upper)
         return _svg(figure)
 
 
