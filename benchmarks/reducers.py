@@ -1,0 +1,263 @@
+"""How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
+
+python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME]
+
+For each simulated bench (a seed of its own) both modules are calibrated and compensated; then
+specimens drawn from further seeds are put to all tests by the plans, the data path and the
+evaluation that a real bench uses. What a test finds is compared with what the specimen really
+is. Ends with 1 where an aim is missed.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from torquebench.bench.description import BenchDescription, default_bench
+from torquebench.bench.drivers.simulated import SimulatedOptions
+from torquebench.calibration import load_profile
+from torquebench.campaign.fitting import ModelChoice, fit_models
+from torquebench.campaign.measuring import measure_calibration
+from torquebench.campaign.modules import register_calibration
+from torquebench.campaign.reducer_results import TestOutcome
+from torquebench.campaign.reducer_settings import ReducerTestSettings
+from torquebench.campaign.reducer_tests import run_reducer_test
+from torquebench.compensation import RECOMMENDED
+from torquebench.errors import TorquebenchError
+from torquebench.procedures.friction import FrictionSettings
+from torquebench.procedures.reducer_breakaway import BreakawaySettings
+from torquebench.procedures.reducer_loop import BenchTwistSettings, HysteresisSettings
+from torquebench.procedures.reducer_running import EfficiencySettings, NoLoadSettings
+from torquebench.procedures.reducer_setup import WarmUp
+from torquebench.procedures.reducer_turning import TransmissionSettings
+from torquebench.reducers import LoopSettings, ReducerDescription, evaluate_hysteresis, load_reducer
+from torquebench.station import Station
+from torquebench.twin.reducer import ReducerConstants
+from torquebench.twin.reducer_truth import (
+    true_back_driving_nm,
+    true_efficiency,
+    true_loop,
+    true_no_load_nm,
+    true_starting_nm,
+    true_transmission_error,
+)
+
+SPECIMENS_A_BENCH = 10
+ARCSEC_PER_RAD = 648000.0 / np.pi
+COLD = WarmUp(longest_s=0.0)
+SETTINGS = ReducerTestSettings(
+    no_load=NoLoadSettings(FrictionSettings(speeds_rpm=(100.0, 400.0, 1000.0)), COLD),
+    starting=BreakawaySettings(positions=3),
+    back_driving=BreakawaySettings(positions=3),
+    hysteresis=HysteresisSettings(positions_deg=(0.0, 180.0), loop_s=20.0),
+    transmission=TransmissionSettings(revolutions=2.0),
+    efficiency=EfficiencySettings(
+        torque_shares=(0.2, 1.0), speeds_rpm=(300.0, 900.0), counter_clockwise=True, warm_up=COLD
+    ),
+    bench_twist=BenchTwistSettings(cycles=2),
+)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One reported value beside the truth."""
+
+    test: str
+    key: str
+    found: float
+    truth: float
+    expanded: float
+
+    @property
+    def covered(self) -> bool:
+        """Whether the reported interval contains the truth."""
+        return abs(self.found - self.truth) <= self.expanded
+
+
+def described(reducer: str, bench_seed: int, specimen: int) -> BenchDescription:
+    """Describe a simulated bench with a specimen mounted."""
+    bench = default_bench()
+    driver = {**bench.driver, "seed": bench_seed, "reducer": reducer, "reducer_seed": specimen}
+    ratio = load_reducer(reducer).ratio
+    return bench.model_copy(
+        update={
+            "driver": driver,
+            "bench": bench.bench.model_copy(update={"reducer_ratio": ratio}),
+        }
+    )
+
+
+def truths(
+    constants: ReducerConstants, reducer: ReducerDescription, outcome: TestOutcome
+) -> dict[str, float]:
+    """Return what a test should have found, by key; with nothing for values that it can't know."""
+    recording = outcome.recording
+    if outcome.name == "hysteresis":
+        torque, angle = true_loop(constants, reducer.rated_torque_nm)
+        settings = LoopSettings(
+            reducer.rated_torque_nm, reducer.lost_motion_rule, reducer.stiffness_interval
+        )
+        found = evaluate_hysteresis(torque, angle, settings)
+        return {each.key: each.estimate.value for each in found.quantities()}
+    if outcome.name == "transmission-error":
+        angle = np.linspace(0.0, 2.0 * np.pi, 100_001)
+        error = float(np.ptp(true_transmission_error(constants, angle)))
+        return {"transmission_error": error * ARCSEC_PER_RAD}
+    if outcome.name == "starting":
+        return {"starting_torque": true_starting_nm(constants, recording.temperature_c)}
+    if outcome.name == "back-driving":
+        return {"back_driving_torque": true_back_driving_nm(constants, recording.temperature_c)}
+    warm = float(np.mean(recording.temperature_c))
+    if outcome.name == "no-load":
+        return {
+            each.key: float(true_no_load_nm(constants, each.speed_rpm, warm))
+            for each in outcome.result.points
+        }
+    return {
+        quantity.key: 100.0
+        * float(true_efficiency(constants, point.speed_rpm, abs(point.torque_nm), warm))
+        for quantity, point in zip(outcome.result.quantities(), outcome.result.points, strict=True)
+    }
+
+
+def specimen_deviations(
+    reducer: str, bench_seed: int, specimen: int, data: Path
+) -> tuple[list[Deviation], list[str]]:
+    """Put one specimen to all tests; return deviations and what was refused."""
+    bench, kind = described(reducer, bench_seed, specimen), load_reducer(reducer)
+    constants = SimulatedOptions(**bench.driver).parameters().reducer
+    deviations: list[Deviation] = []
+    refused: list[str] = []
+    with Station.open(bench, data) as station:
+        for side in ("input", "output"):
+            station.activate_compensation(side)
+        for name in (
+            "starting",
+            "back-driving",
+            "transmission-error",
+            "hysteresis",
+            "no-load",
+            "efficiency",
+        ):
+            try:
+                record = run_reducer_test(station, name, kind, SETTINGS, serial=str(specimen))
+            except TorquebenchError as error:
+                refused.append(f"bench {bench_seed}, specimen {specimen}, {name}: {error}")
+                station.supervisor.acknowledge("benchmark")
+                continue
+            (outcome,) = record.outcomes
+            known = truths(constants, kind, outcome)
+            deviations += [
+                Deviation(name, each.key, each.value, known[each.key], each.expanded_uncertainty)
+                for each in outcome.quantities
+                if each.key in known
+            ]
+    return deviations, refused
+
+
+def one_bench(work: tuple[str, int, int]) -> tuple[list[Deviation], list[str]]:
+    """Calibrate a bench and test specimens on it."""
+    reducer, seed, specimens = work
+    deviations: list[Deviation] = []
+    refused: list[str] = []
+    profile = load_profile("rapid-in-situ")
+    with tempfile.TemporaryDirectory() as folder:
+        data = Path(folder)
+        with Station.open(described(reducer, seed, 0), data) as station:
+            for side in ("input", "output"):
+                measured = measure_calibration(station, side, profile)
+                fitted = fit_models(measured.result.data, [ModelChoice(RECOMMENDED)])
+                register_calibration(station, measured, profile, fitted, active=RECOMMENDED)
+        for number in range(specimens):
+            more, failed = specimen_deviations(reducer, seed, 1000 * seed + number, data)
+            deviations += more
+            refused += failed
+    return deviations, refused
+
+
+AIMS = {
+    "stiffness": ("relative %", 1.0),
+    "backlash": ("arcmin beyond U", 0.02),
+    "lost_motion": ("arcmin beyond U", 0.02),
+    "transmission_error": ("arcsec", 1.0),
+    "no_load": ("relative %", 1.0),
+    "efficiency": ("percentage points", 0.3),
+}
+
+
+def family(each: Deviation) -> str:
+    """Return which row of the report a value belongs to."""
+    if each.test == "no-load":
+        return "no_load"
+    return "efficiency" if each.test == "efficiency" else each.key
+
+
+def misses(name: str, group: list[Deviation]) -> np.ndarray:
+    """Return how far each value is off in the terms of its aim."""
+    off: np.ndarray = np.array([abs(each.found - each.truth) for each in group])
+    if name in ("backlash", "lost_motion"):
+        beyond: np.ndarray = np.maximum(off - np.array([each.expanded for each in group]), 0.0)
+        return beyond
+    if name in ("stiffness", "no_load"):
+        off = 100.0 * off / np.array([abs(each.truth) for each in group])
+    return off
+
+
+def report(deviations: list[Deviation], refused: list[str], specimens: int) -> int:
+    """Print a row for each kind of value; return how many aims are missed."""
+    rows: dict[str, list[Deviation]] = defaultdict(list)
+    for each in deviations:
+        rows[family(each)].append(each)
+    print("| value | number | intervals that hold the truth | median, 95 %, worst | aim |")
+    print("| --- | --- | --- | --- | --- |")
+    missed = 0
+    for name, group in rows.items():
+        share = float(np.mean([each.covered for each in group]))
+        off = misses(name, group)
+        unit, aim = AIMS.get(name, ("", float("inf")))
+        # What chance alone does to the share over this many specimens.
+        slack = 2.0 * np.sqrt(0.95 * 0.05 / specimens)
+        late = share < 0.95 - slack or float(np.quantile(off, 0.95)) > aim
+        missed += late
+        print(
+            f"| {name.replace('_', ' ')} | {len(group)} | {100 * share:.1f} % "
+            f"| {np.median(off):.3g}, {np.quantile(off, 0.95):.3g}, {off.max():.3g} {unit} "
+            f"| {f'{aim:g}' if np.isfinite(aim) else ''}{' missed' if late else ''} |"
+        )
+    for line in refused:
+        print(f"refused: {line}")
+    return missed + len(refused)
+
+
+def main() -> int:
+    """Measure and report; 1 where an aim is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two benches with one specimen each")
+    parser.add_argument("--specimens", type=int, default=200)
+    parser.add_argument("--reducer", default="rv-40e")
+    parser.add_argument("--workers", type=int, default=2)
+    arguments = parser.parse_args()
+    each = 1 if arguments.quick else SPECIMENS_A_BENCH
+    benches = 2 if arguments.quick else max(1, arguments.specimens // each)
+    work = [(arguments.reducer, seed, each) for seed in range(1, benches + 1)]
+    began = time.perf_counter()
+    with ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
+        found = list(pool.map(one_bench, work))
+    deviations = [each for some, _ in found for each in some]
+    refused = [each for _, some in found for each in some]
+    print(
+        f"simulated {arguments.reducer}, {benches} benches of {each} specimens, "
+        f"{time.perf_counter() - began:.0f} s; aims hold for 95 % of the values"
+    )
+    return int(report(deviations, refused, benches * each) > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
