@@ -58,6 +58,7 @@ class FaultyBench:
         self.side: Side = "output"
         self.on_blocks = 0
         self.drive_fault = ""
+        self.insisting: Callable[[], None] | None = None
         self.mute = self.deaf = self.unfed = False
         self.lost_probe = self.dead_probes = False
         self.heat_k = 0.0
@@ -82,13 +83,16 @@ class FaultyBench:
         now = self.bench.twin.time_s
         on = self.bench.drives[self.side].state().enabled
         self.on_blocks = self.on_blocks + 1 if on else 0
-        if self.broken_s is None and now >= self.due_s:
-            if self.wants_power and self.on_blocks < SETTLED_BLOCKS:
-                return
-            self.powered = on
-            self.broken_s = now
-            self.breaking()
-        elif self.broken_s is not None and self.safe_s is None and self.at_rest():
+        if self.broken_s is None:
+            settled = not self.wants_power or self.on_blocks >= SETTLED_BLOCKS
+            if now >= self.due_s and settled:
+                self.powered = on
+                self.broken_s = now
+                self.breaking()
+            return
+        if self.insisting is not None and on:
+            self.insisting()  # whatever the procedure commands meanwhile
+        if self.safe_s is None and self.at_rest():
             self.safe_s = now
 
 
@@ -128,6 +132,7 @@ class _Drive:
 
     def ramp_to_zero(self, duration_s: float) -> None:
         self._obey()
+        self._owner.insisting = None
         self._drive.ramp_to_zero(duration_s)
 
     def feed_watchdog(self) -> None:
@@ -183,8 +188,8 @@ class Kind:
         """Whether it can happen in a procedure: a zero has no power, a reducer no standard."""
         if self.needs_power and procedure == "zero":
             return False
-        if self.name == "encoder slips":  # where the angle matters: clamped, or measured
-            return procedure.startswith(("calibrate", "verify"))
+        if self.name == "encoder slips":  # where the angle is watched or measured
+            return not procedure.startswith(("friction", "no-load"))
         if self.name == "drive turns too fast":  # one waits for that, the other is locked
             return procedure not in ("starting torque", "hysteresis loops")
         return standard or not self.name.startswith("standard")
@@ -217,18 +222,26 @@ def _goes_off(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> No
     faulty.bench.drives[side].disable()
 
 
+def _insist(faulty: FaultyBench, command: Callable[[], None]) -> None:
+    """Command a drive again and again, until the supervisor stops it."""
+    faulty.insisting = command
+    command()
+
+
 def _runs_away(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
     drive, module = faulty.bench.drives[side], faulty.bench.description.module(side)
     sign = float(draw.choice((-1.0, 1.0)))
     if drive.state().enabled:
-        drive.command_torque(sign * 1.5 * module.limits.torque_nm, 50.0 * module.range_nm)
+        torque_nm = sign * 1.5 * module.limits.torque_nm
+        _insist(faulty, lambda: drive.command_torque(torque_nm, 50.0 * module.range_nm))
 
 
 def _spins(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
     drive, module = faulty.bench.drives[side], faulty.bench.description.module(side)
     sign = float(draw.choice((-1.0, 1.0)))
     if drive.state().enabled:
-        drive.command_speed(sign * 1.2 * module.limits.speed_rpm * 2.0 * np.pi / 60.0, 1e4)
+        speed = sign * 1.2 * module.limits.speed_rpm * 2.0 * np.pi / 60.0
+        _insist(faulty, lambda: drive.command_speed(speed, 1e4))
 
 
 def _counter_error(faulty: FaultyBench, _side: Side, _draw: np.random.Generator) -> None:

@@ -12,6 +12,7 @@ from bluesky.utils import Msg
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.procedures.guarding import StepLimits, guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
     ReducerLimits,
@@ -194,7 +195,10 @@ def breakaway(
         yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
         yield from bpp.run_wrapper(measured(), md=metadata)
 
-    yield from unloaded_after(devices, in_bench)
+    torque = loading_limits(devices, side, largest).torque_nm
+    yield from guarded(
+        lambda: unloaded_after(devices, in_bench), StepLimits(side, torque_nm=torque)
+    )
     compensated = devices.context.acquisition.compensation(side) is not None
     return BreakawayRecording(side, tuple(finder.found), compensated, float(np.mean(warm)))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import Literal
 
 import bluesky.plan_stubs as bps
@@ -15,6 +16,7 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.errors import BenchError, InputError
+from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
     ReducerLimits,
@@ -154,6 +156,7 @@ def hysteresis_loops(
     metadata = run_metadata(
         devices, "hysteresis_loops", limits, total, settings=asdict(settings), side="output"
     )
+    loading = loading_limits(devices, "output", torque)
     temperature: list[float] = []
 
     def measured() -> Plan[None]:
@@ -168,7 +171,7 @@ def hysteresis_loops(
             yield from power_off(devices)
             yield from measure_zero(devices, "input", duration_s=settings.zero_s)
             yield from set_mode(devices, "input", "locked")
-            yield from driver.run(position, index, total)
+            yield from guarded(partial(driver.run, position, index, total), loading)
             temperature.append((yield from temperature_c(devices)))
         yield from progress(total, total, "done")
 

@@ -16,9 +16,16 @@ from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.procedures.friction import FrictionPoint, FrictionSettings
+from torquebench.procedures.guarding import (
+    StepLimits,
+    guarded,
+    loading_limits,
+    turning_limits,
+)
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
     RAD_S_PER_RPM,
+    TURN_RPM,
     ReducerLimits,
     WarmUp,
     check_followed,
@@ -328,8 +335,17 @@ def no_load_running(
         yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
         yield from bpp.run_wrapper(measured(), md=metadata)
 
-    yield from unloaded_after(devices, in_bench)
+    speed = turning_limits(
+        devices, "input", _fastest(limits, settings.warm_up, settings.sweep.speeds_rpm)
+    )
+    yield from guarded(lambda: unloaded_after(devices, in_bench), speed)
     return table.recording()
+
+
+def _fastest(limits: ReducerLimits, warm: WarmUp, speeds_rpm: Sequence[float]) -> float:
+    """Return the largest input speed that a test asks for, 1/min."""
+    warming = min(warm.speed_rpm, limits.largest_input_rpm) if warm.longest_s else 0.0
+    return max(*speeds_rpm, warming, TURN_RPM)
 
 
 def _start(devices: BenchDevices, limits: ReducerLimits, warm: WarmUp) -> Plan[None]:
@@ -404,7 +420,14 @@ def efficiency_map(
         yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
         yield from bpp.run_wrapper(measured(), md=metadata)
 
-    yield from unloaded_after(devices, in_bench)
+    speed = turning_limits(
+        devices, "input", _fastest(limits, settings.warm_up, settings.speeds_rpm)
+    )
+    largest_nm = max(settings.torque_shares) * limits.rated_torque_nm
+    torque = loading_limits(devices, "output", largest_nm).torque_nm
+    yield from guarded(
+        lambda: unloaded_after(devices, in_bench), speed, StepLimits("output", torque_nm=torque)
+    )
     return table.recording()
 
 

@@ -20,6 +20,7 @@ from torquebench.procedures.setup import REST_S, Plan, power_on
 
 __all__ = [
     "RAD_S_PER_RPM",
+    "TURN_RPM",
     "ReducerLimits",
     "WarmUp",
     "check_followed",
@@ -33,6 +34,8 @@ RAD_S_PER_RPM = 2.0 * np.pi / 60.0
 REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
 """Share of the speed by which a drive may miss it before it counts as saturated."""
+TURN_RPM = 300.0
+"""Input speed at most while the output is turned to another position, 1/min."""
 RATIO_TOLERANCE = 0.01
 RATIO_TOLERANCE_RAD = np.radians(0.25)
 
@@ -265,7 +268,7 @@ def angle_rad(devices: BenchDevices, side: Side) -> Plan[float | None]:
 
 
 def turn_output(
-    devices: BenchDevices, limits: ReducerLimits, output_deg: float, *, speed_rpm: float = 300.0
+    devices: BenchDevices, limits: ReducerLimits, output_deg: float, *, speed_rpm: float = TURN_RPM
 ) -> Plan[None]:
     """Turn the output by an angle through the reducer, and check that it turns by its ratio.
 

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import AngleSamples, Side
 from torquebench.errors import InputError
+from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
     RAD_S_PER_RPM,
+    TURN_RPM,
     ReducerLimits,
     run_metadata,
     stamp,
@@ -166,7 +168,8 @@ def transmission_error(
         yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
         yield from bpp.run_wrapper(measured(), md=metadata)
 
-    yield from unloaded_after(devices, in_bench)
+    limits_of_speed = turning_limits(devices, "input", max(input_rpm, TURN_RPM))
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits_of_speed)
     description = devices.context.description
     return TransmissionRecording(
         directions=tuple(found),

@@ -73,6 +73,8 @@ class _Loader:
 
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
         self.seen = self.devices.interruptions
+        # From here on the standard is watched, during a preload too.
+        yield from bps.prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
             yield from progress(self.done + number, self.total, describe_step(step))
