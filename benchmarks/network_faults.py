@@ -38,8 +38,8 @@ SET_UP_ONLY = ("modes", "clamp")
 MAY_DO_NO_HARM: tuple[MisbehaviourKind, ...] = ("freeze", "lie")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
 AT_REST_S = 5.0
-TIMEOUT_S = {"counter": 0.6}
-"""How long an instrument is waited for, s of wall time; 0.3 s for all others."""
+TIMEOUT_S = {"counter": 2.0}
+"""How long an instrument is waited for, s of wall time; 0.5 s for all others."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def networked(seed: int) -> BenchDescription:
     values["driver"]["output_drive"]["bus"]["port"] = 0
     values["driver"]["simulation"]["seed"] = seed
     for endpoint in ENDPOINTS:
-        values["driver"][endpoint]["timeout_s"] = TIMEOUT_S.get(endpoint, 0.3)
+        values["driver"][endpoint]["timeout_s"] = TIMEOUT_S.get(endpoint, 0.5)
     return validated(BenchDescription, values, EXAMPLE.name)
 
 
