@@ -1,39 +1,102 @@
-"""`torquebench test` on the simulated bench."""
+"""`torquebench test` on the simulated bench: real processes, a report, a comparison, bad input."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from tests.system.command_line import run, widest_line
 
-from torquebench.cli import app
-from torquebench.errors import InputError
-
-
-def run(*arguments: str) -> str:
-    found = CliRunner().invoke(app, ["test", *arguments], catch_exceptions=False)
-    assert found.exit_code == 0, found.output
-    return found.output
-
-
-def test_a_full_test_is_rehearsed_without_leaving_anything(tmp_path):
-    said = run("full", "--reducer", "rv-40e", "--dry-run", "--data", str(tmp_path / "data"))
-    assert "412 N·m" in said
-    assert "nothing was moved" in said
-    assert not (tmp_path / "data").exists()
+PARTS = (
+    "starting",
+    "back-driving",
+    "transmission-error",
+    "hysteresis",
+    "no-load",
+    "efficiency",
+)
 
 
-def test_a_transmission_error_is_measured_judged_and_kept(tmp_path):
-    said = run(
-        "transmission-error", "--short", "--reducer", "rv-40e", "--serial", "A1",
-        "--data", str(tmp_path),
+def test_a_full_test_is_rehearsed_without_leaving_anything(tmp_path: Path) -> None:
+    found = run("test", "full", "--reducer", "rv-40e", "--dry-run", cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    assert "412 N·m" in found.stdout
+    assert "1029 N·m" in found.stdout
+    assert "- simulated" in found.stdout
+    assert "nothing was moved" in found.stdout
+    assert widest_line(found.stdout) <= 80
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> None:
+    found = run(
+        "test", "full", "--short", "--reducer", "rv-40e", "--serial", "A1", "--data", "data",
+        "--report", "report.html", cwd=tmp_path,
     )  # fmt: skip
-    assert "simulated" in said
-    (results,) = (tmp_path / "runs").glob("*test-transmission-error*/results.json")
-    kept = json.loads(results.read_text(encoding="utf-8"))
-    assert kept["serial"] == "A1"
-    assert kept["quantities"]
+    assert found.returncode == 0, found.stderr
+    assert "RV-40E class A1 - simulated" in found.stdout
+    assert "is not compensated" in " ".join(found.stdout.split())
+    assert "Against the data sheet: pass" in found.stdout
+    assert widest_line(found.stdout) <= 80
+    kept = {
+        path.parent.name.split("-test-")[1][:-5]: json.loads(path.read_text(encoding="utf-8"))
+        for path in (tmp_path / "data" / "runs").glob("*-test-*/results.json")
+    }
+    assert set(kept) == set(PARTS)
+    assert {each["serial"] for each in kept.values()} == {"A1"}
+    assert all(each["simulated"] and each["quantities"] for each in kept.values())
+    efficiency = {each["key"] for each in kept["efficiency"]["quantities"]}
+    assert "efficiency_input_412_nm_+900_rpm" in efficiency
+
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == len(PARTS) + 1  # the transmission error as a polar plot too
+    assert "simulated" in page
+    assert not re.search(r"(src|href)=\"(?!#|data:)", page)
+    listed = run("records", "list", "--data", "data", cwd=tmp_path)
+    assert all(f"test-{name}" in listed.stdout for name in PARTS)
 
 
-def test_an_unknown_test_is_refused():
-    with pytest.raises(InputError, match="hysteresis"):
-        run("stiffness")
+def test_specimens_and_changes_are_compared(tmp_path: Path) -> None:
+    options = ("--short", "--reducer", "rv-40e", "--data", "data")
+    for serial in ("A1", "A2", "A1"):
+        tested = run("test", "transmission-error", *options, "--serial", serial, cwd=tmp_path)
+        assert tested.returncode in (0, 1), tested.stderr  # 1: beyond the data sheet's limit
+        assert ("fail" in tested.stdout) == bool(tested.returncode)
+    first, second, third = sorted(path.name for path in (tmp_path / "data" / "runs").iterdir())
+    compare = ("test", "compare", "--data", "data")
+    specimens = run(*compare, first, second, cwd=tmp_path)
+    assert specimens.returncode == 0, specimens.stderr
+    assert "2 specimens: A1, A2" in specimens.stdout
+    assert widest_line(specimens.stdout) <= 80
+    change = run(*compare, first, third, "--change", cwd=tmp_path)
+    assert change.returncode == 0, change.stderr
+    assert "what both runs have in common cancels" in " ".join(change.stdout.split())
+    assert widest_line(change.stdout) <= 80
+    for wrong in ((first,), (first, first), (first, third), (first, second, "--change")):
+        assert run(*compare, *wrong, cwd=tmp_path).returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("stiffness",), "hysteresis"),
+        (("hysteresis", "--reducer", "missing.toml"), "missing.toml"),
+        (("hysteresis", "--reducer", "wrong.toml"), "a ratio of 80"),
+        (("hysteresis", "--twist", "0.01", "--no-twist"), "--no-twist"),
+        (("hysteresis", "--report", "nowhere/report.html"), "no folder"),
+    ],
+)
+def test_bad_input_is_named_and_nothing_moves(
+    tmp_path: Path, arguments: tuple[str, ...], named: str
+) -> None:
+    described = (
+        'name = "wrong"\nkind = "rv"\nratio = 80.5\nrated_torque_nm = 400\n'
+        "acceleration_torque_nm = 800\nmomentary_peak_torque_nm = 1600\n"
+        "max_input_speed_rpm = 2000\n"
+    )
+    (tmp_path / "wrong.toml").write_text(described, encoding="utf-8")
+    found = run("test", *arguments, "--data", "data", cwd=tmp_path)
+    assert found.returncode == 2
+    assert named in found.stderr
+    assert "Traceback" not in found.stderr
+    assert not (tmp_path / "data").exists()

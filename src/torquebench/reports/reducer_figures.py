@@ -289,7 +289,9 @@ def efficiency_figure(result: EfficiencyMap) -> str:
                 fontsize=7.5,
                 bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0},
             )
+        axes.use_sticky_edges = False  # the measured points lie on the map's edges
         axes.margins(0.06)
+        axes.autoscale_view()
         axes.set_xlabel("input speed in rpm")
         axes.set_ylabel("output torque in N·m")
         return _svg(figure)
