@@ -44,7 +44,11 @@ from torquebench.procedures.reducer_breakaway import BreakawaySettings, breakawa
 from torquebench.procedures.reducer_loop import HysteresisSettings, hysteresis_loops
 from torquebench.procedures.reducer_running import NoLoadSettings, no_load_running
 from torquebench.procedures.reducer_setup import ReducerLimits, WarmUp
-from torquebench.procedures.reducer_turning import TransmissionSettings, transmission_error
+from torquebench.procedures.reducer_turning import (
+    TransmissionRecording,
+    TransmissionSettings,
+    transmission_error,
+)
 from torquebench.records import RunFolder, RunWriter
 from torquebench.station import Station, recover_unfinished
 
@@ -52,6 +56,8 @@ READING_PERCENT = 2.0
 """How far a reading may be from the truth without compensation, % of range (a drift of the zero
 before it was measured included)."""
 STANDARD_PERCENT = 0.15
+ANGLE_DEG = 0.1
+"""How far both angles of a reducer may be apart over a revolution, degrees of the output."""
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 QUICK, FULL = 25, 225
@@ -220,15 +226,16 @@ def one_fault(
         due_s = station.clock.now() + moment_s
         faulty.plan(due_s, breaking, procedure.side, powered=kind.needs_power)
         error: BaseException | None = None
+        result: object = None
         alarms_before = len(station.supervisor.history)
         try:
-            station.run(procedure.plan(station), kind="fault")
+            result = station.run(procedure.plan(station), kind="fault").result
         except Exception as raised:
             error = raised
     station.supervisor.release("campaign")
     station.supervisor.wait_safe(20.0)
     alarms = station.supervisor.history[alarms_before:]
-    outcome = judged(station, faulty, kind, procedure, error, alarms)
+    outcome = judged(station, faulty, kind, procedure, error, alarms, result)
     faulty.heal()
     for _ in range(4):  # until what was injected is over and nothing coasts any more
         with contextlib.suppress(TorquebenchError):
@@ -245,6 +252,7 @@ def judged(
     procedure: Procedure,
     error: BaseException | None,
     alarms: Sequence[Alarm],
+    result: object,
 ) -> Outcome:
     """Hold what is left against what must be."""
     problems = []
@@ -258,7 +266,10 @@ def judged(
         lasted_s = (faulty.safe_s or station.clock.now()) - faulty.broken_s
         if lasted_s < SAFE_S:  # the procedure was over before it could matter
             return Outcome(kind.name, procedure.name, "too late", "", float("nan"), 0, ())
-        problems.append("nobody noticed it")
+        if not (kind.name == "encoder slips" and isinstance(result, TransmissionRecording)):
+            problems.append("nobody noticed it")
+    if isinstance(result, TransmissionRecording):
+        problems += slipped(result)
     safe_s = float("nan")
     if alarms and faulty.powered:
         if faulty.safe_s is None:
@@ -276,6 +287,14 @@ def judged(
     status = "harmless" if error is None else "stopped" if alarms else "refused"
     named = alarms[0].name if alarms else type(error).__name__ if error is not None else ""
     return Outcome(kind.name, procedure.name, status, named, safe_s, points, tuple(problems))
+
+
+def slipped(recording: TransmissionRecording) -> Iterator[str]:
+    """Say in which direction the angles are further apart than the twin's reducer has them."""
+    for each in recording.directions:
+        apart = np.ptp(each.output_angle_rad - each.input_angle_rad / REDUCER.ratio)
+        if apart > np.radians(ANGLE_DEG):
+            yield f"direction {each.direction}: angles {np.degrees(apart):.2f}° apart"
 
 
 def checked(

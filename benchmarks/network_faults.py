@@ -38,6 +38,8 @@ SET_UP_ONLY = ("modes", "clamp")
 MAY_DO_NO_HARM: tuple[MisbehaviourKind, ...] = ("freeze", "lie")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
 AT_REST_S = 5.0
+DELAY_S = 3.0
+"""A late answer comes after every time-out."""
 TIMEOUT_S = {"counter": 2.0}
 """How long an instrument is waited for, s of wall time; 0.5 s for all others."""
 
@@ -172,7 +174,7 @@ class Breaker:
                 self.was_on = self._is_on()
                 self.broken_s, began = plant.now_s, time.monotonic()
                 self._simulators.misbehaviour.start(
-                    self._fault.endpoint, self._fault.kind, duration_s=60.0
+                    self._fault.endpoint, self._fault.kind, amount=DELAY_S, duration_s=60.0
                 )
             elif self.at_rest():
                 self.safe_s, self.wall_s = plant.now_s, time.monotonic() - began
