@@ -269,7 +269,7 @@ def efficiency_figure(result: EfficiencyMap) -> str:
         figure, (axes,) = _new(3.9)
         axes.grid(visible=False)
         if _different(speed) >= LEAST_MAP and _different(torque) >= LEAST_MAP:
-            speeds, torques, found = result.grid(mine[0].driving, direction, 61)
+            speeds, torques, found = result.grid(mine[0].driving, direction, 241)
             shown = np.ma.masked_invalid(found)
             filled = axes.contourf(speeds, torques, shown, 14, cmap="viridis")
             figure.colorbar(filled, ax=axes, label="efficiency in %", pad=0.02)
