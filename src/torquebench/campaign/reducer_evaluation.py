@@ -37,6 +37,13 @@ FloatArray = NDArray[np.float64]
 UNCOMPENSATED_SHARE = 0.005
 """Half width of what a chain without compensation may be off, as a share of full scale: the
 0.5 % that such benches are reported with (Measurement and Control, 2022, introduction)."""
+REPEATABILITY_SHARE = 2e-4
+"""Standard deviation by which a chain gives another torque for the same one after its load has
+changed, as a share of full scale: 0.01-0.03 % is what transducers of this class are sold with.
+It stays as long as the torque does, so that no window averages it."""
+TURNING_SHARE = 1e-4
+"""Half width of what 1000 rpm move the zero by, as a share of full scale; the zero is taken, and
+the chain calibrated, at standstill."""
 PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
 """What elastic contacts, backlash and wind-up may move before a side counts as turning."""
 NEAR_ZERO = 0.1
@@ -154,7 +161,11 @@ def _resolution_rad(bench: Bench, side: Side) -> float:
 
 
 def _torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
-    zero = recording.zero_uncertainty_nm[side]
+    range_nm = bench.description.module(side).range_nm
+    fastest = float(np.max(np.abs(recording.speed_rpm[side]), initial=0.0)) / 1000.0
+    turning = TURNING_SHARE * fastest / np.sqrt(3.0)
+    standing = recording.zero_uncertainty_nm[side]
+    zero = float(np.hypot(standing, range_nm * np.hypot(REPEATABILITY_SHARE, turning)))
     if not recording.compensated[side]:
         zero = float(np.hypot(zero, _nominal_nm(bench, side)))
         return TorqueUncertainty(_standard_relative(bench), zero)

@@ -48,7 +48,8 @@ def first_motion(
 
     At rest the angle follows a slow line (elastic wind-up, drift) with noise. Motion is found
     where it leaves that line for good, by five standard deviations of the noise or the threshold
-    if that is more; the moment itself is the start of the parabola that fits best between.
+    if that is more. The moment itself is the start of the parabola that fits best between, or,
+    beyond a threshold, of the cube by which a uniformly rising torque turns an inertia.
 
     Parameters
     ----------
@@ -83,11 +84,9 @@ def first_motion(
     deviation = angle - np.polyval(line, time)
     direction = 1 if deviation[crossing] > 0 else -1
     if threshold_rad > SIGNIFICANT * noise:
-        step = time[crossing] - time[crossing - 1]
-        moment = 0.5 * (time[crossing] + time[crossing - 1])
-        return FirstMotion(
-            crossing - 1, float(moment), float(step) / np.sqrt(12.0), noise, direction
-        )
+        moment, spread = _cube_start(time, direction * deviation, crossing, threshold_rad)
+        index = int(np.clip(np.searchsorted(time, moment, side="right") - 1, 0, crossing - 1))
+        return FirstMotion(index, moment, spread, noise, direction)
     moment, spread = _parabola_start(time, angle, crossing, noise)
     index = int(np.clip(np.searchsorted(time, moment, side="right") - 1, 0, crossing))
     return FirstMotion(index, moment, spread, noise, direction)
@@ -126,6 +125,30 @@ def _crossing(
             "raise the torque further, or check that the encoder turns with the shaft",
         )
     return crossing, line, noise
+
+
+def _cube_start(
+    time: NDArray[np.float64], moved: NDArray[np.float64], crossing: int, threshold: float
+) -> tuple[float, float]:
+    """Go back from the threshold to the start; return it and its standard uncertainty.
+
+    A torque that rises uniformly above what holds an inertia back turns it by the cube of time,
+    so that the cube root is a line; drag makes the motion slower, friction that falls once it
+    slides makes it faster. The start lies anywhere between the line's zero and the threshold.
+    """
+    step = float(time[crossing] - time[crossing - 1])
+    late = float(time[crossing]) - 0.5 * step
+    beyond = np.flatnonzero(moved[crossing:] > 4.0 * threshold)
+    stop = min(crossing + (int(beyond[0]) if beyond.size else moved.size) + 1, moved.size)
+    rows = slice(crossing, stop)
+    if stop - crossing < 4 or np.ptp(moved[rows]) < threshold:
+        return late, step / np.sqrt(12.0)
+    slope, level = np.polyfit(time[rows] - late, np.cbrt(moved[rows]), 1)
+    if slope <= 0.0:
+        return late, step / np.sqrt(12.0)
+    earliest = float(time[0]) - late
+    lag = float(np.clip(level / slope, 0.0, -earliest))
+    return late - 0.5 * lag, float(np.hypot(step, lag)) / np.sqrt(12.0)
 
 
 def _parabola_start(

@@ -110,10 +110,12 @@ def true_efficiency(
 
 
 def true_starting_nm(reducer: ReducerConstants, temperature_c: float) -> float:
-    """Torque at the input at which it begins to turn, output free, N·m."""
+    """Torque at the input at which it begins to turn, output free, N·m.
+
+    The drag at the output grows with its speed from nothing, so at standstill it holds nothing.
+    """
     coulomb, _ = red.temperature_factors(reducer, temperature_c)
-    drag = reducer.output_drag_nm
-    return float(red.friction_level(reducer, 0.0, drag, coulomb) + drag / reducer.ratio)
+    return float(red.friction_level(reducer, 0.0, 0.0, coulomb))
 
 
 def true_back_driving_nm(reducer: ReducerConstants, temperature_c: float) -> float:
@@ -123,7 +125,7 @@ def true_back_driving_nm(reducer: ReducerConstants, temperature_c: float) -> flo
     """
     coulomb, _ = red.temperature_factors(reducer, temperature_c)
     at_input = coulomb * reducer.static_nm
-    return float(at_input * reducer.ratio / (1.0 - reducer.load_share) + reducer.output_drag_nm)
+    return float(at_input * reducer.ratio / (1.0 - reducer.load_share))
 
 
 def true_transmission_error(reducer: ReducerConstants, output_angle_rad: ArrayLike) -> FloatArray:
