@@ -180,7 +180,7 @@ class ReadingBudget:
     >>> budgets = ReadingBudget(model, T40B_2000_NM)
     >>> budget = budgets.budget(1500.0, conditions=ReadingConditions(zero_nm=0.05))
     >>> budget.dominant().name, round(budget.expanded_uncertainty(), 1)
-    ('scatter', 0.7)
+    ('scatter', 0.8)
     """
 
     model: CompensationModel
