@@ -1,7 +1,10 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from benchmarks import faults
 from benchmarks.fault_bench import KINDS
+from benchmarks.network_faults import WireFault, one_wire_fault, wire_faults
 
 SAMPLE = (
     "transducer silent",
@@ -32,3 +35,19 @@ def test_a_sample_of_the_campaign_leaves_nothing_wrong(
     outcomes = faults.campaign(len(kinds), seed=5)
     assert [outcome.problems for outcome in outcomes] == [()] * len(kinds)
     assert sum(outcome.status == "stopped" for outcome in outcomes) >= 5
+
+
+def test_every_instrument_on_the_wire_gets_every_kind() -> None:
+    drawn = wire_faults()
+    assert len({fault.name for fault in drawn}) == len(drawn) == faults.FULL_WIRE
+    assert len({fault.endpoint for fault in drawn[: faults.QUICK_WIRE]}) == 7
+    for fault in drawn:
+        assert any(fault.fits(each.name, each.side) for each in faults.PROCEDURES)
+
+
+def test_a_standard_that_no_longer_answers_leaves_nothing_wrong(tmp_path: Path) -> None:
+    verify = next(each for each in faults.PROCEDURES if each.name == "verify output")
+    fault = WireFault("reference", "drop")
+    outcome = one_wire_fault(fault, verify, 1, tmp_path, np.random.default_rng(1))
+    assert outcome.problems == ()
+    assert (outcome.status, outcome.alarm) == ("stopped", "instrument failed: acquisition")
