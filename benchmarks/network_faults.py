@@ -37,7 +37,7 @@ SET_UP_ONLY = ("modes", "clamp")
 """Asked while a procedure sets up the bench; they misbehave from its start."""
 MAY_DO_NO_HARM: tuple[MisbehaviourKind, ...] = ("freeze", "lie")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
-AT_REST_S = 5.0
+AT_REST_S = 15.0
 DELAY_S = 3.0
 """A late answer comes after every time-out."""
 TIMEOUT_S = {"counter": 2.0}
