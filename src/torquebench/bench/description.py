@@ -109,10 +109,14 @@ class DriveDescription(_Section):
 
 
 class EncoderDescription(_Section):
-    """An angle encoder, counts after interpolation."""
+    """An angle encoder, counts after interpolation.
+
+    `accuracy_arcsec` is ± what its data sheet allows over a turn; unknown where it isn't given.
+    """
 
     serial: Text
     counts_per_revolution: Annotated[int, Field(ge=16, le=2**31, description="counts")]
+    accuracy_arcsec: Annotated[float, Field(ge=0, le=36000, description="arcsec")] | None = None
 
 
 class LimitsDescription(_Section):

@@ -160,6 +160,15 @@ def _resolution_rad(bench: Bench, side: Side) -> float:
     return 2.0 * np.pi / bench.description.module(side).encoder.counts_per_revolution
 
 
+def _encoder_rad(bench: Bench, side: Side) -> float:
+    """Return the standard uncertainty of an encoder: resolution, and its error over a turn.
+
+    An error that goes once around as a sine of the accuracy given has it divided by √2.
+    """
+    accuracy = np.radians((bench.description.module(side).encoder.accuracy_arcsec or 0.0) / 3600.0)
+    return float(np.hypot(_resolution_rad(bench, side) / np.sqrt(12.0), accuracy / np.sqrt(2.0)))
+
+
 def _torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
     range_nm = bench.description.module(side).range_nm
     fastest = float(np.max(np.abs(recording.speed_rpm[side]), initial=0.0)) / 1000.0
@@ -309,10 +318,7 @@ def evaluate_angles(
     bench: Bench, reducer: ReducerDescription, turning: TransmissionRecording
 ) -> Evaluated:
     """Evaluate the transmission error of both directions."""
-    known = AngleUncertainty(
-        _resolution_rad(bench, "output") / np.sqrt(12.0),
-        _resolution_rad(bench, "input") / np.sqrt(12.0),
-    )
+    known = AngleUncertainty(_encoder_rad(bench, "output"), _encoder_rad(bench, "input"))
     result = evaluate_transmission_error(
         np.concatenate([each.input_angle_rad for each in turning.directions]),
         np.concatenate([each.output_angle_rad for each in turning.directions]),
@@ -321,7 +327,11 @@ def evaluate_angles(
         highest_order=reducer.highest_error_order,
         uncertainty=known,
     )
-    remarks = ["of the encoders only the resolution counts: their own errors aren't known here"]
+    remarks = [
+        f"of the {side} encoder only the resolution counts: its accuracy isn't described"
+        for side in SIDES
+        if bench.description.module(side).encoder.accuracy_arcsec is None
+    ]
     return Evaluated(result, (*remarks, *_temperature(turning.temperature_c)))
 
 
