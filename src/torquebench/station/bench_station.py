@@ -23,7 +23,7 @@ from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
 from torquebench.bench.identification import check_identities
 from torquebench.bench.interlocks import Interlocks
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.state import CommandState
 from torquebench.compensation import load_model
@@ -37,6 +37,8 @@ from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
 __all__ = ["Station", "data_directory"]
 
+UNLOADED_WITHIN_S = 1.0
+"""How long readings may show torque after both drives are at zero, bench time, s."""
 REST_TIMEOUT_S = 5.0
 """How long to wait for the drives after an alarm, beyond a stall's own time, s of wall time."""
 
@@ -218,6 +220,21 @@ class Station:
             self.clock.wait(unloading_s)
         if disable:
             self.supervisor.disable()
+        with contextlib.suppress(TorquebenchError):
+            self._await_unloaded()
+
+    def _await_unloaded(self) -> None:
+        """Wait until the readings show it too, so that the next run doesn't meet old torque."""
+        block_s = self.description.counter.block_s
+        for _ in range(round(UNLOADED_WITHIN_S / block_s)):
+            if all(self._is_unloaded(side) for side in SIDES):
+                return
+            self.clock.wait(block_s)
+
+    def _is_unloaded(self, side: Side) -> bool:
+        limit = self.description.safety.unloaded_percent / 100.0
+        reading = self.acquisition.latest(torque_channel(side)).torque_nm
+        return abs(reading) <= limit * self.description.module(side).range_nm
 
     # -- runs -------------------------------------------------------------------------------
 
