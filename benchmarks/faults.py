@@ -61,7 +61,7 @@ ANGLE_DEG = 0.1
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 QUICK, FULL = 25, 225
-QUICK_WIRE, FULL_WIRE = 7, 49
+QUICK_WIRE, FULL_WIRE = 5, 49
 TRIES = 5
 MET_LATER = ("drive refuses commands", "disk full for documents", "wild reading")
 """Met with the next command or point, or where it exceeds a limit: counted from the alarm."""

@@ -21,6 +21,8 @@ from torquebench.uncertainty import Budget
 
 __all__ = ["BreakawayResult", "BreakawayRun", "evaluate_breakaway"]
 
+COMMON = ("torque scale", "first motion")
+"""Contributions that both directions share."""
 BreakawayKind = Literal["starting", "back-driving"]
 MEDIAN_EFFICIENCY = np.sqrt(np.pi / 2.0)
 """Standard error of a median of normal values, in standard errors of their mean."""
@@ -256,26 +258,24 @@ def _median(runs: list[BreakawayRun], known: TorqueUncertainty) -> Budget:
         efficiency = MEDIAN_EFFICIENCY if values.size > 2 else 1.0
         error = efficiency * float(np.std(values, ddof=1)) / values.size**0.5
         parts.append(Contribution("spread over runs", error, values.size - 1))
-        own *= efficiency / values.size**0.5
-        # The spread already holds the single runs' uncertainty; two or three runs may hide it.
-        missing = max(own**2 - error**2, 0.0) ** 0.5
-        parts.append(Contribution("first motion", missing))
-    else:
-        parts.append(Contribution("first motion", own))
+    # One rule dates the motion in all runs: what it gets wrong doesn't average out.
+    parts.append(Contribution("first motion", own))
     return budget(middle, "N·m", parts)
 
 
 def _mean_of_both(first: Budget, second: Budget) -> Budget:
-    """Mean of both directions: the zero's error cancels, the scale's stays, the rest averages."""
-    parts = [Contribution("torque scale", 0.5 * (_part(first) + _part(second)))]
+    """Mean of both directions: the zero cancels, scale and dating stay, the rest averages."""
+    parts = [
+        Contribution(name, 0.5 * (_part(first, name) + _part(second, name))) for name in COMMON
+    ]
     for name, side in (("clockwise", first), ("counter-clockwise", second)):
         parts += [
             Contribution(f"{line.name}, {name}", 0.5 * line.contribution, line.degrees_of_freedom)
             for line in side.lines
-            if line.name not in ("torque zero", "torque scale")
+            if line.name not in ("torque zero", *COMMON)
         ]
     return budget(0.5 * (first.value + second.value), "N·m", parts)
 
 
-def _part(side: Budget) -> float:
-    return sum(line.contribution for line in side.lines if line.name == "torque scale")
+def _part(side: Budget, name: str) -> float:
+    return sum(line.contribution for line in side.lines if line.name == name)
