@@ -46,7 +46,6 @@ TURNING_SHARE = 1e-4
 the chain calibrated, at standstill."""
 PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
 """What elastic contacts, backlash and wind-up may move before a side counts as turning."""
-NEAR_ZERO = 0.1
 LARGE = 0.5
 
 
@@ -150,7 +149,9 @@ def _loop_uncertainty(bench: Bench, loops: LoopRecording) -> LoopUncertainty:
     growing = _root_mean_square(model[large] / np.abs(torque[large]))
     return LoopUncertainty(
         torque_relative=float(np.hypot(growing, _standard_relative(bench))),
-        torque_branch_nm=_root_mean_square(model[share < NEAR_ZERO]),
+        # A reducer's loop is an inner loop of the chain's own hysteresis: what the model leaves
+        # of it stands between the branches at every torque, not only as little as near zero.
+        torque_branch_nm=_root_mean_square(model),
         angle_rad=angle,
         bench_compliance_rad_per_nm=twist,
     )
