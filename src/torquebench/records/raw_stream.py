@@ -228,9 +228,12 @@ class WholeBatches:
 
 
 def _torn_start(path: Path) -> bool:
-    """Whether the file begins as an Arrow stream does, so that only its end may be missing."""
+    """Whether the file begins as an Arrow stream does, so that only its end may be missing.
+
+    Zeros are blocks that a power cut left unwritten.
+    """
     with path.open("rb") as file:
-        return b"\xff\xff\xff\xff".startswith(file.read(4))
+        return b"\xff\xff\xff\xff".startswith(file.read(4).rstrip(b"\0"))
 
 
 def _columns(table: Any) -> dict[str, NDArray[Any]]:

@@ -317,3 +317,9 @@ def test_a_killed_process_loses_no_acknowledged_point_and_less_than_a_second_of_
     folder.verify()
     assert folder.manifest["status"] == "interrupted"
     assert json.loads((folder.path / "recovery.json").read_text())["documents"] == len(numbers)
+
+
+def test_a_stream_of_blocks_that_were_never_written_is_torn_and_empty(tmp_path: Path) -> None:
+    (tmp_path / "raw.arrow").write_bytes(b"\xff\xff" + b"\0" * 17)
+    found = read_raw(tmp_path)
+    assert (found.rows, found.torn_bytes) == (0, 19)
