@@ -85,6 +85,7 @@ def register_table(
     *,
     operator: str,
     model: Path | None = None,
+    called: str = "",
 ) -> RegisteredTable:
     """Enter a table with its equipment; certificates and exports then work as for a run.
 
@@ -104,6 +105,8 @@ def register_table(
         Who enters it.
     model : pathlib.Path, optional
         File of a compensation model for these points; a copy is kept.
+    called : str, optional
+        What records call the table; its file's name by default.
 
     Raises
     ------
@@ -111,16 +114,18 @@ def register_table(
         Where something isn't named, or these points are entered already.
     """
     _require(circumstances)
+    called = called or table.name
     serial = circumstances.transducer.serial
     for entry in registry.calibrations(serial):
         if entry.data_sha256 == data.sha256():
             raise InputError(
-                f"the points of {table.name} are entered as calibration-{entry.calibration_id}",
+                f"the points of {called} are entered as calibration-{entry.calibration_id}",
                 "a table that isn't entered yet",
                 f"torquebench certificate calibration-{entry.calibration_id}",
             )
     stored = None if model is None else _fitting_model(model, data)
-    metadata = _metadata(table, profile, circumstances, data, operator)
+    metadata = _metadata(profile, circumstances, data, operator)
+    metadata |= {"table": called, "table_sha256": sha256_of_file(table)}
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
         _documents(writer, profile, circumstances)
@@ -148,7 +153,7 @@ def register_table(
             measured_by=circumstances.measured_by,
             due=propose_due_date(circumstances.performed, None, longest_days=profile.valid_days),
             files={MANIFEST: sha256_of_file(folder.path / MANIFEST), "table.csv": _sha256(folder)},
-            summary={"table": table.name, "entered by": operator},
+            summary={"table": called, "entered by": operator},
         )
         kept = None
         if stored is not None and model is not None:
@@ -188,7 +193,6 @@ def _sha256(folder: RunFolder) -> str:
 
 
 def _metadata(
-    table: Path,
     profile: Profile,
     circumstances: Elsewhere,
     data: CalibrationData,
@@ -196,8 +200,6 @@ def _metadata(
 ) -> dict[str, Any]:
     reference = circumstances.reference
     return {
-        "table": table.name,
-        "table_sha256": sha256_of_file(table),
         "simulated": data.simulated,
         "bench_name": circumstances.place,
         "operator": circumstances.measured_by,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from torquebench.records.chain import ChainHead
+    from torquebench.records.csv_text import decode_csv
     from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL
     from torquebench.records.entries import (
         Activation,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from torquebench.records.tables import (
         ReadingsTable,
         calibration_csv,
+        parse_calibration_csv,
         read_calibration_csv,
         read_readings_csv,
         write_calibration_csv,
@@ -80,9 +82,11 @@ __all__ = [
     "calibration_changes",
     "calibration_csv",
     "check_records",
+    "decode_csv",
     "folder_changes",
     "json_text",
     "new_run_id",
+    "parse_calibration_csv",
     "read_calibration_csv",
     "read_readings_csv",
     "sha256_of_file",
@@ -93,6 +97,7 @@ __all__ = [
 
 _HOMES = {
     "ChainHead": "chain",
+    "decode_csv": "csv_text",
     "REGISTRY_FILE": "database",
     "REGISTRY_URL": "database",
     "Activation": "entries",
@@ -128,6 +133,7 @@ _HOMES = {
     "new_run_id": "run_folder",
     "ReadingsTable": "tables",
     "calibration_csv": "tables",
+    "parse_calibration_csv": "tables",
     "read_calibration_csv": "tables",
     "read_readings_csv": "tables",
     "write_calibration_csv": "tables",

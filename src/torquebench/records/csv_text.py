@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["CsvTable", "parse_csv", "read_csv"]
+__all__ = ["CsvTable", "decode_csv", "parse_csv", "read_csv"]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
-_COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:]\s*(.*?)[,;\s]*$")
+_COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
 _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
 
 
@@ -128,17 +128,28 @@ def read_csv(path: Path) -> CsvTable:
         raise InputError(
             f"can't read {path}: {error.strerror}", "a CSV file that exists and may be read"
         ) from error
+    return parse_csv(decode_csv(content, str(path)), str(path))
+
+
+def decode_csv(content: bytes, origin: str) -> str:
+    """Return the text of a CSV file: UTF-8, or UTF-16 where its first bytes say so.
+
+    Raises
+    ------
+    InputError
+        Naming the line that is neither.
+    """
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     try:
-        text = content.decode(encoding)
+        return content.decode(encoding)
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise InputError(
-            f"{path}, line {line}: byte {content[error.start]:#04x} isn't {encoding.upper()} text",
+            f"{origin}, line {line}: byte {content[error.start]:#04x} isn't "
+            f"{encoding.upper()} text",
             "a CSV file in UTF-8",
             "save it as CSV UTF-8",
         ) from error
-    return parse_csv(text, str(path))
 
 
 def parse_csv(text: str, origin: str) -> CsvTable:
@@ -192,7 +203,7 @@ def _remarks(text: str) -> Iterator[tuple[str, str]]:
     for line in text.splitlines():
         match = _COMMENT.match(line.strip())
         if match:
-            yield match[1].lower(), match[2]
+            yield match[1].lower(), match[2].rstrip(",; \t").lstrip()
 
 
 def _uncommented(text: str) -> list[str]:
@@ -225,13 +236,15 @@ def _header(names: list[str], origin: str) -> tuple[tuple[str, ...], int]:
     header = [name.lower() for name in names]
     while header and not header[-1]:
         header.pop()
+    seen: set[str] = set()
     for index, name in enumerate(header):
         if not name:
             raise InputError(f"{origin}: column {index + 1} has no name", "a name for each column")
-        if name in header[:index]:
+        if name in seen:
             raise InputError(
                 f"{origin}: two columns are called {name}", "each name once", "rename one of them"
             )
+        seen.add(name)
     return tuple(header), len(names)
 
 

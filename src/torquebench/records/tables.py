@@ -19,12 +19,13 @@ from torquebench.records.columns import (
     quantity,
     series,
 )
-from torquebench.records.csv_text import CsvTable, read_csv
+from torquebench.records.csv_text import CsvTable, parse_csv, read_csv
 from torquebench.records.files import write_atomically
 
 __all__ = [
     "ReadingsTable",
     "calibration_csv",
+    "parse_calibration_csv",
     "read_calibration_csv",
     "read_readings_csv",
     "write_calibration_csv",
@@ -77,7 +78,41 @@ def read_calibration_csv(
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
-    table = read_csv(path)
+    return _calibration(
+        read_csv(path), range_nm, both_directions, (side, transducer_serial, counter_identity)
+    )
+
+
+def parse_calibration_csv(
+    text: str,
+    origin: str,
+    *,
+    range_nm: float | None = None,
+    transducer_serial: str = "",
+    counter_identity: str = "",
+) -> CalibrationData:
+    r"""Return the calibration in a CSV text; see `read_calibration_csv`.
+
+    Parameters
+    ----------
+    text : str
+    origin : str
+        What messages call it.
+
+    Examples
+    --------
+    >>> data = parse_calibration_csv("reading_nm,standard_nm\n5.1,5.0\n10.2,10.0\n", "a table")
+    >>> data.standard_nm.tolist(), data.range_nm
+    ([5.0, 10.0], 10.2)
+    """
+    chain = ("", transducer_serial, counter_identity)
+    return _calibration(parse_csv(text, origin), range_nm, False, chain)
+
+
+def _calibration(
+    table: CsvTable, range_nm: float | None, both_directions: bool, chain: tuple[str, str, str]
+) -> CalibrationData:
+    side, transducer_serial, counter_identity = chain
     columns = find_columns(table, ("reading_nm", "standard_nm"))
     table.check_decimal_marks([name for name, _ in columns.values()])
     reading, standard = (quantity(table, columns, key) for key in ("reading_nm", "standard_nm"))

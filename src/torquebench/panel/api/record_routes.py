@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import StreamingResponse
-from pydantic import AwareDatetime, BaseModel, BeforeValidator
+from pydantic import AwareDatetime, BaseModel
 
 from torquebench.bench.roles import Side
 from torquebench.panel.api.access import Caller, Service, Watched
@@ -18,6 +17,8 @@ from torquebench.panel.service import (
     CalibrationDetail,
     CalibrationView,
     CertificateView,
+    EnteredTable,
+    EnterTableRequest,
     ErrorCurve,
     JobView,
     ModelView,
@@ -25,7 +26,10 @@ from torquebench.panel.service import (
     RunPage,
     SettingsChange,
     SettingsItem,
+    TableRequest,
+    TableView,
 )
+from torquebench.panel.service.fields import Moment
 
 __all__ = ["router", "settings_router"]
 
@@ -33,17 +37,9 @@ router = APIRouter(tags=["records"])
 settings_router = APIRouter(tags=["settings"])
 
 
-def _in_words(moment: Any) -> Any:
-    """Refuse seconds since 1970, which nobody can tell from a typing mistake."""
-    if not re.match(r"\d{4}-\d{2}-\d{2}T", str(moment)):
-        raise ValueError("a moment as in 2026-01-31T12:00:00Z")
-    return moment
-
-
 Text = Annotated[str, Query(max_length=200)]
 RunId = Annotated[str, Path(max_length=100)]
 Number = Annotated[int, Path(ge=1, le=2**53)]
-Moment = Annotated[AwareDatetime, BeforeValidator(_in_words)]
 Word = Annotated[str | None, Query(max_length=64)]
 CHUNK = 256 * 1024
 
@@ -259,6 +255,21 @@ def certificate_file(
     content, media_type = service.records.certificate_file(number, name)
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type=media_type, headers=headers)
+
+
+# -- tables from elsewhere ------------------------------------------------------------------
+
+
+@router.post("/tables/preview")
+def preview_table(service: Watched, body: TableRequest) -> TableView:
+    """Read a calibration that was measured elsewhere and judge it; nothing is kept."""
+    return service.tables.preview(body)
+
+
+@router.post("/tables", status_code=201)
+def enter_table(service: Service, caller: Caller, body: EnterTableRequest) -> EnteredTable:
+    """Enter a calibration that was measured elsewhere; for metrologists and above."""
+    return service.tables.enter(caller, body)
 
 
 # -- settings -------------------------------------------------------------------------------

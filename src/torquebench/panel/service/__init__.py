@@ -60,6 +60,13 @@ Records (`records`): identifiers in, values out, never a path
       `error_curve(calibration_id, model_id=None)` -> `ErrorCurve`; `transducers()`,
       `drift(serial, tolerance_percent)`; `certificates()`, `certificate_file(number, name)`.
 
+Tables from elsewhere (`tables`): text in, never a path
+    - `read_table(bytes)` -> text of an uploaded CSV file; `preview(request)` -> `TableView`
+      (points, errors, departures from the profile, class); `enter(actor, request)` ->
+      `EnteredTable(calibration_id, run_id)`: compare, fit and certify it like any calibration.
+      Requests are `TableRequest` and `EnterTableRequest`, or mappings of their fields. Both take
+      up to a second: call them beside an event loop.
+
 Settings (`settings`): sections "bench", "profiles", "reducers"
     - `items(section)`, `get(section, name)` -> `SettingsItem` (document, builtin, version),
       `schema(section)`; `preview(section, name, document)` and `change(actor, section, name,
@@ -124,6 +131,13 @@ from torquebench.panel.service.settings import (
 )
 from torquebench.panel.service.snapshot import BenchSnapshot, CompensationState, SideSnapshot
 from torquebench.panel.service.store import Event
+from torquebench.panel.service.table_desk import (
+    EnteredTable,
+    EnterTableRequest,
+    TableRequest,
+    TableView,
+    read_table,
+)
 
 __all__ = [
     "JOB_KINDS",
@@ -142,6 +156,8 @@ __all__ = [
     "Client",
     "CompensationState",
     "Difference",
+    "EnterTableRequest",
+    "EnteredTable",
     "ErrorCurve",
     "Event",
     "JobPoint",
@@ -175,7 +191,10 @@ __all__ = [
     "SignInError",
     "Signal",
     "StopReport",
+    "TableRequest",
+    "TableView",
     "User",
     "allows",
+    "read_table",
     "read_upload",
 ]

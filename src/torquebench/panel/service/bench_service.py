@@ -35,6 +35,7 @@ from torquebench.panel.service.snapshot import (
     side_snapshots,
 )
 from torquebench.panel.service.store import Event, PanelStore
+from torquebench.panel.service.table_desk import TableDesk
 from torquebench.station import Station, data_directory
 
 __all__ = ["JOB_KINDS", "BenchService"]
@@ -65,6 +66,7 @@ class BenchService:
     jobs : JobDesk
     records : RecordsDesk
     settings : SettingsDesk
+    tables : TableDesk
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class BenchService:
         self.settings = SettingsDesk(store, base)
         self.people = People(store)
         self.clients = Clients(store)
+        self.tables = TableDesk(lambda: self.station.registry, self.settings, self.note)
         self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
         self.station = self._open_station()
         self._watch()

@@ -16,6 +16,7 @@ from torquebench.campaign.measuring import RunAbortedError, acting_as
 from torquebench.errors import InputError
 from torquebench.panel.aside import AsideEndedError
 from torquebench.panel.service.actors import Actor, Role, require
+from torquebench.panel.service.fields import words_of
 from torquebench.panel.service.job import Job
 from torquebench.panel.service.job_values import (
     JobPoint,
@@ -236,9 +237,7 @@ class JobDesk:
         try:
             return kind.request.model_validate(dict(request))
         except ValidationError as error:
-            first = error.errors()[0]
-            place = ".".join(str(part) for part in first["loc"]) or "the request"
-            raise InputError(f"{place}: {first['msg']}", f"what a {kind.name} takes") from None
+            raise InputError(words_of(error), f"what a {kind.name} takes") from None
 
     def command(self, actor: Actor) -> None:
         """Refuse whoever doesn't command; where nobody does, he does from now on."""

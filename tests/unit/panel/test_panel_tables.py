@@ -1,0 +1,183 @@
+"""Calibrations from elsewhere: text in, a judged table or a sealed record out, never a path."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.unit.reports.calibrated_bench import points
+
+from torquebench.bench.description import default_bench
+from torquebench.calibration import load_profile
+from torquebench.errors import InputError, TorquebenchError
+from torquebench.panel.service import Actor, NotFoundError, PermissionDeniedError, read_table
+from torquebench.panel.service.settings import SettingsDesk
+from torquebench.panel.service.store import PanelStore
+from torquebench.panel.service.table_desk import LONGEST_TABLE, TableDesk
+from torquebench.records import Registry, RunFolder, calibration_csv, check_records
+
+CHIEF = Actor("Max", "metrologist", "m")
+CIRCUMSTANCES = {
+    "profile": "staircase",
+    "reference_uncertainty_percent": 0.02,
+    "resolution_nm": 0.01,
+    "performed": "2026-03-02T10:00:00Z",
+    "reference_due": "2027-01-31",
+}
+CHAIN = {
+    "called": "../../etc/passwd",  # a word like any other
+    "transducer_serial": "T-7",
+    "indicator": "DMP41 / 815",
+    "measured_by": "A. Kim",
+    "reference_serial": "R-9",
+}
+
+
+@pytest.fixture(scope="module")
+def settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SettingsDesk]:
+    store = PanelStore(tmp_path_factory.mktemp("panel"))
+    yield SettingsDesk(store, default_bench())
+    store.close()
+
+
+@pytest.fixture
+def registry(tmp_path: Path) -> Iterator[Registry]:
+    with Registry.open(tmp_path / "data") as opened:
+        yield opened
+
+
+@pytest.fixture
+def noted() -> list[tuple[Any, ...]]:
+    return []
+
+
+@pytest.fixture
+def desk(registry: Registry, settings: SettingsDesk, noted: list[tuple[Any, ...]]) -> TableDesk:
+    return TableDesk(lambda: registry, settings, lambda *what, **how: noted.append((*what, how)))
+
+
+@pytest.fixture
+def looking(settings: SettingsDesk) -> TableDesk:
+    """Return a desk without records: whoever only looks needs none."""
+    return TableDesk(lambda: pytest.fail("records were touched"), settings, pytest.fail)
+
+
+@pytest.fixture
+def table() -> str:
+    measured = points(load_profile("staircase"), simulated=False, temperature_drift_k=0.2)
+    return calibration_csv(replace(measured, counter_identity=CHAIN["indicator"]))
+
+
+def test_a_table_is_judged_and_nothing_is_kept(looking: TableDesk, table: str) -> None:
+    view = looking.preview({**CIRCUMSTANCES, "content": table})
+    assert view.points == len(view.error_nm) == len(view.branch)
+    assert view.certifiable
+    assert not view.simulated
+    assert view.raw.worst_nm == max(map(abs, view.error_nm))
+    assert {each.name for each in view.directions} <= {"clockwise", "counter-clockwise"}
+    assert all(each.uncertainty_percent for each in view.directions)
+
+
+def test_what_a_profile_misses_is_named(looking: TableDesk) -> None:
+    view = looking.preview({**CIRCUMSTANCES, "content": "reading_nm,standard_nm\n1.1,1\n2.1,2\n"})
+    assert not view.certifiable
+    assert view.directions == ()
+    assert any(each.kind == "missing_step" for each in view.deviations)
+
+
+def test_an_entered_table_is_a_sealed_record(
+    desk: TableDesk, registry: Registry, table: str, noted: list[tuple[Any, ...]]
+) -> None:
+    entered = desk.enter(CHIEF, {**CIRCUMSTANCES, **CHAIN, "content": table})
+    folder = RunFolder.open(registry.run(entered.run_id).folder)
+    folder.verify()
+    assert (folder.path / "table.csv").read_text(encoding="utf-8") == table
+    assert folder.metadata["table"] == "../../etc/passwd"
+    assert folder.metadata["entered_by"] == "Max"
+    assert registry.calibration(entered.calibration_id).summary["table"] == "../../etc/passwd"
+    assert check_records(registry).intact
+    ((actor, what, details),) = noted
+    assert (actor, what) == (CHIEF, "entered a table")
+    assert details["calibration_id"] == entered.calibration_id
+    with pytest.raises(InputError, match=f"entered as calibration-{entered.calibration_id}"):
+        desk.enter(CHIEF, {**CIRCUMSTANCES, **CHAIN, "content": table})
+
+
+def test_an_operator_enters_nothing(desk: TableDesk, registry: Registry, table: str) -> None:
+    with pytest.raises(PermissionDeniedError):
+        desk.enter(Actor("Olga", "operator", "o"), {**CIRCUMSTANCES, **CHAIN, "content": table})
+    assert registry.runs() == []
+
+
+@pytest.mark.parametrize("missing", ["transducer_serial", "indicator", "reference_serial"])
+def test_what_a_certificate_has_to_name_is_asked_for(
+    desk: TableDesk, table: str, missing: str
+) -> None:
+    asked = {**CIRCUMSTANCES, **CHAIN, "content": table}
+    for given in ({**asked, missing: ""}, {key: asked[key] for key in asked if key != missing}):
+        with pytest.raises(InputError, match=missing):
+            desk.enter(CHIEF, given)
+
+
+HEADER = "reading_nm,standard_nm\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "at least 1"),
+        ("x" * (LONGEST_TABLE + 1), "at most"),
+        (HEADER + "\n" * 6000, "6001 lines"),
+        (",".join(f"a{n}" for n in range(40_000)) + "\n1\n", "a line of"),
+        ("# a = " + "," * 100_000 + "x\n" + HEADER + "1,1\n", "a line of"),
+        (HEADER + "1,\0\n", "NUL"),
+        (HEADER + "1e999,1\n", "finite"),
+        (HEADER + "nan,1\n", "nan"),
+        (HEADER + "1e308,1e308\n", "range"),
+        ("# range_nm = inf\n" + HEADER + "1,1\n", "range"),
+        (HEADER + '"1,1\n', "quotation"),
+        ("<script>\n1", "no column"),
+        ("PK\x03\x04", "column|control|values"),
+    ],
+)
+def test_a_hostile_table_is_refused_in_words(looking: TableDesk, content: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        looking.preview({**CIRCUMSTANCES, "content": content})
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("profile", "../../etc/passwd"),
+        ("profile", "mine.toml"),
+        ("range_nm", float("nan")),
+        ("range_nm", 1e300),
+        ("resolution_nm", float("inf")),
+        ("reference_uncertainty_percent", "0.02"),
+        ("performed", 1767225600),
+        ("performed", "2026-03-02"),
+        ("surprise", 1),
+    ],
+)
+def test_a_wrong_field_is_named(looking: TableDesk, table: str, field: str, value: Any) -> None:
+    with pytest.raises((InputError, NotFoundError)) as refused:
+        looking.preview({**CIRCUMSTANCES, "content": table, field: value})
+    assert field in str(refused.value) or "profiles" in str(refused.value)
+
+
+def test_a_table_of_another_kind_has_no_endless_answer(looking: TableDesk) -> None:
+    rows = "".join(f"{1 + n * 1e-3:.3f},{1 + n * 1e-3:.3f},{n + 1}\n" for n in range(1000))
+    view = looking.preview({**CIRCUMSTANCES, "content": "reading_nm,standard_nm,series\n" + rows})
+    assert len(view.deviations) == 200
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_an_upload_is_read_as_spreadsheets_save_it(encoding: str) -> None:
+    assert read_table("Größe;1,5".encode(encoding)) == "Größe;1,5"
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"\x80", b" " * (LONGEST_TABLE + 1)])
+def test_an_upload_that_is_no_text_is_refused(content: bytes) -> None:
+    with pytest.raises(TorquebenchError, match="upload"):
+        read_table(content)
