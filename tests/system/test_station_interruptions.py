@@ -18,6 +18,7 @@ from torquebench.bench.safety import AlarmKind
 from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station import Station
+from torquebench.station.runs import Progress
 
 Plan = Generator[Msg, Any, Any]
 
@@ -139,6 +140,36 @@ def test_an_abort_from_another_thread_cleans_up_and_takes_the_torque_off(
     assert again.exit_status == "success"
 
 
+def test_an_abort_from_a_progress_callback_ends_the_run_that_reports(station: Station) -> None:
+    cleaned: list[str] = []
+
+    def reporting() -> Plan:
+        yield from loaded_points(station, lambda _: None, points=1)
+        for number in range(10):
+            yield Msg("progress", None, number, 10, "points")
+            yield from bps.sleep(0.1)
+
+    def clean_up() -> Plan:
+        cleaned.append("cleaned")
+        yield from bps.null()
+
+    def stop(progress: Progress) -> None:
+        if progress.done == 2:
+            station.abort("seen enough")
+            with pytest.raises(BenchError, match="closes its bench"):
+                station.close()
+
+    record = station.run(
+        bpp.finalize_wrapper(reporting(), clean_up), kind="reported", progress=stop
+    )
+    assert (record.exit_status, record.reason) == ("abort", "seen enough")
+    assert cleaned == ["cleaned"]
+    assert setpoint(station) == 0.0
+    assert not station.drivers.drives["output"].state().enabled
+    again = station.run(loaded_points(station, lambda _: None, points=1), kind="again")
+    assert again.exit_status == "success"
+
+
 def test_nothing_is_left_of_an_abort_without_a_run(station: Station) -> None:
     station.abort("nothing to abort")
     station.resume()
@@ -224,6 +255,7 @@ import sys, threading
 import bluesky.plan_stubs as bps
 from bluesky.utils import Msg
 from torquebench.station import Station
+from torquebench.station.runs import Progress
 
 with Station.open(None, sys.argv[1]) as station:
     station.interrupt_action = sys.argv[2]

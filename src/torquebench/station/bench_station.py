@@ -26,10 +26,10 @@ from torquebench.bench.interlocks import Interlocks
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.state import CommandState
-from torquebench.compensation import load_model
-from torquebench.errors import BenchError, ModelMismatchError, TorquebenchError
+from torquebench.errors import BenchError, TorquebenchError
 from torquebench.records import Registry
 from torquebench.station.engine import BenchEngine, Plan
+from torquebench.station.matching import compensation_for
 from torquebench.station.recording import Recording, RunEnd
 from torquebench.station.registration import register_equipment
 from torquebench.station.runs import ProgressCallback, RunRecord
@@ -195,9 +195,21 @@ class Station:
         self.close()
 
     def close(self) -> None:
-        """Zero torque, end every thread, close the instruments. A second call does nothing."""
+        """Zero torque, end every thread, close the instruments. A second call does nothing.
+
+        Raises
+        ------
+        BenchError
+            A plan under way asks for it: it would wait for itself.
+        """
         if self._closed:
             return
+        if self.engine.on_own_thread:
+            raise BenchError(
+                "a plan under way closes its bench",
+                "closing by whoever has opened it",
+                "abort the run and close the bench when it has returned",
+            )
         self._closed = True
         if self.engine.running:
             self.abort("the bench is being closed")
@@ -464,30 +476,12 @@ class Station:
         RecordError
             The model's file is missing or was changed.
         """
-        transducer = self.description.module(side).transducer
-        serial, counter = transducer.serial, self.drivers.counter.clock_identity
-        try:
-            entry = self.registry.active_model(serial, counter)
-        except ModelMismatchError:
-            if accepted is None:
-                raise
-            entry = None
-        if entry is not None or accepted is None or accepted.identity == counter:
-            accepted = None
-        else:
-            counter = accepted.identity
-            entry = self.registry.active_model(serial, counter)
-        if entry is None:
-            raise ModelMismatchError(
-                f"no active model of transducer {serial} with counter {counter}",
-                "a model that was made with both",
-                f"calibrate the {side} module or activate one of its models",
-            )
-        stored = load_model(entry.check_file())
-        stored.check_fits(serial, counter, self.description.module(side).range_nm)
-        zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
-        active = ActiveCompensation(
-            stored.model, str(entry.model_id), entry.kind, accepted, zero_nm
+        active = compensation_for(
+            self.registry,
+            self.description.module(side),
+            self.drivers.counter.clock_identity,
+            side,
+            accepted,
         )
         self.acquisition.set_compensation(side, active)
         return active

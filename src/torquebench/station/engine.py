@@ -7,7 +7,7 @@ import contextlib
 import io
 import logging
 import threading
-from collections.abc import Callable, Coroutine, Generator
+from collections.abc import Callable, Coroutine, Generator, Iterator
 from typing import Any, TypeVar
 
 from bluesky.preprocessors import plan_mutator
@@ -88,6 +88,7 @@ class BenchEngine:
         self._pausing = False
         self._reason = ""
         self._resumed: asyncio.Event | None = None
+        self._aborting: asyncio.Task[None] | None = None
         self.loop = clock.new_event_loop()
         self._engine = RunEngine(
             loop=self.loop,
@@ -151,6 +152,11 @@ class BenchEngine:
             self.abort("bluesky's own pause: use Station.pause, which holds at points")
         return RunEngineResult((), None, "abort", True, self._reason, None)
 
+    @property
+    def on_own_thread(self) -> bool:
+        """Whether the caller runs on the engine's thread: in a plan, or called back by one."""
+        return threading.current_thread() is self._engine._th
+
     def call(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
         """Run a coroutine on the engine's loop and wait for it."""
         return asyncio.run_coroutine_threadsafe(coroutine, self.loop).result()
@@ -169,11 +175,20 @@ class BenchEngine:
             self.loop.call_soon_threadsafe(resumed.set)
 
     def abort(self, reason: str = "") -> None:
-        """End the plan under way through its own clean-up."""
+        """End the plan under way through its own clean-up.
+
+        On the engine's own thread it ends as soon as the caller lets the engine go on.
+        """
         self._reason = reason
-        said = io.StringIO()  # bluesky prints that it aborts; whoever aborts says it better
-        with contextlib.suppress(TransitionError), contextlib.redirect_stdout(said):
-            self._engine.abort(reason)  # a TransitionError: it has ended meanwhile
+        if self.on_own_thread:
+            self._aborting = self.loop.create_task(self._abort_soon(reason))
+            return
+        with _quietly():
+            self._engine.abort(reason)
+
+    async def _abort_soon(self, reason: str) -> None:
+        with _quietly():
+            await self._engine._abort_coro(reason)
 
     def close(self) -> None:
         """End the loop and its thread. A second call does nothing."""
@@ -257,6 +272,13 @@ def _held_at_checkpoints(plan: Plan) -> Plan:
         return None, None
 
     return (yield from plan_mutator(plan, hold_after))
+
+
+@contextlib.contextmanager
+def _quietly() -> Iterator[None]:
+    """Abort without what bluesky prints, and without its complaint where the run has ended."""
+    with contextlib.suppress(TransitionError), contextlib.redirect_stdout(io.StringIO()):
+        yield
 
 
 def _cause(failed: BaseException) -> BaseException:

@@ -1,0 +1,67 @@
+"""Which model compensates a side: one of exactly its transducer and of the counter that measures.
+
+A timebase's error is part of what was calibrated, so a model of another counter is refused unless
+that counter is accepted by name, at a price in uncertainty.
+"""
+
+from __future__ import annotations
+
+from torquebench.bench.compensating import AcceptedCounter, ActiveCompensation
+from torquebench.bench.description import ModuleDescription
+from torquebench.bench.roles import Side
+from torquebench.compensation import load_model
+from torquebench.errors import ModelMismatchError
+from torquebench.records import Registry
+
+__all__ = ["compensation_for"]
+
+
+def compensation_for(
+    registry: Registry,
+    module: ModuleDescription,
+    counter: str,
+    side: Side,
+    accepted: AcceptedCounter | None = None,
+) -> ActiveCompensation:
+    """Return the compensation by the registry's active model of a transducer and a counter.
+
+    Parameters
+    ----------
+    registry : Registry
+    module : ModuleDescription
+        Its transducer and range.
+    counter : str
+        Counter and clock that measure.
+    side : {"input", "output"}
+    accepted : AcceptedCounter, optional
+        Where there is no model of the counter that measures, one of that counter is used.
+
+    Raises
+    ------
+    ModelMismatchError
+        There is none for exactly this transducer serial and this counter.
+    RecordError
+        The model's file is missing or was changed.
+    """
+    transducer = module.transducer
+    try:
+        entry = registry.active_model(transducer.serial, counter)
+    except ModelMismatchError:
+        if accepted is None:
+            raise
+        entry = None
+    if entry is not None or accepted is None or accepted.identity == counter:
+        accepted = None
+    else:
+        counter = accepted.identity
+        entry = registry.active_model(transducer.serial, counter)
+    if entry is None:
+        raise ModelMismatchError(
+            f"no active model of transducer {transducer.serial} with counter {counter}",
+            "a model that was made with both",
+            f"calibrate the {side} module or activate one of its models",
+        )
+    stored = load_model(entry.check_file())
+    stored.check_fits(transducer.serial, counter, module.range_nm)
+    zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
+    return ActiveCompensation(stored.model, str(entry.model_id), entry.kind, accepted, zero_nm)
