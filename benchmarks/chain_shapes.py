@@ -21,42 +21,44 @@ def _one_sided(x: FloatArray, side: float) -> FloatArray:
     return np.where(np.sign(x) == side, np.abs(x), 0.0)
 
 
-def _offset(x: FloatArray, branch: FloatArray) -> FloatArray:  # noqa: ARG001
+def _offset(x: FloatArray, _branch: FloatArray) -> FloatArray:
     return np.ones_like(x)
 
 
-def _power(x: FloatArray, branch: FloatArray, side: float, exponent: float) -> FloatArray:  # noqa: ARG001
+def _power(x: FloatArray, _branch: FloatArray, side: float, exponent: float) -> FloatArray:
     return side * _one_sided(x, side) ** exponent
 
 
-def _saturation(x: FloatArray, branch: FloatArray, side: float, knee: float) -> FloatArray:  # noqa: ARG001
+def _saturation(x: FloatArray, _branch: FloatArray, side: float, knee: float) -> FloatArray:
     return side * np.log1p(_one_sided(x, side) / knee)
 
 
-def _kink(x: FloatArray, branch: FloatArray, side: float, start: float, width: float) -> FloatArray:  # noqa: ARG001
+def _kink(
+    x: FloatArray, _branch: FloatArray, side: float, start: float, width: float
+) -> FloatArray:
     distance = (side * x - start) / width
     return np.asarray(side * width * np.logaddexp(0.0, distance))
 
 
-def _smooth_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
+def _smooth_step(x: FloatArray, _branch: FloatArray, width: float) -> FloatArray:
     return np.tanh(x / width)
 
 
-def _rational_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
+def _rational_step(x: FloatArray, _branch: FloatArray, width: float) -> FloatArray:
     return x / (width + np.abs(x))
 
 
-def _sine(x: FloatArray, branch: FloatArray, period: float, quadrature: float) -> FloatArray:  # noqa: ARG001
+def _sine(x: FloatArray, _branch: FloatArray, period: float, quadrature: float) -> FloatArray:
     return np.sin(2 * np.pi * x / period + quadrature * np.pi / 2)
 
 
-def _triangle(x: FloatArray, branch: FloatArray, period: float, phase: float) -> FloatArray:  # noqa: ARG001
+def _triangle(x: FloatArray, _branch: FloatArray, period: float, phase: float) -> FloatArray:
     return 2 / np.pi * np.arcsin(0.97 * np.sin(2 * np.pi * x / period + phase))
 
 
 def _chirp(
     x: FloatArray,
-    branch: FloatArray,  # noqa: ARG001
+    _branch: FloatArray,
     period: float,
     stretch: float,
     quadrature: float,
@@ -65,17 +67,17 @@ def _chirp(
     return np.sqrt(np.abs(x)) * np.sin(angle + quadrature * np.pi / 2)
 
 
-def _bump(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
+def _bump(x: FloatArray, _branch: FloatArray, centre: float, width: float) -> FloatArray:
     return np.exp(-0.5 * ((x - centre) / width) ** 2)
 
 
-def _resonance(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
+def _resonance(x: FloatArray, _branch: FloatArray, centre: float, width: float) -> FloatArray:
     return 1.0 / (1.0 + ((x - centre) / width) ** 2)
 
 
 def _packet(
     x: FloatArray,
-    branch: FloatArray,  # noqa: ARG001
+    _branch: FloatArray,
     centre: float,
     width: float,
     period: float,
@@ -98,29 +100,29 @@ def _one_sided_loop(
     return np.where(np.sign(x) == side, _loop(x, branch, max(rise, 1e-9), fall), 0.0)
 
 
-def _arctangent(x: FloatArray, branch: FloatArray, side: float, width: float) -> FloatArray:  # noqa: ARG001
+def _arctangent(x: FloatArray, _branch: FloatArray, side: float, width: float) -> FloatArray:
     return side * np.arctan(_one_sided(x, side) / width)
 
 
-def _settling(x: FloatArray, branch: FloatArray, side: float, knee: float) -> FloatArray:  # noqa: ARG001
+def _settling(x: FloatArray, _branch: FloatArray, side: float, knee: float) -> FloatArray:
     """Rational curve: quadratic at first, straight at last."""
     size = _one_sided(x, side)
     return side * size**2 / (size + knee)
 
 
-def _line_contact(x: FloatArray, branch: FloatArray, side: float) -> FloatArray:  # noqa: ARG001
+def _line_contact(x: FloatArray, _branch: FloatArray, side: float) -> FloatArray:
     """Deflection of a line contact over the load: x (1 - ln x), slope and all."""
     size = _one_sided(x, side)
     return side * size * (1.0 - np.log(np.maximum(size, 1e-12)))
 
 
-def _algebraic_step(x: FloatArray, branch: FloatArray, width: float) -> FloatArray:  # noqa: ARG001
+def _algebraic_step(x: FloatArray, _branch: FloatArray, width: float) -> FloatArray:
     return x / np.sqrt(width**2 + x**2)
 
 
 def _warped_sine(
     x: FloatArray,
-    branch: FloatArray,  # noqa: ARG001
+    _branch: FloatArray,
     period: float,
     warp: float,
     quadrature: float,
@@ -129,7 +131,7 @@ def _warped_sine(
     return np.sin(angle + quadrature * np.pi / 2)
 
 
-def _sech_bump(x: FloatArray, branch: FloatArray, centre: float, width: float) -> FloatArray:  # noqa: ARG001
+def _sech_bump(x: FloatArray, _branch: FloatArray, centre: float, width: float) -> FloatArray:
     return 1.0 / np.cosh((x - centre) / width)
 
 

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
-import psutil  # type: ignore[import-untyped]
+import psutil
 from websockets.sync.client import connect
 
 CHANNELS = [

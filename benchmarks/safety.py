@@ -28,6 +28,7 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
+from unittest.mock import patch
 
 import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
@@ -73,11 +74,8 @@ class Timed:
             ramp(drive, duration_s)
             self.told.append(time.monotonic())
 
-        setattr(SimulatedDrive, "ramp_to_zero", noted)  # noqa: B010 - as a test would
-        try:
+        with patch.object(SimulatedDrive, "ramp_to_zero", noted):
             yield
-        finally:
-            setattr(SimulatedDrive, "ramp_to_zero", ramp)  # noqa: B010
 
 
 def wall_of(station: Station, bench_s: float) -> float:

@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.angles import with_angles
-from torquebench.bench.drivers.base import DriverSet
+from torquebench.bench.drivers.base import Drive, DriverSet
 from torquebench.bench.drivers.links import Address
 from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
 from torquebench.bench.drivers.simulation_control import (
@@ -109,7 +109,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             control = SimulationControl(options.simulation.control)
             opened.callback(control.close)
             on_demand = _running(control)["time"] == "on-demand"
-        drives = {
+        drives: dict[Side, Drive] = {
             "input": open_one("input_drive"),
             "output": open_one("output_drive"),
         }
@@ -121,7 +121,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
         return DriverSet(
             name="instruments",
             counter=counter,
-            drives=drives,  # type: ignore[arg-type]
+            drives=drives,
             modes=open_one("modes"),
             clamp=open_one("clamp"),
             temperature=open_one("temperature"),
