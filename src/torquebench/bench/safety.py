@@ -11,6 +11,7 @@ hardware watchdog belong to the drive and the safety relay.
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -52,6 +53,8 @@ UNLOAD_SETTLING_S = 0.2
 """How long shafts and drives swing after an orderly ramp to zero, s of bench time."""
 FAST_PATIENCE = 15.0
 """How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
+HAND_PATIENCE_S = 0.1
+"""How long simulated time stands for a drive that takes its time to answer, s of wall time."""
 
 ROUNDING_S = 1e-6
 
@@ -89,9 +92,9 @@ class SafetySupervisor:
         safety = description.safety
         self.heartbeats = Heartbeats(clock.now, safety.presence_s)
         self._signals = SignalJudge(description, self.limits, commands)
-        threaded = drivers.blocking and not clock.fast
+        patience_s = HAND_PATIENCE_S if clock.fast else 0.0
         self._hands = {
-            side: DriveHand(side, drive, threaded=threaded)
+            side: DriveHand(side, drive, threaded=drivers.blocking, patience_s=patience_s)
             for side, drive in drivers.drives.items()
         }
         self._stall_s = safety.stall_s * (FAST_PATIENCE if clock.fast else 1.0)
@@ -100,6 +103,8 @@ class SafetySupervisor:
         self._unloaded_s = 0.0
         self._disable_at_s = 0.0
         self._disable_at_wall = 0.0
+        self._cut = False
+        self._left_alone_s = self._left_alone_wall = math.inf
         self._safe = threading.Event()
         self._safe.set()
         self._busy_since: float | None = None
@@ -237,8 +242,11 @@ class SafetySupervisor:
         self._act(*self._signals.judge(block))
         if self._clock.fast:  # time passes with blocks only, so the rest is looked at with them
             self._look_around()
-        if not self._safe.is_set() and block.stop_s > self._disable_at_s - ROUNDING_S:
-            self.disable()
+        if not self._safe.is_set():
+            if block.stop_s > self._left_alone_s - ROUNDING_S:
+                self._arrive()
+            elif block.stop_s > self._disable_at_s - ROUNDING_S and not self._cut:
+                self.disable()
 
     def _act(self, violation: Violation | None, changes: list[Change]) -> None:
         if violation is not None and self._book.latched is None:
@@ -263,9 +271,11 @@ class SafetySupervisor:
                 self._enabled_since.pop(side, None)
             else:
                 self._enabled_since.setdefault(side, time.monotonic())
-        feed = not latched or not self._safe.is_set()
+        feed = not latched or not (self._cut or self._safe.is_set())
         for hand in self._hands.values():
             hand.look(feed=feed)
+        for hand in self._hands.values():
+            hand.wait_looked()
         if latched or not self._commands.any_enabled:
             return
         violation = self._drive_violation() or self.heartbeats.missing()
@@ -311,6 +321,8 @@ class SafetySupervisor:
             latched = self._book.latched
             if latched is None:
                 self._safe.clear()
+                self._cut = False
+                self._left_alone_s = self._left_alone_wall = math.inf
             alarm = self._book.add(Alarm(kind, source, found, allowed, remedy, self._clock.now()))
             if latched is not None:
                 self._book.announce(alarm.number)
@@ -356,17 +368,39 @@ class SafetySupervisor:
         self._commands.side(side).at_zero(self._clock.now())
 
     def disable(self) -> None:
-        """Take the power off both drives; with an alarm latched this ends the way to safety."""
-        waiting = set(self._hands)
+        """Take the power off both drives; with an alarm latched this ends the way to safety.
 
-        def done(side: Side) -> None:
-            waiting.discard(side)
-            if not waiting:
-                self._safe.set()
+        A drive that can't be told is an alarm. It isn't fed any more, and the bench counts as safe
+        when that drive's own watchdog has had its time to act.
+        """
+        self._cut = True
+        told: dict[Side, bool] = {}
+
+        def done(side: Side, was_told: bool) -> None:
+            told[side] = was_told
+            if not was_told and self._book.latched is None:
+                self._trip_for(_untold(side))
+            elif len(told) == len(self._hands):
+                self._arrive() if all(told.values()) else self._leave_alone(told)
 
         for side, hand in self._hands.items():
             self._commands.side(side).off(self._clock.now())  # from now on it may be off
-            hand.disable(lambda side=side: done(side))  # type: ignore[misc]
+            hand.disable(lambda was_told, side=side: done(side, was_told))  # type: ignore[misc]
+
+    def _leave_alone(self, told: Mapping[Side, bool]) -> None:
+        """Give drives that couldn't be told the time that their own watchdogs need."""
+        drives = [self._description.module(side).drive for side in told if not told[side]]
+        lasts_s = max(drive.watchdog_s for drive in drives)
+        lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
+        self._left_alone_s = self._clock.now() + lasts_s
+        patience = FAST_PATIENCE if self._clock.fast else 1.0
+        self._left_alone_wall = time.monotonic() + patience * lasts_s
+        self._clock.require(self._left_alone_s)
+
+    def _arrive(self) -> None:
+        """End the way to the safe state."""
+        self._left_alone_s = self._left_alone_wall = math.inf
+        self._safe.set()
 
     # -- the supervisor's own thread --------------------------------------------------------
 
@@ -402,5 +436,19 @@ class SafetySupervisor:
                 )
             if not self._clock.fast:
                 self._look_around()
-            if not self._safe.is_set() and time.monotonic() > self._disable_at_wall:
+            if self._safe.is_set():
+                continue
+            if time.monotonic() > self._left_alone_wall:
+                self._arrive()
+            elif time.monotonic() > self._disable_at_wall and not self._cut:
                 self.disable()
+
+
+def _untold(side: Side) -> Violation:
+    return Violation(
+        AlarmKind.DRIVE_FAULT,
+        side,
+        f"{side} drive: it can't be told to go off",
+        "a drive that takes commands",
+        "check its connection; its own watchdog takes the power off",
+    )

@@ -18,6 +18,7 @@ from torquebench.bench.roles import Side
 __all__ = ["DriveHand"]
 
 Order = Callable[[], None]
+Answer = Callable[[bool], None]
 ENDING_S = 2.0
 """How long a hand that is told to end may still be busy with its drive, s."""
 
@@ -31,6 +32,10 @@ class DriveHand:
     drive : Drive
     threaded : bool
         Do it on a thread of its own, since the drive may block. Otherwise on the caller's.
+    patience_s : float
+        How long a caller waits for that thread, s of wall time: simulated time, which stands
+        meanwhile, must neither run away from a drive that answers nor stand still for one that
+        doesn't, since that one's own watchdog needs it.
 
     Attributes
     ----------
@@ -44,15 +49,19 @@ class DriveHand:
         What the drive failed with when it was last asked, empty when it answered.
     """
 
-    def __init__(self, side: Side, drive: Drive, *, threaded: bool) -> None:
+    def __init__(
+        self, side: Side, drive: Drive, *, threaded: bool, patience_s: float = 0.0
+    ) -> None:
         self.side = side
+        self._patience_s = patience_s
         self.drive = drive
         self.state: DriveState | None = None
         self.answered = time.monotonic()
         self.asked = 0.0
         self.failure = ""
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
-        self._looking = threading.Event()
+        self._idle = threading.Event()  # nobody is asking it at the moment
+        self._idle.set()
         self._thread: threading.Thread | None = None
         if threaded:
             self._thread = threading.Thread(
@@ -76,29 +85,48 @@ class DriveHand:
         """Ask for the state and feed the watchdog; on a thread, once at a time."""
         if self._thread is None:
             self._look(feed)
-        elif not self._looking.is_set():
-            self._looking.set()
+        elif self._idle.is_set():
+            self._idle.clear()
             self._orders.put(lambda: self._look(feed))
+
+    def wait_looked(self) -> None:
+        """Wait until the drive has been asked, as long as patience lasts."""
+        if self._thread is not None and self._patience_s:
+            self._idle.wait(self._patience_s)
 
     def ramp_to_zero(self, duration_s: float) -> None:
         """Tell the drive to go to zero torque and speed, and disable one that can't."""
         self._order(lambda: self._ramp(duration_s))
 
-    def disable(self, done: Order) -> None:
-        """Take the power off, then call `done`; a drive that can't be told counts as told."""
+    def disable(self, done: Answer) -> None:
+        """Take the power off, then call `done` with whether the drive could be told."""
 
         def disable() -> None:
-            with contextlib.suppress(Exception):
+            try:
                 self.drive.disable()
-            done()
+            except Exception:  # its own watchdog has to act
+                done(False)
+            else:
+                done(True)
 
         self._order(disable)
 
     def _order(self, order: Order) -> None:
-        if self._thread is None or not self._thread.is_alive():
+        thread = self._thread
+        if thread is None or not thread.is_alive() or thread is threading.current_thread():
             order()
-        else:
-            self._orders.put(order)
+            return
+        obeyed = threading.Event()
+
+        def obey() -> None:
+            try:
+                order()
+            finally:
+                obeyed.set()
+
+        self._orders.put(obey)
+        if self._patience_s:
+            obeyed.wait(self._patience_s)
 
     # -- on the thread ----------------------------------------------------------------------
 
@@ -126,4 +154,4 @@ class DriveHand:
             self.failure = ""
             self.answered = time.monotonic()
         finally:
-            self._looking.clear()
+            self._idle.set()

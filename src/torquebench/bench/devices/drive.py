@@ -112,16 +112,24 @@ class DriveSwitch(StandardReadable):
         drive, commands = context.drivers.drives[side], context.commands.side(side)
         if value:
             context.interlocks.check_enable(side)
-            await context.call(drive.enable)
+            try:
+                await context.call(drive.enable)
+            except BaseException:  # it may have power nevertheless
+                await self._take_off()
+                raise
             commands.at_zero(context.clock.now())
             commands.on()
             return
         await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
         commands.off(context.clock.now())  # before: a drive that goes off by itself is an alarm
+        await self._take_off()
+
+    async def _take_off(self) -> None:
+        context, side = self._context, self._side
         try:
-            await context.call(drive.disable)
+            await context.call(context.drivers.drives[side].disable)
         except BaseException:
-            commands.on()  # it may have power: the supervisor goes on watching it
+            context.commands.side(side).on()  # so that the supervisor goes on watching it
             raise
 
 

@@ -1,0 +1,118 @@
+"""Drives that can't be told any more: their own watchdogs take the power off, and time goes on."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from tests.unit.bench.test_bench_devices import play, ready
+
+from torquebench.bench.drivers.base import DriverSet
+from torquebench.bench.safety import AlarmKind
+from torquebench.errors import BenchError
+
+OpenBench = Callable[..., Any]
+
+
+class Wire:
+    """A drive behind a wire that can be cut, or answers late."""
+
+    def __init__(self, drive: Any) -> None:
+        self._drive = drive
+        self.cut = False
+        self.late_s = 0.0
+        self.enables_badly = False
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self._ask(name, *arguments)
+
+    def enable(self) -> None:
+        self._ask("enable")
+        if self.enables_badly:
+            raise BenchError("the drive says that it stays off", "an enabled drive")
+
+    def close(self) -> None:
+        """Nothing: the bench closes its drives itself."""
+
+    def _ask(self, name: str, *arguments: Any) -> Any:
+        if self.cut:
+            time.sleep(self.late_s)
+            raise BenchError("the drive doesn't answer", "an answer", "check its wire")
+        return getattr(self._drive, name)(*arguments)
+
+
+def wired(wires: dict[str, Wire], *, blocking: bool) -> Callable[[DriverSet], DriverSet]:
+    def wrap(drivers: DriverSet) -> DriverSet:
+        wires.update({side: Wire(drive) for side, drive in drivers.drives.items()})
+        return replace(drivers, drives=wires, blocking=blocking)  # type: ignore[arg-type]
+
+    return wrap
+
+
+@pytest.mark.parametrize(("blocking", "late_s"), [(False, 0.0), (True, 0.0), (True, 0.5)])
+def test_a_drive_out_of_reach_is_left_to_its_watchdog_before_the_bench_counts_as_safe(
+    open_bench: OpenBench, blocking: bool, late_s: float
+) -> None:
+    wires: dict[str, Wire] = {}
+    with open_bench(wrap=wired(wires, blocking=blocking)) as bench:
+        bench.load_output(300.0)
+        bench.clock.wait(0.5)
+        wires["output"].late_s = late_s
+        wires["output"].cut = True
+        cut_s = bench.clock.now()
+        with pytest.raises(BenchError, match="output drive"):
+            bench.clock.wait(2.0)
+        assert bench.supervisor.wait_safe(30.0)
+        assert bench.supervisor.alarm.name == "drive fault: output"
+        assert not bench.simulated.drives["output"].state().enabled
+        assert bench.clock.now() - cut_s < 2.0
+
+
+@pytest.mark.parametrize("blocking", [False, True])
+def test_a_drive_that_can_not_be_told_to_go_off_is_an_alarm(
+    open_bench: OpenBench, blocking: bool
+) -> None:
+    wires: dict[str, Wire] = {}
+    with open_bench(wrap=wired(wires, blocking=blocking)) as bench:
+        bench.load_output(0.0)
+        bench.clock.wait(0.2)
+        wires["output"].cut = True
+        bench.supervisor.disable()  # an orderly end of a run
+        deadline = time.monotonic() + 10.0
+        while bench.supervisor.alarm is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+        assert bench.supervisor.alarm.kind is AlarmKind.DRIVE_FAULT
+        assert "can't be told to go off" in bench.supervisor.alarm.found
+        assert bench.supervisor.wait_safe(30.0)
+        assert not bench.simulated.drives["output"].state().enabled
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_drive_that_fails_while_it_is_enabled_is_not_left_with_power(
+    open_bench: OpenBench, cut: bool
+) -> None:
+    wires: dict[str, Wire] = {}
+    with open_bench(wrap=wired(wires, blocking=True)) as bench:
+
+        async def scene() -> None:
+            async with ready(bench) as devices:
+                power = devices.output.drive.power
+                await power.set(False)
+                wires["output"].enables_badly = True
+                inner = wires["output"]._drive.enable
+
+                def enable() -> None:
+                    inner()
+                    wires["output"].cut = cut
+
+                wires["output"]._drive.enable = enable
+                with pytest.raises(BenchError):
+                    await power.set(True)
+
+        play(bench, scene)
+        if cut:  # nobody can tell it: the supervisor knows that it may have power
+            assert bench.commands.output.enabled
+            bench.supervisor.disable()
+            assert bench.supervisor.wait_safe(30.0)
+        assert not bench.simulated.drives["output"].state().enabled
