@@ -1,7 +1,9 @@
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from argon2.exceptions import VerifyMismatchError
 
 from torquebench.errors import InputError, RecordError
 from torquebench.panel.service import (
@@ -11,6 +13,7 @@ from torquebench.panel.service import (
     NotSignedInError,
     PermissionDeniedError,
     SignInError,
+    passwords,
 )
 from torquebench.panel.service.clients import Clients
 from torquebench.panel.service.guard import PER_PERSON_AND_ADDRESS, WINDOW_S
@@ -250,3 +253,77 @@ def test_what_is_done_is_logged(people: People, administrator: Actor, store: Pan
     assert (newest.who, newest.what) == ("Ana", "changed an account")
     assert newest.details == {"name": "Ben", "password": "changed"}
     assert store.events(limit=1, before=newest.number)[0].what == "added an account"
+
+
+def test_a_crowd_of_guesses_at_one_time_is_counted_like_a_queue(
+    people: People, administrator: Actor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del administrator
+    compared: list[str] = []
+
+    def slow(_stored: str | None, password: str) -> bool:
+        compared.append(password)
+        return False
+
+    monkeypatch.setattr("torquebench.panel.service.people.matches", slow)
+
+    def guess(number: int) -> str:
+        try:
+            people.sign_in("Ana", f"guess number {number}", "there")
+        except SignInError as refused:
+            return type(refused).__name__
+        return "in"
+
+    with ThreadPoolExecutor(20) as crowd:
+        said = list(crowd.map(guess, range(20)))
+    assert len(compared) == PER_PERSON_AND_ADDRESS
+    assert said.count("LockedOutError") == 20 - PER_PERSON_AND_ADDRESS
+
+
+def test_a_right_password_leaves_no_failure_behind(people: People, administrator: Actor) -> None:
+    del administrator
+    for _ in range(3 * PER_PERSON_AND_ADDRESS):
+        people.sign_in("Ana", PASSWORD, "here")
+
+
+def test_a_stranger_is_compared_as_long_as_anybody() -> None:
+    with pytest.raises(VerifyMismatchError):  # computed to its end, not refused as malformed
+        passwords._hasher.verify(passwords._nobody, PASSWORD)
+    assert not passwords.matches(None, PASSWORD)
+    assert not passwords.matches(passwords._nobody, PASSWORD)
+    assert not passwords._hasher.check_needs_rehash(passwords._nobody)
+
+
+def test_looking_a_token_up_waits_for_no_writer(store: PanelStore, clock: Clock) -> None:
+    waiting: list[Callable[[], None]] = []
+    people = People(store, clock, waiting.append)
+    code = people.setup_code
+    assert code is not None
+    token = people.set_up(code, "Ana", PASSWORD, "here")
+    clients = Clients(store)
+    _, program = clients.add(people.actor(token), "plant", "operator")
+    clock.now += 600.0
+    with store.transaction():  # somebody writes, and would be waited for
+        assert people.actor(token).name == "Ana"
+        assert clients.actor(program).name == "plant"
+    assert len(waiting) == 1
+    waiting.pop()()
+    assert People(store, clock).actor(token).name == "Ana"
+    clock.now += IDLE_S - 1.0
+    assert People(store, clock).actor(token).name == "Ana"
+
+
+def test_a_program_is_known_again_after_a_restart_and_revoked_for_good(
+    store: PanelStore, administrator: Actor
+) -> None:
+    clients = Clients(store)
+    client, token = clients.add(administrator, "plant", "operator")
+    again = Clients(store)
+    actor = again.actor(token)
+    assert again.lives(actor.session_id)
+    again.revoke(administrator, client.client_id)
+    assert not again.lives(actor.session_id)
+    with pytest.raises(NotSignedInError):
+        again.actor(token)
+    with pytest.raises(NotSignedInError):
+        Clients(store).actor(token)

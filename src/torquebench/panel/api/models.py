@@ -70,7 +70,7 @@ class WhoAmI(BaseModel):
 
     name: str
     role: Role
-    kind: Literal["person", "client", "server"]
+    kind: Literal["person", "client"]
     commands: bool = Field(description="Whether this session commands the bench.")
 
 

@@ -48,8 +48,8 @@ Work (`jobs`): one at a time, each needs the lease
 
 Alarms and stop
     - `alarms(standing=False)` -> list of `AlarmView` (number, level, found, allowed, remedy, who
-      acknowledged); `acknowledge(actor)`; `stop(actor, reason)` -> `StopReport(seconds)` and
-      `stop_here(reason)`: no lease needed. `confirm_presence(actor)` where the bench asks for it.
+      acknowledged); `acknowledge(actor)`; `stop(actor, reason)` ->
+      `StopReport(seconds)`: no lease needed. `confirm_presence(actor)` where the bench asks for it.
 
 Records (`records`): identifiers in, values out, never a path
     - `runs(text, kind=, side=, status=, since=, until=, limit=, offset=)` -> `RunPage`;

@@ -7,7 +7,7 @@ from typing import Literal
 
 from torquebench.panel.service.problems import PermissionDeniedError
 
-__all__ = ["ROLES", "SERVER", "Actor", "Role", "allows", "require"]
+__all__ = ["ROLES", "Actor", "Role", "allows", "require"]
 
 Role = Literal["operator", "metrologist", "administrator"]
 ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
@@ -24,14 +24,14 @@ class Actor:
         A person's sign-in name, or a client's name.
     role : {"operator", "metrologist", "administrator"}
     session_id : str
-        One sign-in of a person, one token of a client, or "server". It is no secret.
-    kind : {"person", "client", "server"}
+        One sign-in of a person, or one token of a client. It is no secret.
+    kind : {"person", "client"}
     """
 
     name: str
     role: Role
     session_id: str
-    kind: Literal["person", "client", "server"] = "person"
+    kind: Literal["person", "client"] = "person"
 
     @property
     def label(self) -> str:
@@ -43,10 +43,6 @@ class Actor:
         'plant (client)'
         """
         return self.name if self.kind == "person" else f"{self.name} ({self.kind})"
-
-
-SERVER = Actor("console", "administrator", "server", "server")
-"""Whoever sits at the machine that the server runs on."""
 
 
 def allows(role: Role, wanted: Role) -> bool:

@@ -15,7 +15,7 @@ from torquebench.bench.description import BenchDescription, default_bench, load_
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
-from torquebench.panel.service.actors import SERVER, Actor, require
+from torquebench.panel.service.actors import Actor, require
 from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.clients import Clients
 from torquebench.panel.service.job_calibrations import CALIBRATION_KINDS
@@ -80,7 +80,7 @@ class BenchService:
         self._prompts = PromptDesk()
         self._compensation: dict[Side, tuple[CompensationState | None, str]] = {}
         self.settings = SettingsDesk(store, base)
-        self.people = People(store)
+        self.people = People(store, later=self._later.submit)
         self.clients = Clients(store)
         self.tables = TableDesk(lambda: self.station.registry, self.settings, self.note)
         self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
@@ -293,7 +293,9 @@ class BenchService:
         return self._store.events(min(max(limit, 1), 1000), before)
 
     def _lives(self, actor: Actor) -> bool:
-        return actor.kind != "person" or self.people.signed_in(actor.session_id)
+        if actor.kind == "client":
+            return self.clients.lives(actor.session_id)
+        return self.people.signed_in(actor.session_id)
 
     def _job_ended(self, view: JobView) -> None:
         if view.kind in ("calibrate", "resume-calibration", "fit"):
@@ -429,10 +431,6 @@ class BenchService:
             self.note, actor, "stopped the bench", reason=said, seconds=round(seconds, 4)
         )
         return StopReport(alarm.number, seconds)
-
-    def stop_here(self, reason: str = "stop on the server") -> StopReport:
-        """Stop on behalf of whoever sits at the server."""
-        return self.stop(SERVER, reason)
 
 
 def _live_paced(description: BenchDescription) -> BenchDescription:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import secrets
+import threading
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -40,7 +41,7 @@ class Client:
 
 
 class Clients:
-    """Tokens of programs, kept as hashes.
+    """Tokens of programs, kept as hashes; looking one up waits for no disk.
 
     Parameters
     ----------
@@ -49,6 +50,10 @@ class Clients:
 
     def __init__(self, store: PanelStore) -> None:
         self._store = store
+        self._lock = threading.Lock()
+        with store.transaction(reading=True) as connection:
+            rows = connection.execute(select(clients).where(clients.c.revoked.is_(None))).all()
+        self._in_use = {row.token_sha256: _actor(row) for row in rows}
 
     def add(self, actor: Actor, name: str, role: Role) -> tuple[Client, str]:
         """Make a token for a program; it is returned once and never shown again.
@@ -82,12 +87,14 @@ class Clients:
                 .returning(*clients.c)
             ).one()
             note(connection, actor.label, "added a client", name=name, role=role)
+        with self._lock:
+            self._in_use[made.token_sha256] = _actor(made)
         return _client(made), token
 
     def list(self, actor: Actor) -> list[Client]:
         """Return every client, revoked ones too; for administrators."""
         require(actor, "administrator")
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             rows = connection.execute(select(clients).order_by(clients.c.id)).all()
         return [_client(row) for row in rows]
 
@@ -117,6 +124,8 @@ class Clients:
                 note(connection, actor.label, "revoked a client", name=row.name)
         if row is None:
             raise NotFoundError(f"no client {client_id} in use", "a number from the list")
+        with self._lock:
+            self._in_use.pop(row.token_sha256, None)
         return _client(row)
 
     def actor(self, token: str) -> Actor:
@@ -127,15 +136,20 @@ class Clients:
         NotSignedInError
             It is unknown or revoked.
         """
-        with self._store.transaction() as connection:
-            row = connection.execute(
-                select(clients).where(
-                    clients.c.token_sha256 == token_sha256(token), clients.c.revoked.is_(None)
-                )
-            ).one_or_none()
-        if row is None:
+        with self._lock:
+            found = self._in_use.get(token_sha256(token))
+        if found is None:
             raise NotSignedInError("an unknown or revoked token", "a client's token")
-        return Actor(row.name, row.role, f"client-{row.id}", "client")
+        return found
+
+    def lives(self, session_id: str) -> bool:
+        """Whether a client with this identifier of a session is in use."""
+        with self._lock:
+            return any(each.session_id == session_id for each in self._in_use.values())
+
+
+def _actor(row: Row[Any]) -> Actor:
+    return Actor(row.name, row.role, f"client-{row.id}", "client")
 
 
 def _client(row: Row[Any]) -> Client:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from sqlalchemy import delete, func, insert, select
 
 from torquebench.panel.service.problems import LockedOutError
 from torquebench.panel.service.store import PanelStore, failures
 
-__all__ = ["GuessGuard"]
+__all__ = ["Attempt", "GuessGuard"]
 
 WINDOW_S = 900.0
 """How long a wrong password counts, and how long a lock therefore lasts at most, s."""
@@ -20,8 +21,16 @@ PER_PERSON = 30
 PER_ADDRESS = 30
 
 
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt that was counted: whose, and as which failures."""
+
+    subject: str
+    numbers: tuple[int, ...]
+
+
 class GuessGuard:
-    """Counts failed attempts by person, by address and by both, across restarts.
+    """Counts attempts by person, by address and by both, across restarts, until they are right.
 
     Parameters
     ----------
@@ -34,8 +43,10 @@ class GuessGuard:
         self._store = store
         self._now = now
 
-    def check(self, name: str, address: str) -> None:
-        """Refuse an attempt while there were too many failures.
+    def attempt(self, name: str, address: str) -> Attempt:
+        """Count an attempt as failed before anything is compared, and refuse one too many.
+
+        Counted afterwards, a crowd of attempts at one time would all find the door open.
 
         Raises
         ------
@@ -43,9 +54,10 @@ class GuessGuard:
             With how long to wait.
         """
         now = self._now()
+        subjects = _subjects(name, address)
         with self._store.transaction() as connection:
             connection.execute(delete(failures).where(failures.c.at < now - WINDOW_S))
-            for subject, limit in _subjects(name, address):
+            for subject, limit in subjects:
                 query = select(func.count(), func.min(failures.c.at)).where(
                     failures.c.subject == subject
                 )
@@ -58,19 +70,22 @@ class GuessGuard:
                         f"wait {wait_s / 60:.0f} minutes, or ask an administrator",
                         wait_s=wait_s,
                     )
+            numbers = [
+                connection.execute(
+                    insert(failures).values(subject=subject, at=now).returning(failures.c.id)
+                ).scalar_one()
+                for subject, _ in subjects
+            ]
+        return Attempt(subjects[0][0], tuple(numbers))
 
-    def failed(self, name: str, address: str) -> None:
-        """Count a failed attempt."""
-        now = self._now()
-        rows = [{"subject": subject, "at": now} for subject, _ in _subjects(name, address)]
+    def succeeded(self, attempt: Attempt) -> None:
+        """Forget an attempt that was right, and all failures of this person from this address."""
         with self._store.transaction() as connection:
-            connection.execute(insert(failures), rows)
-
-    def succeeded(self, name: str, address: str) -> None:
-        """Forget the failures of this person from this address."""
-        subject = _subjects(name, address)[0][0]
-        with self._store.transaction() as connection:
-            connection.execute(delete(failures).where(failures.c.subject == subject))
+            connection.execute(
+                delete(failures).where(
+                    (failures.c.subject == attempt.subject) | failures.c.id.in_(attempt.numbers)
+                )
+            )
 
     def release(self, name: str) -> None:
         """Forget every failure of a person: an administrator has said so."""

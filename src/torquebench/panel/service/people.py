@@ -23,7 +23,7 @@ from torquebench.panel.service.problems import (
     PermissionDeniedError,
     SignInError,
 )
-from torquebench.panel.service.sessions import Sessions
+from torquebench.panel.service.sessions import Later, Sessions, at_once
 from torquebench.panel.service.store import PanelStore, note, sessions, users, utc_text
 
 __all__ = ["People", "User"]
@@ -50,12 +50,19 @@ class People:
     store : PanelStore
     now : callable
         Seconds since 1970.
+    later : callable
+        Has something written when there is time: nobody waits for it.
     """
 
-    def __init__(self, store: PanelStore, now: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self,
+        store: PanelStore,
+        now: Callable[[], float] = time.time,
+        later: Later = at_once,
+    ) -> None:
         self._store = store
         self._guard = GuessGuard(store, now)
-        self._sessions = Sessions(store, now)
+        self._sessions = Sessions(store, now, later)
         self._lock = threading.Lock()
         self._setup_code = None if self._has_administrator() else _setup_code()
 
@@ -79,20 +86,21 @@ class People:
         InputError
             Name or password break the rules.
         """
-        self._guard.check(SETUP, address)
+        attempt = self._guard.attempt(SETUP, address)
         with self._lock:
             expected = self._setup_code
             if expected is None:
+                self._guard.succeeded(attempt)
                 raise SignInError("this panel has an administrator", "", "sign in")
             if not secrets.compare_digest(code.strip().upper().encode(), expected.encode()):
-                self._guard.failed(SETUP, address)
                 raise SignInError("a wrong set-up code", "the code on the server's console")
+            self._guard.succeeded(attempt)
             self._insert(name, "administrator", password, by="set-up")
             self._setup_code = None
         return self.sign_in(name, password, address)
 
     def _has_administrator(self) -> bool:
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             query = (
                 select(func.count())
                 .select_from(users)
@@ -119,16 +127,15 @@ class People:
 
     def _checked(self, name: str, password: str, address: str) -> Row[Any]:
         key = _key(name)
-        self._guard.check(key, address)
+        attempt = self._guard.attempt(key, address)
         row = self._row(key)
         stored = None if row is None or not row.active else row.password_hash
         if not matches(stored, password) or row is None:  # takes as long for unknown names
-            self._guard.failed(key, address)
             self._store.note(key[:64], "failed to sign in", address=address)
             raise SignInError(
                 "name and password don't belong together", "", "check both and try again"
             )
-        self._guard.succeeded(key, address)
+        self._guard.succeeded(attempt)
         return row
 
     def actor(self, token: str | None, *, touch: bool = True) -> Actor:
@@ -180,7 +187,7 @@ class People:
     def users(self, actor: Actor) -> list[User]:
         """Return all accounts, by name; for administrators."""
         require(actor, "administrator")
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             rows = connection.execute(select(users).order_by(users.c.key)).all()
         return [_user(row) for row in rows]
 
@@ -303,7 +310,7 @@ class People:
             note(connection, by, "added an account", name=name, role=role)
 
     def _row(self, key: str) -> Row[Any] | None:
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             return connection.execute(select(users).where(users.c.key == key)).one_or_none()
 
     def _known(self, name: str) -> Row[Any]:

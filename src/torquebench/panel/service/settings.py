@@ -156,7 +156,7 @@ class SettingsDesk:
             There is none of this name.
         """
         found = _section(section)
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             last = _last(connection, section, name)
         version = 0 if last is None else last.id
         if section == BENCH:
@@ -178,7 +178,7 @@ class SettingsDesk:
 
     def _own_names(self, section: str) -> list[str]:
         query = select(changes).where(changes.c.section == section).order_by(changes.c.id)
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             latest = {row.name: row.after for row in connection.execute(query)}
         return sorted(name for name, after in latest.items() if json.loads(after) is not None)
 
@@ -354,7 +354,7 @@ class SettingsDesk:
         query = select(changes).order_by(changes.c.id.desc()).limit(min(max(limit, 1), 1000))
         if section is not None:
             query = query.where(changes.c.section == _section(section).name)
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             rows = connection.execute(query).all()
             undone = dict(
                 connection.execute(
@@ -380,7 +380,7 @@ class SettingsDesk:
         BusyError
             One of its keys was changed again since.
         """
-        with self._store.transaction() as connection:
+        with self._store.transaction(reading=True) as connection:
             row = connection.execute(select(changes).where(changes.c.id == number)).one_or_none()
         if row is None:
             raise NotFoundError(f"no change {number}", "a number of the history")

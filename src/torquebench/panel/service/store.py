@@ -39,6 +39,7 @@ __all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures"
 
 PANEL_FILE = "panel.sqlite"
 SCHEMA_VERSION = 1
+READING = "torquebench_reading"
 
 metadata = MetaData()
 
@@ -170,8 +171,13 @@ class PanelStore:
         self._engine.dispose()
 
     @contextlib.contextmanager
-    def transaction(self) -> Iterator[Connection]:
+    def transaction(self, *, reading: bool = False) -> Iterator[Connection]:
         """Yield a connection in one transaction: all of it is kept, or nothing.
+
+        Parameters
+        ----------
+        reading : bool
+            It only reads: then it waits for no writer.
 
         Raises
         ------
@@ -179,8 +185,10 @@ class PanelStore:
             The database fails.
         """
         try:
-            with self._engine.begin() as connection:
-                yield connection
+            with self._engine.connect() as opened:
+                connection = opened.execution_options(**{READING: reading})
+                with connection.begin():
+                    yield connection
         except SQLAlchemyError as error:
             said = getattr(error, "orig", None) or error
             raise RecordError(
@@ -201,7 +209,7 @@ class PanelStore:
         query = select(events).order_by(events.c.id.desc()).limit(limit)
         if before is not None:
             query = query.where(events.c.id < before)
-        with self.transaction() as connection:
+        with self.transaction(reading=True) as connection:
             return [
                 Event(
                     row.id,
@@ -235,4 +243,5 @@ def _set_up(connection: Any, _record: object) -> None:
 
 
 def _begin(connection: Connection) -> None:
-    connection.exec_driver_sql("BEGIN IMMEDIATE")
+    reading = connection.get_execution_options().get(READING, False)
+    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
