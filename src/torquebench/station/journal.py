@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import CHANNELS, SIDES, torque_channel
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples
 from torquebench.records import RunWriter
 
-__all__ = ["NOT_IN_USE", "RunJournal"]
+__all__ = ["NOT_IN_USE", "NO_COUNTS", "RunJournal"]
 
 NOT_IN_USE = 255
 """Fault code of a channel that wasn't timed."""
+NO_COUNTS = int(np.iinfo(np.int64).min)
+"""Counts of an encoder that is silent."""
 
 
 class RunJournal:
@@ -22,17 +27,21 @@ class RunJournal:
     speed over the block, compensated torque and its standard uncertainty; the probes. Frequencies
     are what the counter found; torque is by the zero in use then, a standard's by its certificate
     too. There is NaN where `fault` isn't 0 and where nothing is compensated. A channel that isn't
-    in use has the code `NOT_IN_USE`.
+    in use has the code `NOT_IN_USE`; an encoder without samples has `NO_COUNTS` and a probe that
+    doesn't answer NaN, so that the loss of one signal doesn't end the recording of all others.
 
     Parameters
     ----------
     writer : RunWriter
+    probes : sequence of str
+        Temperature probes of the bench, as described.
     edges : bool
         Whether to keep the edges.
     """
 
-    def __init__(self, writer: RunWriter, *, edges: bool = False) -> None:
+    def __init__(self, writer: RunWriter, probes: Sequence[str], *, edges: bool = False) -> None:
         self._writer = writer
+        self._probes = tuple(probes)
         self._edges = edges
 
     def write(self, block: AcquiredBlock) -> None:
@@ -48,18 +57,24 @@ class RunJournal:
             columns[f"{name}_hz"] = frequency
             columns[f"{name}_nm"] = torque
             columns[f"{name}_fault"] = fault
-        for side, angles in block.angles.items():
-            place = np.searchsorted(angles.time_s, time_s).clip(max=angles.counts.size - 1)
-            columns[f"{side}_angle_counts"] = angles.counts[place]
         for side in SIDES:
+            columns[f"{side}_angle_counts"] = _counts(time_s, block.angles.get(side))
             columns[f"{side}_speed_rad_s"] = float(block.speed_rad_s.get(side, np.nan))
             own = block.channels.get(torque_channel(side))
             torque, uncertainty = _compensated(time_s, own, block.compensated.get(side))
             columns[f"{side}_compensated_nm"] = torque
             columns[f"{side}_compensation_uncertainty_nm"] = uncertainty
-        for probe, temperature in block.temperatures.items():
-            columns[f"{probe}_c"] = float(temperature)
+        for probe in self._probes:
+            columns[f"{probe}_c"] = float(block.temperatures.get(probe, np.nan))
         self._writer.samples(columns)
+
+
+def _counts(time_s: NDArray[np.float64], angles: AngleSamples | None) -> NDArray[np.int64]:
+    """Return an encoder's counts at the windows of a channel."""
+    if angles is None or angles.counts.size == 0:
+        return np.full(time_s.shape, NO_COUNTS, dtype=np.int64)
+    place = np.searchsorted(angles.time_s, time_s).clip(max=angles.counts.size - 1)
+    return np.asarray(angles.counts[place])
 
 
 def _compensated(

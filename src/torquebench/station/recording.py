@@ -56,7 +56,8 @@ class Recording:
         operator = str(self.known.get("operator", ""))
         audit.begin_run(self.writer.run_id, operator, self.writer.path)
         audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))
-        journal = RunJournal(self.writer, edges=context.description.recording.edges)
+        described = context.description
+        journal = RunJournal(self.writer, described.temperatures, edges=described.recording.edges)
         # Fast simulated time waits for the disk; real time doesn't.
         self._queued = None if context.clock.fast else QueuedJournal(journal)
         context.acquisition.set_journal(self._queued or journal)

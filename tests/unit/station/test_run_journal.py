@@ -8,9 +8,10 @@ from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples
 from torquebench.records import RunFolder
 from torquebench.signals import EdgeBlock, SignalFaultKind
-from torquebench.station.journal import NOT_IN_USE, RunJournal
+from torquebench.station.journal import NO_COUNTS, NOT_IN_USE, RunJournal
 
 WINDOWS = 5
+PROBES = ("ambient", "input_transducer")
 
 
 def channel(name: str, time_s: np.ndarray, frequency_hz: float, fault: int = 0) -> ChannelSamples:
@@ -38,7 +39,7 @@ def block(index: int, channels: list[ChannelSamples]) -> AcquiredBlock:
         compensated={},
         angles={"input": angles, "output": angles},
         speed_rad_s={"input": 0.0, "output": 0.0},
-        temperatures={"ambient": 23.0},
+        temperatures={"ambient": 23.0, "input_transducer": 25.0},
         edges={},
     )
 
@@ -49,7 +50,7 @@ def times(index: int) -> np.ndarray:
 
 def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
-    journal = RunJournal(writer)
+    journal = RunJournal(writer, PROBES)
     both = [channel("input_torque", times(0), 60e3), channel("output_torque", times(0), 61e3)]
     journal.write(block(0, both))
     faulty = channel("output_torque", times(1), 0.0, SignalFaultKind.NO_PULSES)
@@ -69,7 +70,7 @@ def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -
 
 def test_torque_speed_and_compensated_torque_are_kept(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
-    journal = RunJournal(writer)
+    journal = RunJournal(writer, PROBES)
     own = channel("output_torque", times(0), 60e3)
     found = CompensatedSamples(own.torque_nm + 1.0, np.full(WINDOWS, 0.25))
     first = block(0, [channel("input_torque", times(0), 60e3), own])
@@ -88,7 +89,7 @@ def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
     for wanted in (False, True):
         writer = RunFolder.create(tmp_path, {}, kind="test")
         given = replace(block(0, [channel("input_torque", times(0), 60e3)]), edges=edges)
-        RunJournal(writer, edges=wanted).write(given)
+        RunJournal(writer, PROBES, edges=wanted).write(given)
         found = list(writer.seal().edges())
         assert len(found) == wanted
     assert found[0].channel == "output_torque"
@@ -97,5 +98,27 @@ def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
 
 def test_a_block_without_a_window_keeps_nothing(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
-    RunJournal(writer).write(block(0, [channel("input_torque", np.empty(0), 60e3)]))
+    RunJournal(writer, PROBES).write(block(0, [channel("input_torque", np.empty(0), 60e3)]))
     assert writer.seal().raw().rows == 0
+
+
+def test_a_lost_probe_and_a_silent_encoder_do_not_end_the_recording(tmp_path: Path) -> None:
+    writer = RunFolder.create(tmp_path, {}, kind="test")
+    journal = RunJournal(writer, PROBES)
+    whole = block(0, [channel("input_torque", times(0), 60e3)])
+    journal.write(whole)
+    silent = AngleSamples(np.empty(0), np.empty(0, dtype=np.int64), 1000)
+    later = block(1, [channel("input_torque", times(1), 60e3)])
+    journal.write(
+        replace(
+            later,
+            temperatures={"ambient": 23.0},
+            angles={"input": silent, "output": whole.angles["output"]},
+            speed_rad_s={"output": 0.0},
+        )
+    )
+    columns = writer.seal().raw().columns
+    assert columns["input_transducer_c"][:5].tolist() == [25.0] * 5
+    assert np.isnan(columns["input_transducer_c"][5:]).all()
+    assert columns["input_angle_counts"][5:].tolist() == [NO_COUNTS] * 5
+    assert columns["output_angle_counts"][5:].min() >= 0
