@@ -32,8 +32,8 @@ class Messages:
 
     def problem(self, error: TorquebenchError) -> None:
         """Say what was found, what is allowed and what to do, until it is dismissed."""
-        more = "; ".join(part for part in (error.allowed, error.remedy) if part)
-        self._show(error.found, "bad", more)
+        found, more = self._text.refusal(error)
+        self._show(found, "bad", more)
 
     def bad(self, said: str) -> None:
         """Say that something is wrong, until it is dismissed."""

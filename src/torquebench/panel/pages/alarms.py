@@ -62,16 +62,16 @@ class _AlarmsPage:
         text, key = self.text, _key(alarm)
         kind = "bad" if alarm.level == "critical" else "warn"
         title = text.maybe(f"alarm.{key}", alarm.kind)
-        with note(alarm.found, kind, title=title), box("div", "stack"):
+        with note(text.core(alarm.found), kind, title=title), box("div", "stack"):
             with box("div", "line small"):
                 tag(text(f"alarms.{alarm.level}"), kind)
                 words("span", f"{alarm.raised:%Y-%m-%d %H:%M:%S}", "number")
-                words("span", text("alarms.source", source=alarm.source))
+                words("span", text("alarms.source", source=text.core(alarm.source)))
             if alarm.allowed:
-                words("p", text("alarms.allowed", allowed=alarm.allowed))
+                words("p", text("alarms.allowed", allowed=text.core(alarm.allowed)))
             words("p", text("alarms.what_to_do", remedy=text.maybe(f"alarm.{key}_do", "")))
             if alarm.remedy:
-                words("p", alarm.remedy)
+                words("p", text.core(alarm.remedy))
 
     def _list(self, alarms: list[AlarmView]) -> None:
         text = self.text
@@ -82,7 +82,7 @@ class _AlarmsPage:
             (
                 f"{alarm.raised:%Y-%m-%d %H:%M:%S}",
                 text.maybe(f"alarm.{_key(alarm)}", alarm.kind),
-                alarm.found,
+                text.core(alarm.found),
                 text("alarms.by", who=alarm.acknowledged_by)
                 if alarm.acknowledged_by
                 else text("alarms.went"),

@@ -33,7 +33,9 @@ class SignStep:
             if course.verify is None or course.verify.result is None:
                 note(text("sign.unverified"), "warn")
             elif course.verify.result.verdict not in ("pass", ""):
-                note(course.verify.result.headline, "warn", title=text("sign.not_passed"))
+                note(
+                    text.core(course.verify.result.headline), "warn", title=text("sign.not_passed")
+                )
             if not visitor.has_role("metrologist"):
                 role = text(f"role.{visitor.looker.role}")
                 note(text("frame.not_allowed", role=role), "warn")
@@ -46,7 +48,7 @@ class SignStep:
             recommended = course.recommended if course.recommended in models else next(iter(models))
             options = {
                 name: (
-                    model["title"],
+                    text.core(model["title"]),
                     text("sign.recommended") if name == course.recommended else
                     text("sign.model", number=model["model_id"]),
                 )
@@ -79,7 +81,7 @@ class SignStep:
             service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
             service.activate(actor, model_id, remark or text("sign.reason"))
         except TorquebenchError as error:
-            self._password.wrong(str(error))
+            self._password.wrong(text.refusal_line(error))
             self._password.set("")
             return
         visitor.messages.good(text("sign.done"))
@@ -147,7 +149,7 @@ class CertificateStep:
         try:
             visitor.service.issue_certificate(visitor.actor, request, self._password.value)
         except TorquebenchError as error:
-            self._password.wrong(str(error))
+            self._password.wrong(text.refusal_line(error))
             self._password.set("")
             return
         self._page.refresh()

@@ -10,10 +10,10 @@ from torquebench.calibration import load_profile
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
-from torquebench.panel.components.elements import box, note, pairs, panel, tag, words
-from torquebench.panel.pages.job_panel import duration_words
+from torquebench.panel.components.elements import box, pairs, panel, tag, words
+from torquebench.panel.pages.job_panel import duration_words, problem_note
 from torquebench.panel.pages.quick import clear_choice
-from torquebench.panel.service import JobPreview, Problem
+from torquebench.panel.service import JobPreview
 from torquebench.panel.text import Text
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class PrepareStep:
                     for side in reversed(SIDES)
                 }
                 self._side = Choice(text("prepare.side"), sides, "output", on_change=self._preview)
-                profiles = {name: load_profile(name).title for name in PROFILES}
+                profiles = {name: text.core(load_profile(name).title) for name in PROFILES}
                 self._profile = Field(
                     text("prepare.profile"),
                     PROFILES[0],
@@ -104,8 +104,7 @@ class PrepareStep:
             try:
                 preview = self._page.visitor.service.jobs.preview("calibrate", self._request())
             except TorquebenchError as error:
-                problem = Problem.of(error)
-                note(" ".join((problem.found, problem.allowed, problem.remedy)), "warn")
+                problem_note(self._text, error, "warn")
                 return
             preview_panel(self._text, preview)
 
@@ -127,7 +126,7 @@ def preview_panel(text: Text, preview: JobPreview) -> None:
         rows.append((text("preview.mounts"), what))
     pairs(rows)
     for remark in preview.remarks:
-        words("p", remark, "small muted")
+        words("p", text.core(remark), "small muted")
     if preview.time_s:
         time, target = _steps(preview.time_s, preview.target_nm)
         Chart(

@@ -28,7 +28,7 @@ class ModelsStep:
         assert course.calibrate.result is not None
         details = course.calibrate.result.details
         with panel(text("models.before_after")):
-            words("p", course.calibrate.result.headline)
+            words("p", text.core(course.calibrate.result.headline))
             Chart(
                 text("models.curves_label"),
                 text("measure.standard_axis"),
@@ -59,7 +59,9 @@ class ModelsStep:
         for colour, model in zip(COLOURS, self._page.course.models.values(), strict=False):
             torque = model["torque_nm"]
             y = [torque[place] - standard[place] for place in order]
-            lines.append(Line(model["title"], x, y, colour, points=True, symbol="rect"))
+            lines.append(
+                Line(self._text.core(model["title"]), x, y, colour, points=True, symbol="rect")
+            )
         return lines
 
     def _comparison(self) -> None:
@@ -72,11 +74,11 @@ class ModelsStep:
         if compare.result is None:
             return
         found = compare.result.details
-        note(found["sentence"], "good")
+        note(text.core(found["sentence"]), "good")
         scores = sorted(found["scores"], key=lambda score: score["worst_nm"])
         rows = [
             (
-                score["title"],
+                text.core(score["title"]),
                 f"{score['worst_nm']:.3f}",
                 f"{score['worst_percent_fs']:.4f}",
                 f"{score['rms_nm']:.3f}",

@@ -87,7 +87,7 @@ class VerifyStep:
             single, averaged = model["result"]["against_standard"], model["result"]["averaged"]
             rows.append(
                 (
-                    model["title"],
+                    text.core(model["title"]),
                     f"{single['worst_nm']:.3f}",
                     f"{single['worst_percent_fs']:.4f}",
                     f"{averaged['worst_nm']:.3f}" if averaged else "—",
@@ -109,7 +109,7 @@ class VerifyStep:
                     text("measure.standard_axis"),
                     text("measure.error_axis"),
                     [
-                        Line(models[name]["title"], details["standard_nm"],
+                        Line(text.core(models[name]["title"]), details["standard_nm"],
                              models[name]["error_nm"], _colour(place), points=True)
                         for place, name in enumerate(names)
                     ],
@@ -123,7 +123,7 @@ class VerifyStep:
         for place, model in enumerate(models.values()):
             worst = [group["worst_nm"] for group in model["result"]["groups"]]
             count = max(count, len(worst))
-            lines.append(Line(model["title"], [], worst, _colour(place)))
+            lines.append(Line(text.core(model["title"]), [], worst, _colour(place)))
         names = [str(number) for number in range(1, count + 1)]
         Chart(
             text("verify.by_group_label"), text("verify.group"), text("verify.worst_axis"), lines,

@@ -163,7 +163,7 @@ class _Frame:
         if found == self._shown:
             return
         self._shown = found
-        self._bench.set_text(snapshot.bench_name)
+        self._bench.set_text(text.core(snapshot.bench_name))
         self._simulated.set_text(text("frame.simulated") if snapshot.simulated else "")
         self._simulated.set_visibility(snapshot.simulated)
         mounted = text.maybe(f"mounting.{snapshot.mounted}", snapshot.mounted)
@@ -174,11 +174,11 @@ class _Frame:
         self._count.set_text(str(snapshot.alarms) if snapshot.alarms else "")
         self._alarm.set_visibility(latched is not None)
         if latched is not None:
-            self._alarm_text.set_text(text("frame.stopped", found=latched.found))
+            self._alarm_text.set_text(text("frame.stopped", found=text.core(latched.found)))
         self._lost.set_visibility(snapshot.connection != "live")
         if snapshot.connection != "live":
             said = f"frame.connection_{snapshot.connection}"
-            self._lost.set_text(text(said, problem=snapshot.connection_problem))
+            self._lost.set_text(text(said, problem=text.core(snapshot.connection_problem)))
 
     def _take_command(self) -> None:
         visitor, text = self.visitor, self.text
@@ -195,7 +195,7 @@ class _Frame:
 
         ask(
             text("frame.take_command"),
-            text("frame.take_over", reason=reason),
+            text("frame.take_over", reason=text.core(reason)),
             text("frame.take_command"),
             text("frame.close"),
             take,

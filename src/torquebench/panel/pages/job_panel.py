@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, tag, words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
+from torquebench.panel.text import Text
 
 __all__ = ["JobPanel", "duration_words", "problem_note"]
 
@@ -40,14 +42,14 @@ def duration_words(seconds: float) -> str:
     return f"{whole // 3600} h {whole % 3600 // 60} min"
 
 
-def problem_note(problem: Problem, title: str = "") -> Any:
-    """Show why something failed, and what to do."""
-    frame = note(problem.found, "bad", title=title, live=True)
-    with frame, box("div", "small"):
-        for said in (problem.allowed, problem.remedy):
-            if said:
-                words("p", said)
-    return frame
+def problem_note(
+    text: Text, problem: Problem | TorquebenchError, kind: str = "bad", *, title: str = ""
+) -> None:
+    """Show why something is refused or failed, and what to do."""
+    found, more = text.refusal(problem)
+    with note(found, kind, title=title, live=True):
+        if more:
+            words("p", more, "small")
 
 
 class JobPanel:
@@ -119,10 +121,10 @@ class JobPanel:
 
     def _render_progress(self, job: JobView) -> None:
         text = self._text
-        stage = job.stage
+        stage = text.core(job.stage)
         if stage and job.total:
-            stage = text("job.stage", stage=job.stage, done=job.done, total=job.total)
-        self._stage.set_text(f"{stage} {job.detail}".strip() if job.open else "")
+            stage = text("job.stage", stage=stage, done=job.done, total=job.total)
+        self._stage.set_text(f"{stage} {text.core(job.detail)}".strip() if job.open else "")
         self._progress.set_visibility(job.open)
         if job.total:
             self._progress.props["value"] = f"{job.done / job.total:.3f}"
@@ -133,15 +135,19 @@ class JobPanel:
         with self._stages:
             for stage_over in job.stages:
                 took = duration_words(stage_over.seconds)
-                said = f"{stage_over.title} ({took})"
-                words("li", f"{said}: {stage_over.detail}" if stage_over.detail else said)
+                said = f"{text.core(stage_over.title)} ({took})"
+                detail = text.core(stage_over.detail)
+                words("li", f"{said}: {detail}" if detail else said)
 
     def _render_prompt(self, prompt: Any) -> None:
         text = self._text
         self._prompt.clear()
         if prompt is None:
             return
-        with self._prompt, note(prompt.text, "warn", title=text("job.prompt"), live=True):
+        with (
+            self._prompt,
+            note(text.core(prompt.text), "warn", title=text("job.prompt"), live=True),
+        ):
             if self._visitor.commands:
                 with box("div", "line"):
                     button(text("job.prompt_done"), lambda: self._answer(prompt.number, True),
@@ -152,10 +158,10 @@ class JobPanel:
         self._end.clear()
         with self._end:
             if job.problem is not None:
-                problem_note(job.problem, self._text(f"job.state_{job.state}"))
+                problem_note(self._text, job.problem, title=self._text(f"job.state_{job.state}"))
             elif job.result is not None:
                 kind = {"": "", "pass": "good", "fail": "bad"}.get(job.result.verdict, "warn")
-                note(job.result.headline, kind)
+                note(self._text.core(job.result.headline), kind)
 
     def _answer(self, number: int, done: bool) -> None:
         visitor = self._visitor

@@ -102,7 +102,7 @@ class _Tile:
             text("live.full_scale", percent=share.replace("-", "−"), range=f"{side.range_nm:g}")
         )
         fault = side.torque.fault
-        self._fault.set_text(text("live.fault", fault=fault) if fault else "")
+        self._fault.set_text(text("live.fault", fault=text.core(fault)) if fault else "")
 
     def _compensation(self, side: SideSnapshot) -> None:
         text, state = self._text, side.compensation
@@ -112,7 +112,7 @@ class _Tile:
                 tag(text("live.stale"), "bad", "history_toggle_off")
             if state is None:
                 tag(text("live.uncompensated"), "warn", "warning")
-                self._about.set_text(side.compensation_problem)
+                self._about.set_text(text.core(side.compensation_problem))
                 return
             kind = text.maybe(f"model.{state.kind}", model_title(state.kind))
             made = text("live.made", made=f"{state.made:%Y-%m-%d %H:%M}")

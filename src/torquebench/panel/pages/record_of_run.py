@@ -61,16 +61,16 @@ class RunPanel:
     def _facts(self, detail: RunDetail) -> list[tuple[str, str]]:
         text, run = self._text, detail.run
         facts = [
-            (text("records.kind"), run.kind),
+            (text("records.kind"), text.core(run.kind)),
             (text("records.started"), f"{run.started:%Y-%m-%d %H:%M:%S} UTC"),
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),
             (text("records.profile"), run.profile or "—"),
-            (text("run.bench"), run.bench),
+            (text("run.bench"), text.core(run.bench)),
             (text("run.version"), run.software_version),
         ]
         if run.reason:
-            facts.insert(3, (text("run.reason"), run.reason))
+            facts.insert(3, (text("run.reason"), text.core(run.reason)))
         if run.simulated:
             facts.append((text("run.data"), text("frame.simulated")))
         return facts

@@ -74,7 +74,7 @@ class _Runs:
             rows = [
                 (
                     f"{run.started:%Y-%m-%d %H:%M}",
-                    run.kind,
+                    text.core(run.kind),
                     run.operator,
                     text.maybe(f"records.status_{run.status}", run.status),
                     run.run_id,
@@ -144,7 +144,7 @@ class _Calibrations:
                     each.profile,
                     str(each.points),
                     "—" if each.due is None else each.due.isoformat(),
-                    text("records.in_use", kind=active[each.calibration_id].kind)
+                    text("records.in_use", kind=text.core(active[each.calibration_id].kind))
                     if each.calibration_id in active
                     else "",
                 )
@@ -185,7 +185,7 @@ class _Calibrations:
             except TorquebenchError as error:
                 self._visitor.messages.problem(error)
                 continue
-            title = f"{number}: {curve.title}"
+            title = f"{number}: {text.core(curve.title)}"
             lines.append(
                 Line(f"{title}, {text('live.raw')}", curve.standard_nm, curve.raw_error_nm,
                      colour, points=True, symbol="emptyCircle")
@@ -212,7 +212,8 @@ def _drift(visitor: Visitor) -> None:
     for serial in records.transducers():
         for series in records.drift(serial):
             shown += 1
-            with panel(f"{serial}: {series.title}"):
+            title = text.core(series.title)
+            with panel(f"{serial}: {title}"):
                 days = [moment.timestamp() / 86400.0 for moment in series.moments]
                 since = [day - days[0] for day in days]
                 lines = [Line(text("records.values"), since, series.values, "--series-1",
@@ -225,9 +226,9 @@ def _drift(visitor: Visitor) -> None:
                     middle = [chart.centre, chart.centre]
                     lines.append(Line(text("records.centre"), span, middle, "--series-3"))
                 Chart(
-                    text("records.drift_label", title=series.title),
+                    text("records.drift_label", title=title),
                     text("records.days"),
-                    f"{series.title}, {series.unit}",
+                    f"{title}, {series.unit}",
                     lines,
                     limits=limits,
                 )
@@ -235,7 +236,7 @@ def _drift(visitor: Visitor) -> None:
                     words("p", text("records.too_few"), "muted")
                 remarks = {series.remark(place) for place in range(len(series.values))} - {""}
                 for remark in sorted(remarks):
-                    note(remark, "warn")
+                    note(text.core(remark), "warn")
     if not shown:
         with panel():
             empty(text("records.no_drift"), "show_chart")

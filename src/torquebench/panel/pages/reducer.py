@@ -8,14 +8,14 @@ from torquebench.campaign.reducer_tests import TESTS
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
-from torquebench.panel.components.elements import box, empty, note, panel, words
+from torquebench.panel.components.elements import box, empty, panel, words
 from torquebench.panel.pages.calibrate_measure import preview_panel
 from torquebench.panel.pages.frame import frame
-from torquebench.panel.pages.job_panel import JobPanel
+from torquebench.panel.pages.job_panel import JobPanel, problem_note
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer_result import comparison, outcomes
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import SIGNALS, JobView, Problem
+from torquebench.panel.service import SIGNALS, JobView
 
 __all__ = ["reducer_page"]
 
@@ -97,8 +97,7 @@ class _ReducerPage:
             try:
                 preview = self.visitor.service.jobs.preview("reducer-test", self._request())
             except TorquebenchError as error:
-                problem = Problem.of(error)
-                note(" ".join((problem.found, problem.allowed, problem.remedy)), "warn")
+                problem_note(text, error, "warn")
                 return
             preview_panel(text, preview)
 
@@ -146,7 +145,9 @@ class _ReducerPage:
         part = self._runs_of(job)
         x, y = AXES[part]
         past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
-        names = {signal.name: f"{signal.title}, {signal.unit}" for signal in SIGNALS}
+        names = {
+            signal.name: f"{self.text.core(signal.title)}, {signal.unit}" for signal in SIGNALS
+        }
         lines = [
             Line(self.text(f"test.{part}"), past.values[x].tolist(), past.values[y].tolist(),
                  COLOURS[1])

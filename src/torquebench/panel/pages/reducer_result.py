@@ -39,7 +39,7 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
                     tag(text(f"verdict.{outcome['verdict']}"), KINDS[outcome["verdict"]])
             rows = [
                 (
-                    quantity["title"],
+                    text.core(quantity["title"]),
                     number(quantity["value"]),
                     f"{quantity['expanded_uncertainty']:.2g}",
                     quantity["unit"],
@@ -52,7 +52,7 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
                         ("unit", False), ("limit", False), ("verdict", False))  # fmt: skip
             table(title, [(text(f"reducer.{key}"), numbers) for key, numbers in headings], rows)
             for remark in outcome["remarks"]:
-                words("p", remark, "small muted")
+                words("p", text.core(remark), "small muted")
 
 
 def comparison(visitor: Visitor, result: JobResult) -> None:
@@ -66,14 +66,16 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
                 detail = records.run(run.run_id, check=False)
                 found.append((_specimen(detail.metadata, run.run_id), _quantities(detail.results)))
         except TorquebenchError as error:
-            note(error.found, "warn")
+            note(text.core(error.found), "warn")
     found = [(name, quantities) for name, quantities in found if quantities]
     if len(found) < 2:
         empty(text("reducer.no_earlier"), "compare")
         return
     keys = list(found[0][1])
     columns = [(text("reducer.specimen"), False)]
-    columns += [(f"{found[0][1][key][2]}, {found[0][1][key][1]}", True) for key in keys[:6]]
+    columns += [
+        (f"{text.core(found[0][1][key][2])}, {found[0][1][key][1]}", True) for key in keys[:6]
+    ]
     rows = [
         (name, *(number(quantities[key][0]) if key in quantities else "—" for key in keys[:6]))
         for name, quantities in found
@@ -83,7 +85,7 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
     names = [name for name, _ in reversed(found)]
     values = [quantities[key][0] for _, quantities in reversed(found) if key in quantities]
     if len(values) == len(names):
-        title = found[0][1][key][2]
+        title = text.core(found[0][1][key][2])
         Chart(
             text("reducer.compare_label", title=title),
             text("reducer.specimen"),

@@ -10,6 +10,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Field, button, set_disabled
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, words
+from torquebench.panel.pages.job_panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, Difference, SettingsItem
 from torquebench.panel.service.differences import flat, nested
@@ -166,7 +167,7 @@ class SettingEditor:
             try:
                 found = settings.preview(item.section, item.name, nested(self._leaves))
             except TorquebenchError as error:
-                note(f"{error.found}. {error.allowed}. {error.remedy}", "bad")
+                problem_note(self._text, error)
             else:
                 good = bool(found.differences)
                 if good:

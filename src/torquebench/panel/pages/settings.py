@@ -68,7 +68,7 @@ class _Documents:
         rows = [
             (
                 item.name,
-                str(item.document.get("title", item.document.get("kind", ""))),
+                text.core(str(item.document.get("title", item.document.get("kind", "")))),
                 text("settings.builtin" if item.builtin else "settings.own"),
             )
             for item in items

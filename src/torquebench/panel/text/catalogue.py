@@ -6,12 +6,31 @@ import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from typing import Any, Literal, get_args
+from typing import Any, Literal, Protocol, get_args
+
+from torquebench.panel.text.core import translated
 
 __all__ = ["LANGUAGES", "Language", "Text", "choose_language", "words"]
 
 Language = Literal["en", "zh"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
+JOINTS: Mapping[Language, str] = {"en": "; ", "zh": "；"}
+
+
+class Refusal(Protocol):
+    """An error, or what is kept of one."""
+
+    @property
+    def found(self) -> str:
+        """What was found."""
+
+    @property
+    def allowed(self) -> str:
+        """What is allowed."""
+
+    @property
+    def remedy(self) -> str:
+        """What to do."""
 
 
 @cache
@@ -81,5 +100,26 @@ class Text:
         return found.format(**values) if values else found
 
     def maybe(self, key: str, otherwise: str) -> str:
-        """Return a text, or something else where no text has this key."""
-        return self._words.get(key, otherwise)
+        """Return a text, or what the core says where no text has this key."""
+        found = self._words.get(key)
+        return self.core(otherwise) if found is None else found
+
+    def core(self, said: str) -> str:
+        """Return a sentence of the measuring core in this language.
+
+        Examples
+        --------
+        >>> Text("zh").core("Fitting models")
+        '正在拟合模型'
+        """
+        return translated(said, self.language)
+
+    def refusal(self, error: Refusal) -> tuple[str, str]:
+        """Say what was found, and in one line what is allowed and what to do."""
+        allowed = error.allowed and self("alarms.allowed", allowed=self.core(error.allowed))
+        more = (allowed, self.core(error.remedy))
+        return self.core(error.found), JOINTS[self.language].join(part for part in more if part)
+
+    def refusal_line(self, error: Refusal) -> str:
+        """Say all of it in one line."""
+        return JOINTS[self.language].join(part for part in self.refusal(error) if part)
