@@ -28,6 +28,7 @@ from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, Standin
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.records import Registry
+from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for
 from torquebench.station.recording import Recording, RunEnd
@@ -120,6 +121,7 @@ class Station:
         self.engine = BenchEngine(self.clock, self.supervisor, description.safety.procedure_s)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
+        self._lock: BenchLock | None = None
         self._closed = False
 
     # -- opening and closing ----------------------------------------------------------------
@@ -153,7 +155,7 @@ class Station:
         Raises
         ------
         InputError
-            The description is wrong.
+            The description is wrong, or another process has the bench or its records open.
         BenchError
             An instrument doesn't answer.
         """
@@ -161,19 +163,20 @@ class Station:
             description = default_bench()
         elif not isinstance(description, BenchDescription):
             description = load_bench(description)
-        drivers = drivers or open_drivers(description)
-        if operator is not None:
-            drivers = replace(drivers, operator=operator)
-        station = cls(description, drivers, data_directory(data_dir), real_time=real_time)
-        try:
+        with contextlib.ExitStack() as opened:
+            lock = BenchLock(description, data_directory(data_dir))
+            opened.callback(lock.release)
+            drivers = drivers or open_drivers(description)
+            if operator is not None:
+                drivers = replace(drivers, operator=operator)
+            station = cls(description, drivers, data_directory(data_dir), real_time=real_time)
+            station._lock = lock
+            opened.callback(station.close)
             station._start()
-        except BaseException:
-            station.close()
-            raise
+            opened.pop_all()
         return station
 
     def _start(self) -> None:
-        self.data_dir.mkdir(parents=True, exist_ok=True)
         self.registry = Registry.open(self.data_dir)
         check_identities(self.description, self.drivers.identities())
         register_equipment(self.registry, self.description)
@@ -222,6 +225,8 @@ class Station:
         self.audit.close()
         if hasattr(self, "registry"):
             self.registry.close()
+        if self._lock is not None:
+            self._lock.release()
 
     def _come_to_rest(self, *, disable: bool) -> None:
         """Bring both drives to zero torque; never raises for a bench that has ended already."""

@@ -1,0 +1,167 @@
+"""One owner of a bench and of its records: a lock that goes when its process goes.
+
+Two processes that command one drive, or that write runs of one bench into one registry, would
+each be right and together be wrong. So whoever opens a bench locks the data directory and, where
+the bench has instruments of its own, its drives. Reading records needs no lock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import socket
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from torquebench.bench.description import BenchDescription
+from torquebench.errors import InputError
+
+__all__ = ["LOCK_FILE", "BenchLock"]
+
+LOCK_FILE = "bench.lock"
+"""In the data directory; says who has the bench open. It stays when the bench is closed."""
+LOCKED_BYTE = 2**30
+"""Far behind the text, which whoever is refused wants to read."""
+LONGEST_OWNER = 4096
+LONGEST_SHOWN = 120
+
+
+class BenchLock:
+    """Holds a bench for this process until it is released or the process ends.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    data_dir : pathlib.Path
+        Where the records are kept; made where it doesn't exist.
+
+    Raises
+    ------
+    InputError
+        Another process has the bench open, or works with these records.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from torquebench.bench.description import default_bench
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     lock = BenchLock(default_bench(), Path(folder))
+    ...     lock.release()
+    """
+
+    def __init__(self, description: BenchDescription, data_dir: Path) -> None:
+        self._files: list[int] = []
+        data_dir.mkdir(parents=True, exist_ok=True)
+        owner = _owner(description)
+        try:
+            self._hold(data_dir / LOCK_FILE, owner, f"the records in {data_dir}")
+            for place, what in _drives(description):
+                self._hold(place, owner, what)
+        except BaseException:
+            self.release()
+            raise
+
+    def _hold(self, path: Path, owner: Mapping[str, str], what: str) -> None:
+        file = _opened(path)
+        try:
+            _lock(file)
+        except OSError as error:
+            text = os.pread(file, LONGEST_OWNER, 0) if hasattr(os, "pread") else b""
+            os.close(file)
+            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
+                raise InputError(
+                    f"{path} can't be locked: {error.strerror}",
+                    "a data directory on a file system with locks",
+                    "choose a local one with --data",
+                ) from error
+            raise InputError(
+                f"{what} are in use by {_told(text)}",
+                "one process that has a bench open",
+                "wait until it ends, or end it; records can be listed and exported meanwhile",
+            ) from None
+        self._files.append(file)
+        with contextlib.suppress(OSError):  # a full disk: the lock holds without a name
+            os.truncate(file, 0)
+            os.write(file, json.dumps(owner, ensure_ascii=False).encode() + b"\n")
+
+    def release(self) -> None:
+        """Let go. A second call does nothing."""
+        files, self._files = self._files, []
+        for file in files:
+            with contextlib.suppress(OSError):
+                os.truncate(file, 0)
+            os.close(file)
+
+
+def _owner(description: BenchDescription) -> dict[str, str]:
+    """Say who this process is, for whoever is refused."""
+    return {
+        "bench": description.name,
+        "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "pid": str(os.getpid()),
+        "host": socket.gethostname(),
+        "since": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _told(text: bytes) -> str:
+    """Say in words who has written himself into a lock file."""
+    try:
+        owner = {key: _plain(str(value)) for key, value in json.loads(text).items()}
+        return (
+            f"`{owner['command']}` (process {owner['pid']} on {owner['host']}, "
+            f"since {owner['since']})"
+        )
+    except (ValueError, KeyError, AttributeError):  # locked a moment ago, or by another version
+        return "another process"
+
+
+def _plain(text: str) -> str:
+    return "".join(letter for letter in text if letter.isprintable())[:LONGEST_SHOWN]
+
+
+def _drives(description: BenchDescription) -> Iterator[tuple[Path, str]]:
+    """Return a lock file of this computer for every drive that others could command too."""
+    driver: Mapping[str, Any] = description.driver
+    if description.bench.driver == "simulated":
+        return  # it lives in this process
+    sections = {key: driver[key] for key in ("input_drive", "output_drive") if key in driver}
+    for key, section in (sections or {description.bench.driver: driver}).items():
+        told = {name: value for name, value in dict(section).items() if name != "timeout_s"}
+        text = json.dumps(told, sort_keys=True, default=str)
+        digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+        what = f"the instruments of {key}" if not sections else f"the commands of {key}"
+        yield Path(tempfile.gettempdir(), f"torquebench-{digest}.lock"), what
+
+
+def _opened(path: Path) -> int:
+    """Open a lock file, one of another person too, whose text can't be changed then."""
+    flags = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
+    with contextlib.suppress(FileNotFoundError):
+        try:
+            return os.open(path, flags)
+        except PermissionError:
+            return os.open(path, (flags & ~os.O_RDWR) | os.O_RDONLY)
+    return os.open(path, flags | os.O_CREAT, 0o644)
+
+
+if sys.platform == "win32":  # pragma: no cover - the tests run elsewhere
+    import msvcrt
+
+    def _lock(file: int) -> None:
+        os.lseek(file, LOCKED_BYTE, os.SEEK_SET)
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        os.lseek(file, 0, os.SEEK_SET)
+
+else:
+    import fcntl
+
+    def _lock(file: int) -> None:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
