@@ -30,7 +30,7 @@ from torquebench.bench.safety_alarms import (
 from torquebench.bench.safety_drives import DriveHand
 from torquebench.bench.safety_heartbeats import Heartbeats
 from torquebench.bench.safety_limits import LimitBook, SideLimits, StepLimits
-from torquebench.bench.safety_priority import prefer_this_thread, share_interpreter_finely
+from torquebench.bench.safety_priority import lift_process, prefer_this_thread
 from torquebench.bench.safety_signals import Change, Glance, SignalJudge, Violation
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
@@ -110,6 +110,7 @@ class SafetySupervisor:
         self._busy_since: float | None = None
         self._enabled_since: dict[Side, float] = {}
         self._closing = threading.Event()
+        self._lifted = contextlib.ExitStack()
         self._thread = threading.Thread(target=self._watch, name="torquebench-safety", daemon=True)
 
     # -- alarms -----------------------------------------------------------------------------
@@ -406,6 +407,8 @@ class SafetySupervisor:
 
     def start(self) -> None:
         """Start the supervisor's own thread."""
+        if not self._clock.fast:
+            self._lifted = lift_process()
         for hand in self._hands.values():
             hand.start()
         self._thread.start()
@@ -417,11 +420,11 @@ class SafetySupervisor:
             self._thread.join()
         for hand in self._hands.values():
             hand.close()
+        self._lifted.close()
 
     def _watch(self) -> None:
         period_s = IDLE_PERIOD_S if self._clock.fast else WATCH_PERIOD_S
         if not self._clock.fast:
-            share_interpreter_finely()
             prefer_this_thread()
         while not self._closing.wait(period_s):
             busy_since = self._busy_since

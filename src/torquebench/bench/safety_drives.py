@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from torquebench.bench.drivers.base import Drive, DriveState
 from torquebench.bench.roles import Side
+from torquebench.bench.safety_priority import prefer_this_thread
 
 __all__ = ["DriveHand"]
 
@@ -43,8 +44,6 @@ class DriveHand:
         As last answered; None before the first answer.
     asked, answered : float
         When it was asked for that, and when it answered, in `time.monotonic` seconds.
-    asked : float
-        When the state was asked for.
     failure : str
         What the drive failed with when it was last asked, empty when it answered.
     """
@@ -131,6 +130,7 @@ class DriveHand:
     # -- on the thread ----------------------------------------------------------------------
 
     def _run(self) -> None:
+        prefer_this_thread()
         while (order := self._orders.get()) is not None:
             order()
 

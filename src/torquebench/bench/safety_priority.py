@@ -1,4 +1,11 @@
-"""A little more than others' share of the processor for the threads that safety depends on."""
+"""Processor time when it is needed: priority for the threads that safety depends on.
+
+A violation between two looks waits for three things: the processor, which other programs want
+too; the interpreter, which another thread of this process may hold; and the processor again, for
+the thread that holds it. So acquisition and supervisor ask for real-time priority, all other
+threads of the process for a better one than other programs have, and the interpreter is handed
+over quickly. What the system doesn't grant stays as it was, and is said.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +13,100 @@ import contextlib
 import os
 import sys
 import threading
+from enum import IntEnum
 
-__all__ = ["prefer_this_thread", "share_interpreter_finely"]
+__all__ = ["Priority", "available_priority", "lift_process", "prefer_this_thread"]
 
 NICENESS = -10
-"""As far as the operating system lets a process go; without the right nothing changes."""
-SWITCH_INTERVAL_S = 0.001
+REAL_TIME_LEVEL = 1
+"""The lowest of the real-time priorities: above every usual program, below the system's own."""
+SWITCH_INTERVAL_S = 0.0002
 """How long one thread may keep the interpreter when another waits for it, s; Python's is 5 ms."""
 
 
-def prefer_this_thread() -> bool:
-    """Ask for priority for the calling thread; True where it was granted."""
-    if not hasattr(os, "setpriority"):
-        return False
+class Priority(IntEnum):
+    """What the system has granted; more is better."""
+
+    USUAL = 0
+    NICE = 1
+    REAL_TIME = 2
+
+    @property
+    def description(self) -> str:
+        """In words, for a record."""
+        return self.name.lower().replace("_", "-")
+
+
+def prefer_this_thread() -> Priority:
+    """Ask for the best priority there is for the calling thread; return what was granted.
+
+    Threads and processes that it starts don't inherit it.
+    """
+    if sys.platform != "linux":
+        return Priority.USUAL
+    policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
     with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+        os.sched_setscheduler(0, policy, os.sched_param(REAL_TIME_LEVEL))
+        return Priority.REAL_TIME
+    return Priority.NICE if _set_niceness(0, NICENESS) else Priority.USUAL
+
+
+def available_priority() -> Priority:
+    """Try what the system would grant, on a thread of its own."""
+    granted = [Priority.USUAL]
+    trying = threading.Thread(target=lambda: granted.append(prefer_this_thread()))
+    trying.start()
+    trying.join()
+    return granted[-1]
+
+
+def _set_niceness(thread: int, niceness: int) -> bool:
+    """Set the niceness of one thread (0: the caller's); True where that was granted."""
+    if sys.platform != "linux":  # elsewhere a thread has no niceness of its own
+        return False
+    with contextlib.suppress(OSError):  # no right to it, or the thread has ended
+        os.setpriority(os.PRIO_PROCESS, thread, niceness)
         return True
     return False
 
 
-def share_interpreter_finely() -> None:
-    """Let threads of this process take turns more often, for as long as it lives."""
-    if sys.getswitchinterval() > SWITCH_INTERVAL_S:
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
+class _Lift:
+    """Counts the benches in real time and lifts the process as long as there is one."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._benches = 0
+        self._before = (0.0, 0)
+
+    def begin(self) -> None:
+        with self._lock:
+            self._benches += 1
+            if self._benches > 1:
+                return
+            niceness = os.getpriority(os.PRIO_PROCESS, 0) if sys.platform == "linux" else 0
+            self._before = (sys.getswitchinterval(), niceness)
+            self._apply(min(sys.getswitchinterval(), SWITCH_INTERVAL_S), min(niceness, NICENESS))
+
+    def end(self) -> None:
+        with self._lock:
+            self._benches -= 1
+            if self._benches == 0:
+                self._apply(*self._before)
+
+    @staticmethod
+    def _apply(switch_interval_s: float, niceness: int) -> None:
+        sys.setswitchinterval(switch_interval_s)
+        for thread in threading.enumerate():
+            if thread.native_id is not None:
+                _set_niceness(thread.native_id, niceness)
+
+
+_LIFT = _Lift()
+
+
+def lift_process() -> contextlib.ExitStack:
+    """Lift the process above other programs until what is returned is closed."""
+    _LIFT.begin()
+    lifted = contextlib.ExitStack()
+    lifted.callback(_LIFT.end)
+    return lifted

@@ -10,6 +10,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
@@ -17,9 +18,12 @@ from nicegui import ui
 
 from torquebench.errors import InputError
 from torquebench.panel.address import Address
-from torquebench.panel.api import API_PATH, Guard, create_api
+from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api
+from torquebench.panel.backstage import Backstage
+from torquebench.panel.connections import PatientProtocol
 from torquebench.panel.pages import register_pages
 from torquebench.panel.service import BenchService
+from torquebench.panel.stopping import StopFirst
 
 __all__ = ["create_app", "serve", "storage_secret"]
 
@@ -48,12 +52,10 @@ def storage_secret(data_dir: Path) -> str:
     return found
 
 
-def create_app(service: BenchService, address: Address | None = None) -> FastAPI:
+def create_app(service: BenchService, address: Address) -> FastAPI:
     """Return the application with pages and API around a service."""
-    address = address or Address()
     app = FastAPI(title="torquebench", docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(API_PATH, create_api(service))
-    app.add_middleware(Guard, hosts=address.hosts, secure=address.secure)
     register_pages(service)
     ui.run_with(
         app,
@@ -83,24 +85,37 @@ def serve(
     address.check()
     listening = _listen(address)
     port = int(listening.getsockname()[1])
-    config = uvicorn.Config(
-        create_app(service, address),
-        log_level="warning",
-        access_log=False,
-        proxy_headers=False,  # whoever connects says himself where from, or nobody does
-        server_header=False,
-        ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
-        ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
-        timeout_graceful_shutdown=GRACE_S,
-    )
-    server = _Server(config)
-    on_ready(address.url(port))
-    with listening:
+    loops = uvicorn.Config(app="").get_loop_factory()
+    with listening, Backstage(create_app(service, address), loops) as behind:
+        guarded = Guard(StopFirst(behind, service), address.hosts, secure=address.secure)
+        config = uvicorn.Config(
+            guarded,
+            http=PatientProtocol,
+            ws_max_size=LARGEST_BODY,
+            log_level="warning",
+            access_log=False,
+            proxy_headers=False,  # whoever connects says himself where from, or nobody does
+            server_header=False,
+            ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
+            ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
+            timeout_graceful_shutdown=GRACE_S,
+        )
+        server = _Server(config, service.unload_aside)
+        on_ready(address.url(port))
         server.run(sockets=[listening])
 
 
 class _Server(uvicorn.Server):
-    """A server whose end is no sudden death: who called it still has a bench to unload."""
+    """A server whose end is no sudden death: the bench is unloaded first, then readers go."""
+
+    def __init__(self, config: uvicorn.Config, on_exit: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._on_exit = on_exit
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to end: the bench first, whoever is still connected has a few seconds."""
+        self._on_exit()
+        super().handle_exit(sig, frame)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -25,6 +25,7 @@ from torquebench.bench.identification import check_identities
 from torquebench.bench.interlocks import Interlocks
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
+from torquebench.bench.safety_priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.records import Registry
@@ -181,7 +182,11 @@ class Station:
         check_identities(self.description, self.drivers.identities())
         register_equipment(self.registry, self.description)
         self.recovered = recover_unfinished(self.registry)
-        self.audit.write("bench opens", recovered=[run.run_id for run in self.recovered])
+        self.audit.write(
+            "bench opens",
+            recovered=[run.run_id for run in self.recovered],
+            priority=("usual" if self.clock.fast else available_priority().description),
+        )
         self.supervisor.start()
         self.acquisition.start()
         self.engine.call(self.devices.connect())

@@ -1,0 +1,62 @@
+import os
+import sys
+import threading
+from typing import Any
+
+import pytest
+
+from torquebench.bench import safety_priority
+from torquebench.bench.safety_priority import (
+    NICENESS,
+    SWITCH_INTERVAL_S,
+    Priority,
+    available_priority,
+    lift_process,
+    prefer_this_thread,
+)
+
+
+def niceness() -> int:
+    return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+
+def on_a_thread(question: Any) -> Any:
+    answers: list[Any] = []
+    asking = threading.Thread(target=lambda: answers.append(question()))
+    asking.start()
+    asking.join()
+    return answers[0]
+
+
+def test_a_process_is_lifted_until_its_last_bench_is_closed() -> None:
+    before = (niceness(), sys.getswitchinterval())
+    granted = on_a_thread(lambda: safety_priority._set_niceness(0, NICENESS))
+    first, second = lift_process(), lift_process()
+    first.close()
+    assert sys.getswitchinterval() <= SWITCH_INTERVAL_S * 1.01
+    assert niceness() == (min(NICENESS, before[0]) if granted else before[0])
+    second.close()
+    second.close()
+    assert (niceness(), sys.getswitchinterval()) == before
+
+
+def test_a_refusal_is_said_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_arguments: Any) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    before = niceness()
+    monkeypatch.setattr(os, "sched_setscheduler", refused)
+    monkeypatch.setattr(os, "setpriority", refused)
+    assert available_priority() is Priority.USUAL
+    lift_process().close()
+    assert niceness() == before
+
+
+def test_what_a_preferred_thread_starts_is_usual_again() -> None:
+    def question() -> tuple[Priority, int]:
+        granted = prefer_this_thread()
+        return granted, on_a_thread(lambda: os.sched_getscheduler(0))
+
+    granted, inherited = on_a_thread(question)
+    assert granted is available_priority()
+    assert inherited == os.SCHED_OTHER
