@@ -108,7 +108,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
         if options.simulation is not None:
             control = SimulationControl(options.simulation.control)
             opened.callback(control.close)
-            on_demand = _running(control)["time"] == "on-demand"
+            on_demand = _running(control, description.name)["time"] == "on-demand"
         drives: dict[Side, Drive] = {
             "input": open_one("input_drive"),
             "output": open_one("output_drive"),
@@ -144,13 +144,17 @@ def _check_needs_angles(counter: object) -> None:
         )
 
 
-def _running(control: SimulationControl) -> dict[str, Any]:
+def _running(control: SimulationControl, bench: str) -> dict[str, Any]:
     """Return what the simulators say; where they aren't there, that is the first thing to say."""
     try:
         return control.ask("status")
     except BenchError as error:
-        remedy = "start the simulators with `torquebench simulate --bench FILE`"
-        raise BenchError(error.found, "running simulators", remedy) from error
+        raise BenchError(
+            f"the instruments of {bench} are simulated, and no simulators answer ({error.found})",
+            "running simulators",
+            "start them in another terminal with `torquebench simulate --bench FILE`, the same "
+            "file, and leave it open",
+        ) from error
 
 
 def open_role(description: BenchDescription, key: str) -> Any:
