@@ -347,8 +347,8 @@ def available_profiles() -> tuple[str, ...]:
 
     Examples
     --------
-    >>> available_profiles()
-    ('adaptive', 'check', 'rapid-in-situ', 'reversing', 'staircase', 'verification')
+    >>> available_profiles()[:3]
+    ('adaptive', 'check', 'rapid-in-situ')
     """
     folder = resources.files(__package__) / "profiles"
     names = (entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))

@@ -122,7 +122,7 @@ def calibrate(
         raise InputError(
             f"profile {chosen.name} for a calibration",
             "a profile of steps",
-            "give rapid-in-situ, adaptive, staircase, reversing or an own one",
+            "give rapid-in-situ, adaptive, staircase, reversing, small-torques or an own one",
         )
     description = default_bench() if bench is None else load_bench(bench)
     _check_model(model)

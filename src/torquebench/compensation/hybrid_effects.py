@@ -33,10 +33,13 @@ from torquebench.compensation.averaging import Candidates
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
 
-__all__ = ["Dictionary", "Effect", "EffectPoints", "make_dictionary"]
+__all__ = ["Dictionary", "Effect", "EffectPoints", "make_dictionary", "smallest_torque"]
 
 _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
+_STEP_RATIO = 1.35
+"""From one width of the reversal step to the next, where there are torques that tell them apart."""
+_LEAST_TORQUE = 1e-3  # of full scale: below, a reading is taken for zero
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
 _LOOP_SHARES = (0.12, 0.2, 0.06, 0.45, 0.17)
@@ -137,7 +140,28 @@ def count_levels(u: FloatArray) -> int:
     return max(step + min(side.size, 1) for step, side in zip(steps, sides, strict=True))
 
 
-def make_dictionary(levels: int) -> Dictionary:
+def smallest_torque(u: FloatArray) -> float:
+    """Return the smallest torque beside zero, as a share of full scale.
+
+    Examples
+    --------
+    >>> smallest_torque(np.array([0.02, -0.01, 0.00003, 0.5]))
+    0.01
+    """
+    size = np.abs(u)
+    return float(np.min(size, where=size >= _LEAST_TORQUE, initial=1.0))
+
+
+def _step_widths(smallest: float) -> FloatArray:
+    """Return widths of the reversal step: closely spaced only where torques lie on its slope."""
+    if smallest > 0.5 * _STEP_WIDTHS[1]:
+        return _STEP_WIDTHS
+    narrowest, widest = min(smallest, float(_STEP_WIDTHS[0])), float(_STEP_WIDTHS[-1])
+    count = 1 + int(np.ceil(np.log(widest / narrowest) / np.log(_STEP_RATIO)))
+    return np.asarray(np.geomspace(narrowest, widest, count))
+
+
+def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
     """Choose candidate shapes that a calibration at so many torques can tell apart.
 
     Ripple is looked for up to one and a half times the highest frequency that evenly spaced
@@ -147,6 +171,9 @@ def make_dictionary(levels: int) -> Dictionary:
     ----------
     levels : int
         Number of torques per direction.
+    smallest : float
+        Smallest torque beside zero, as a share of full scale: from 0.5 % downwards the reversal
+        step's width is looked for in small steps.
 
     Returns
     -------
@@ -166,7 +193,7 @@ def make_dictionary(levels: int) -> Dictionary:
     highest = float(np.clip(0.75 * levels, 3.0, 25.0))
     frequencies = np.arange(1.5, highest, _FREQUENCY_STEP)
     return Dictionary(
-        _STEP_WIDTHS,
+        _step_widths(smallest),
         _LOOP_SHAPES,
         frequencies,
         # from three cycles per full scale, and three times as far apart: windows are not sharp

@@ -37,6 +37,7 @@ from torquebench.compensation.hybrid_effects import (
     count_levels,
     make_dictionary,
     make_effects,
+    smallest_torque,
 )
 
 __all__ = [
@@ -180,7 +181,9 @@ class Problem:
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
         self.prior_scale = prior_scale
-        self.dictionary: Dictionary = make_dictionary(count_levels(points.u))
+        self.dictionary: Dictionary = make_dictionary(
+            count_levels(points.u), smallest_torque(points.u)
+        )
         self.kinds: list[Effect] = make_effects(points, self.dictionary, prior_scale)
         self.main = prior_scale * main_columns(points.u)
         self._main_gram = self.main @ self.main.T

@@ -259,3 +259,22 @@ def test_loops_close_at_full_scale_and_turn_over_with_the_branch() -> None:
     down = all_columns(at_zero_time(u, -np.ones(4)), dictionary)[0]
     np.testing.assert_allclose(up[:, :, [0, 3]], 0.0)
     np.testing.assert_allclose(up, -down)
+
+
+def test_a_narrow_reversal_step_is_found_where_torques_lie_on_its_slope() -> None:
+    """Closely spaced widths: 0.55 % lies between the coarse ones of 0.4 and 1 %."""
+    rng = np.random.default_rng(4)
+    rising = np.array([0.001, 0.002, 0.003, 0.004, 0.006, 0.008, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3])
+    cycle = np.concatenate([rising, rising[::-1], -rising, -rising[::-1]])
+    u = np.tile(cycle, 3)
+    branch = np.tile(np.repeat([1.0, -1.0, 1.0, -1.0], rising.size), 3)
+
+    def added(share: np.ndarray) -> np.ndarray:
+        return np.asarray(1e-3 * np.tanh(share / 0.0055) + 3e-3 * share)
+
+    truth = u + added(u)
+    reading = 50.0 * (u + 2e-5 * rng.standard_normal(u.size))
+    model = HybridModel(range_nm=50.0).fit(np.column_stack([reading, branch]), 50.0 * truth)
+    small = np.array([-0.003, -0.0015, 0.0015, 0.003])
+    found = model.predict(np.column_stack([50.0 * small, np.zeros(4)]))
+    np.testing.assert_allclose(found, 50.0 * (small + added(small)), atol=1.5e-3)
