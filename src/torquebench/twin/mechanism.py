@@ -67,18 +67,25 @@ def _turn_uncoupled_flange(
     drive: DriveConstants,
     row: FloatArray,
     flange: int,
+    driven: bool,
     torque_nm: float,
     held_speed_rad_s: float,
     step_s: float,
 ) -> float:
-    """Flange that is held (or turned at a speed) by the calibrator, or loose; returns dω/dt."""
+    """Flange that is held (or turned at a speed) by the calibrator, or loose; returns dω/dt.
+
+    A loose flange that its drive turns drags by its bearings alone, as it does with something
+    mounted: that drag is in `torque_nm`. Without the drive it runs down against the motor's.
+    """
     if flange == FLANGE_HELD:
         largest = drive.acceleration_rad_s2 * step_s
         change = min(largest, max(-largest, held_speed_rad_s - row[FLANGE_SPEED]))
         acceleration = change / step_s
     else:
-        drag = drive.drag_nm * math.tanh(row[FLANGE_SPEED] / 0.05)
-        drag += drive.drag_viscous_nm_s * row[FLANGE_SPEED]
+        drag = 0.0
+        if not driven:
+            drag = drive.drag_nm * math.tanh(row[FLANGE_SPEED] / 0.05)
+            drag += drive.drag_viscous_nm_s * row[FLANGE_SPEED]
         acceleration = (torque_nm - drag) / drive.flange_inertia_kgm2
     row[FLANGE_SPEED] += step_s * acceleration
     row[FLANGE_ANGLE] += step_s * row[FLANGE_SPEED]
@@ -133,7 +140,13 @@ def move(
             torque[side] = shaft + added_nm[side]
             if flange != FLANGE_COUPLED:
                 acceleration[side] = _turn_uncoupled_flange(
-                    drives[side], row, flange, torque[side], held_speed_rad_s[side], short
+                    drives[side],
+                    row,
+                    flange,
+                    conversion[side] == CONVERSION_DRIVEN,
+                    torque[side],
+                    held_speed_rad_s[side],
+                    short,
                 )
         if flange == FLANGE_COUPLED:
             ahead, behind = shafts[0], shafts[1]

@@ -11,6 +11,7 @@ from torquebench.errors import InputError
 from torquebench.twin import CHANNELS, SIDES, BenchTwin, TwinParameters
 from torquebench.twin.chain import transducer_torque
 from torquebench.twin.drive import Loading
+from torquebench.twin.mechanism import FLANGE_SPEED, MOTOR_SPEED, SHAFT_TORQUE
 from torquebench.twin.transducer import (
     NOISES,
     fresh_transducer_state,
@@ -496,3 +497,25 @@ def test_sweep_is_made_of_the_operators(path, speed, side):
         for t in at_transducer
     ]
     np.testing.assert_allclose(found, expected[1:], rtol=1e-13)
+
+
+def test_a_shaft_that_turns_alone_drags_by_its_bearings_as_with_something_mounted() -> None:
+    twin = BenchTwin(NOMINAL, 1, active_channels=())
+    driven(twin, "input")
+    chain = NOMINAL.input.chain
+    for speed in (60.0, -60.0):
+        twin.command_speed("input", speed)
+        twin.advance(2.0)
+        twin.advance(2.0)
+        shaft = twin._state.shafts[0]
+        assert shaft[MOTOR_SPEED] == pytest.approx(speed, rel=0.01)
+    samples = []
+    for _ in range(400):
+        twin.advance(0.005)
+        samples.append(twin._state.shafts[0, SHAFT_TORQUE])
+    drag = chain.drag_nm + chain.drag_viscous_nm_s * 60.0
+    step = chain.constant_nm[1] / (chain.reversal_width * chain.range_nm)
+    assert np.mean(samples) == pytest.approx(-drag / (1.0 + step), abs=0.3 * drag)
+    twin.set_mode("input", "free")
+    twin.advance(10.0)
+    assert abs(twin._state.shafts[0, FLANGE_SPEED]) < 0.1
