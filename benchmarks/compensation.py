@@ -43,9 +43,10 @@ from benchmarks.chains import (
     make_chain,
 )
 from benchmarks.compensation_contenders import Contender, contenders
+from benchmarks.section import BENCHMARKS as DOCUMENT
+from benchmarks.section import write_section as write_between_markers
 from torquebench.compensation.judging import forget_posteriors
 
-DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
 BEGIN, END = "<!-- compensation: begin -->", "<!-- compensation: end -->"
 TENTHS = 10
 COVERAGE_95 = 1.959964
@@ -406,13 +407,7 @@ def show(
 
 def write_section(document: Path, text: str) -> None:
     """Replace what stands between the markers; begin the document or the section if need be."""
-    before = document.read_text(encoding="utf-8") if document.exists() else "# Benchmarks\n"
-    if BEGIN not in before:
-        before = before.rstrip() + f"\n\n{BEGIN}\n{END}\n"
-    head, rest = before.split(BEGIN, 1)
-    tail = rest.split(END, 1)[1]
-    document.parent.mkdir(exist_ok=True)
-    document.write_text(f"{head}{BEGIN}\n{text.strip()}\n{END}{tail}", encoding="utf-8")
+    write_between_markers(document, "compensation", text)
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:

@@ -102,7 +102,7 @@ class SignalJudge:
         self._hysteresis = description.safety.hysteresis_percent / 100.0
         self._watches: dict[tuple[AlarmKind, str], Watch] = {}
         self._faulty_s: dict[str, float] = {}
-        self._unread_s: dict[str, float] = {}
+        self._read_until_s: dict[str, float] = {}
         self._last_torque: dict[tuple[str, bool], tuple[float, float]] = {}
         self._last_speed: dict[tuple[Side, bool], tuple[float, float]] = {}
         self._last_angle: dict[Side, tuple[float, float]] = {}
@@ -114,7 +114,7 @@ class SignalJudge:
     def forget(self) -> None:
         """Begin afresh after an acknowledgement."""
         self._faulty_s.clear()
-        self._unread_s.clear()
+        self._read_until_s.clear()
         self._stood_at.clear()
         self._held.clear()
         self._last_torque.clear()
@@ -139,6 +139,8 @@ class SignalJudge:
         changes : list of Change
             Warnings that came or went.
         """
+        for name in self._read_until_s.keys() - raw.edges.keys():
+            del self._read_until_s[name]  # it isn't timed any more, and silent for nobody
         for name, edges in raw.edges.items():
             channel = channels.get(name)
             if channel is not None:
@@ -157,19 +159,17 @@ class SignalJudge:
             frequency = (count - 1) * edges.timebase_hz / float(ticks[-1] - ticks[0])
         if not 0.25 * zero_hz <= frequency <= 1.75 * zero_hz:
             self._last_torque.pop((name, True), None)
-            unread_s = self._unread_s.get(name, 0.0) + edges.duration_s
-            self._unread_s[name] = unread_s
-            if self._commands.any_enabled:
-                allowed_s = self._description.safety.signal_loss_s
-                if unread_s > allowed_s + 1e-9:
-                    kind = (
-                        SignalFaultKind.NO_PULSES
-                        if count < FEW_EDGES
-                        else SignalFaultKind.OUT_OF_MODULATION
-                    )
-                    self._lost(name, kind, unread_s)
+            read_s = self._read_until_s.setdefault(name, now_s - edges.duration_s)
+            allowed_s = self._description.safety.signal_loss_s
+            if self._commands.any_enabled and now_s - read_s > allowed_s + 1e-9:
+                kind = (
+                    SignalFaultKind.NO_PULSES
+                    if count < FEW_EDGES
+                    else SignalFaultKind.OUT_OF_MODULATION
+                )
+                self._lost(name, kind, now_s - read_s)
             return
-        self._unread_s[name] = 0.0
+        self._read_until_s[name] = now_s - (edges.stop_tick - int(ticks[-1])) / edges.timebase_hz
         torque = channel.torque(frequency)
         self._torque(channel.side, name, abs(torque))
         before = self._last_torque.get((name, True))
