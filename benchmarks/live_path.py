@@ -3,7 +3,8 @@
 Eight channels of one core: a block of 10 ms of 60 kHz edges with 5 ns of jitter becomes frequency,
 torque, compensated torque with its standard uncertainty (compiled table), and is judged by the
 supervisor; then the journal takes it, with every edge, and a viewer that nobody empties. Every
-part is the one that a bench runs. Exits with 1 where the median exceeds 2 ms.
+part is the one that a bench runs, with the priority that the system grants acquisition. Exits with
+1 where the median exceeds 2 ms.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from benchmarks.safety import other_programs
 from torquebench.bench.channels import Channel
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.compensating import ActiveCompensation
@@ -28,6 +30,7 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.safety import SafetySupervisor
+from torquebench.bench.safety_priority import lift_process, prefer_this_thread
 from torquebench.bench.samples import AcquiredBlock, CompensatedSamples, Viewer
 from torquebench.bench.state import CommandState
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model
@@ -43,6 +46,7 @@ TIMEBASE_HZ = 100e6
 JITTER_S = 5e-9
 FULL_SCALE_NM = 2000.0
 PERCENTILES = (50.0, 90.0, 99.0, 100.0)
+PROBES = ("input_transducer", "output_transducer")
 
 # The journal looks for the two modules' channels; the other six are as good as these.
 NAMES = ("input_torque", "output_torque", *(f"torque_{number}" for number in range(2, CHANNELS)))
@@ -123,7 +127,7 @@ class LivePath:
             },
             angles={"input": angles, "output": angles},
             speed_rad_s={"input": 0.0, "output": 0.0},
-            temperatures={"input_transducer": 23.0, "output_transducer": 23.0},
+            temperatures=dict.fromkeys(PROBES, 23.0),
             edges=edges,
         )
         self.index += 1
@@ -138,7 +142,7 @@ def measure(duration_s: float) -> NDArray[np.float64]:
     latencies = []
     with tempfile.TemporaryDirectory() as folder:
         writer = RunFolder.create(Path(folder), {}, kind="benchmark")
-        journal = QueuedJournal(RunJournal(writer, edges=True))
+        journal = QueuedJournal(RunJournal(writer, PROBES, edges=True))
         gc.collect()
         for edges in edge_blocks(duration_s):
             begun = time.perf_counter()
@@ -165,12 +169,15 @@ def main() -> int:
     """Measure and print; 1 where the aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true", help="ten seconds of edges, not sixty")
+    parser.add_argument("--load", type=int, default=0, metavar="N", help="beside N busy programs")
     arguments = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    with threadpool_limits(1):
+    with threadpool_limits(1), other_programs(arguments.load), lift_process():
+        priority = prefer_this_thread().description
         latencies = measure(10.0 if arguments.quick else 60.0)
-    print(f"{CHANNELS} channels of 60 kHz, one core, ms a block of {BLOCK_S * 1e3:g} ms:")
+    print(f"{CHANNELS} channels of 60 kHz, one core, {priority} priority, {arguments.load} busy")
+    print(f"programs beside it, ms a block of {BLOCK_S * 1e3:g} ms:")
     print(f"{'':36}" + "".join(f"{name:>9}" for name in ("median", "90 %", "99 %", "worst")))
     for title, row in zip(
         ("edges to judged, compensated torque", "with journal (edges) and viewer"),
