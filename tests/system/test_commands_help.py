@@ -9,7 +9,18 @@ from tests.system.command_line import run, widest_line
 
 import torquebench
 
-COMMANDS = ("demo", "calibrate", "fit", "apply", "verify", "measure", "doctor", "records")
+COMMANDS = (
+    "demo",
+    "calibrate",
+    "fit",
+    "apply",
+    "export",
+    "budget",
+    "verify",
+    "measure",
+    "doctor",
+    "records",
+)
 
 
 def test_version(tmp_path: Path) -> None:

@@ -222,10 +222,18 @@ class CalibrationData:
         names = {1: "clockwise", -1: "counter-clockwise"}
         present = set(self.direction.tolist()) - {0}
         if len(present) == 1:
-            sign = present.pop()
+            sign = next(iter(present))
             notes.append(f"only {names[sign]} points: nothing is known of {names[-sign]} torque")
         if not np.any(self.branch < 0):
             notes.append("only rising series: hysteresis can't be told from the torque's own error")
+        elif np.any(self.branch > 0):
+            direction = self.loading_direction()
+            for sign in sorted(present):
+                for side, word in ((1, "rising"), (-1, "falling")):
+                    if not np.any((direction == sign) & (self.branch == side)):
+                        notes.append(
+                            f"no {word} {names[sign]} points: that branch is guessed from the other"
+                        )
         share = float(np.max(np.abs(self.standard_nm))) / self.range_nm
         if share < 0.9:
             notes.append(f"points up to {100 * share:.0f} % of the range only")

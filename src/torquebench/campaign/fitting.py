@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sklearn.base import clone
@@ -17,6 +17,7 @@ from torquebench.compensation import (
     CANDIDATES,
     FEATURES,
     MODELS,
+    Comparison,
     CompensationModel,
     OutlierWarning,
     compare,
@@ -180,6 +181,7 @@ def fit_table(
     source: str,
     name: str | None = None,
     progress: Progress = NO_PROGRESS,
+    outliers: str = "downweight",
 ) -> FitResult:
     """Compare all candidates by cross-validation and take one, fitted to all points.
 
@@ -193,11 +195,14 @@ def fit_table(
         selects: the simplest within one standard error of the best.
     progress : Progress
         Told one stage.
+    outliers : {"downweight", "refuse", "keep"}
+        What happens to wild points.
 
     Raises
     ------
     InputError
-        An unknown model, or points that no model (or not the named one) takes.
+        An unknown model, points that no model (or not the named one) takes, or a wild point that
+        is to be refused.
     """
     candidates = [each for each in CANDIDATES if each.startswith("polynomial") or each in MODELS]
     if name is not None:
@@ -210,6 +215,7 @@ def fit_table(
         data.standard_nm,
         candidates,
         range_nm=data.range_nm,
+        outliers=outliers,
         progress=_Fraction(progress),
     )
     progress.finish()
@@ -221,9 +227,11 @@ def fit_table(
         )
     model = clone(comparison.models[taken])
     X = data.features(feature_columns(model))
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         warnings.simplefilter("ignore", OutlierWarning)  # the comparison names the wild points
         model.fit(X, data.standard_nm)
+    remarks = dict.fromkeys(str(entry.message) for entry in caught)
     return FitResult(
         source=source,
         data=data,
@@ -233,8 +241,16 @@ def fit_table(
         model=model,
         raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
-        remarks=tuple(f"wild point, weighted down: {point}" for point in comparison.wild_points),
+        remarks=(*_remarks(data, comparison), *remarks),
     )
+
+
+def _remarks(data: CalibrationData, comparison: Comparison) -> tuple[str, ...]:
+    """Say what these points, or some of them, can't support."""
+    wild = (replace(each, series=int(data.series[each.row])) for each in comparison.wild_points)
+    remarks = [f"wild point, weighted down: {point}" for point in wild]
+    remarks += [comparison.caution] if comparison.caution else []
+    return (*remarks, *data.notes())
 
 
 COMPARED_COLUMNS = 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,6 +23,14 @@ __all__ = ["register"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 SOURCES_TOLERANCE_PERCENT_FS = 0.1
+
+
+class Outliers(StrEnum):
+    """What happens to a wild point."""
+
+    DOWNWEIGHT = "downweight"
+    REFUSE = "refuse"
+    KEEP = "keep"
 
 
 def register(app: typer.Typer) -> None:
@@ -48,6 +57,9 @@ def fit(
         bool,
         typer.Option("--one-direction", help="The chain is loaded in one direction only."),
     ] = False,
+    outliers: Annotated[
+        Outliers, typer.Option(help="What happens to a wild point, which is named anyway.")
+    ] = Outliers.DOWNWEIGHT,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Which clock counted the pulses.")] = "",
 ) -> None:
@@ -77,7 +89,7 @@ def fit(
         counter_identity=counter,
     )
     with TerminalProgress() as progress:
-        fitted = fit_table(points, data.name, model, progress)
+        fitted = fit_table(points, data.name, model, progress, outliers.value)
     for remark in fitted.remarks:
         warn(remark)
     _print_fit(fitted)

@@ -341,8 +341,9 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
             raise InputError(
                 f"contradictory points: reading {reading:.6g} N·m has standard "
                 f"values {', '.join(f'{value:.6g}' for value in values[:6])} N·m "
-                f"(rows {', '.join(str(row) for row in rows[:6])})",
-                f"a spread of at most {limit:.2g} N·m (scatter of the other points)",
+                f"(rows {', '.join(str(row) for row in rows[:6])}, counted from 0)",
+                f"a spread of at most {limit:.2g} N·m, {_CONTRADICTION_SCALES:g} times the scatter "
+                "of the other points",
                 "find out which of them is right and leave the others out",
             )
 

@@ -12,7 +12,7 @@ from torquebench.compensation.model_file import Provenance
 from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
 
-__all__ = ["EXPORTS", "export_table"]
+__all__ = ["EXPORTS", "check_export", "export_table"]
 
 EXPORTS: dict[str, Callable[[Path, CompensationTable, Provenance], Path]] = {
     ".csv": export_csv,
@@ -22,7 +22,32 @@ EXPORTS: dict[str, Callable[[Path, CompensationTable, Provenance], Path]] = {
 """Exporters by the ending of the file's name."""
 
 
-def export_table(path: str | Path, table: CompensationTable, provenance: Provenance) -> Path:
+def check_export(path: Path, *, decimal_comma: bool = False) -> None:
+    """Refuse a file whose ending names no format, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        With another ending than those of `EXPORTS`, or a decimal comma elsewhere than in CSV.
+    """
+    ending = path.suffix.lower()
+    if ending not in EXPORTS:
+        raise InputError(
+            f"export to {path.name}", ", ".join(sorted(EXPORTS)), "choose one of these endings"
+        )
+    if decimal_comma and ending != ".csv":
+        raise InputError(
+            f"a decimal comma in {path.name}", "a decimal comma in .csv", "export without it"
+        )
+
+
+def export_table(
+    path: str | Path,
+    table: CompensationTable,
+    provenance: Provenance,
+    *,
+    decimal_comma: bool = False,
+) -> Path:
     """Export a compiled table in the format that the file's ending names.
 
     Parameters
@@ -35,6 +60,8 @@ def export_table(path: str | Path, table: CompensationTable, provenance: Provena
         Compiled model.
     provenance : Provenance
         Where the model came from; written into the file.
+    decimal_comma : bool, default False
+        Whether numbers of a CSV have a comma, and semicolons between them.
 
     Returns
     -------
@@ -48,9 +75,7 @@ def export_table(path: str | Path, table: CompensationTable, provenance: Provena
         When the file can't be written.
     """
     target = Path(path)
-    exporter = EXPORTS.get(target.suffix.lower())
-    if exporter is None:
-        raise InputError(
-            f"export to {target.name}", ", ".join(sorted(EXPORTS)), "choose one of these endings"
-        )
-    return exporter(target, table, provenance)
+    check_export(target, decimal_comma=decimal_comma)
+    if decimal_comma:
+        return export_csv(target, table, provenance, decimal_comma=True)
+    return EXPORTS[target.suffix.lower()](target, table, provenance)

@@ -25,7 +25,13 @@ _BESIDE_ZERO = 1e-9
 """Distance in full scales of the two rows that hold a step at torque reversal."""
 
 
-def export_csv(path: Path, table: CompensationTable, provenance: Provenance) -> Path:
+def export_csv(
+    path: Path,
+    table: CompensationTable,
+    provenance: Provenance,
+    *,
+    decimal_comma: bool = False,
+) -> Path:
     """Export nodes of torque (and standard uncertainty) over reading, one column a branch.
 
     Parameters
@@ -34,6 +40,8 @@ def export_csv(path: Path, table: CompensationTable, provenance: Provenance) -> 
         Where to.
     table : CompensationTable
     provenance : Provenance
+    decimal_comma : bool, default False
+        Whether numbers have a comma, as German LabVIEW and Excel read them; semicolons between.
 
     Returns
     -------
@@ -62,8 +70,10 @@ def export_csv(path: Path, table: CompensationTable, provenance: Provenance) -> 
     comments.insert(0, f"{len(comments) + 1} lines of comment, then column names, then numbers")
     rows = np.column_stack(list(columns.values())).tolist()
     lines = [f"# {comment}" for comment in comments]
-    lines.append(",".join(columns))
-    lines.extend(",".join(map(repr, row)) for row in rows)
+    separator = ";" if decimal_comma else ","
+    lines.append(separator.join(columns))
+    numbers = (separator.join(map(repr, row)) for row in rows)
+    lines.extend(row.replace(".", ",") if decimal_comma else row for row in numbers)
     return write_whole(path, ("\r\n".join(lines) + "\r\n").encode("ascii"))
 
 

@@ -40,4 +40,8 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
             "standard uncertainty: of the model's curve (k = 1), within "
             f"{uncertainty.bound:.3g} N m of the model's; a single reading's scatter is not in it"
         )
+    if "noise_nm" in provenance.metrics:
+        lines.append(
+            f"scatter of a single reading: {provenance.metrics['noise_nm']:.3g} N m (k = 1)"
+        )
     return [line.encode("ascii", "replace").decode("ascii") for line in lines]

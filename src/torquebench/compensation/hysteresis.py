@@ -162,61 +162,6 @@ class HysteresisOperator:
         )
         return generic._weighted(parts, rising - falling)
 
-    @classmethod
-    def from_readings(
-        cls,
-        reading_nm: ArrayLike,
-        standard_nm: ArrayLike,
-        full_scale_nm: float,
-        path_nm: ArrayLike | None = None,
-    ) -> HysteresisOperator:
-        """Find the plays from a calibration with reversals, rows in the order of time.
-
-        Parameters
-        ----------
-        reading_nm, standard_nm : array_like of shape (n,)
-            Readings and standard torque along the path that was driven.
-        full_scale_nm : float
-            Calibrated range in N·m.
-        path_nm : array_like, optional
-            Turning points of the calibration that the model was or will be fitted to, where it
-            is another one; else the readings' own.
-
-        Returns
-        -------
-        HysteresisOperator
-            `generic` where the data show no hysteresis.
-
-        Raises
-        ------
-        InputError
-            With too few rows to tell hysteresis from the curve.
-        """
-        reading = np.asarray(reading_nm, dtype=np.float64)
-        extra = np.asarray(standard_nm, dtype=np.float64) - reading
-        if reading.ndim != 1 or extra.shape != reading.shape or reading.size < 24:
-            raise InputError(
-                f"{reading.size} rows with reversals",
-                "at least 24",
-                "record a path with reversals in mid-range",
-            )
-        generic = cls.generic(full_scale_nm, reading if path_nm is None else path_nm)
-        states = []
-        for play in range(generic.widths_nm.size):
-            low, high = generic._only(play).tracker().push(reading)
-            states.append(0.5 * (low + high))
-        # what any curve of the reading alone explains is taken away from both sides
-        degree = min(12, reading.size // 6)
-        curve = np.polynomial.chebyshev.chebvander(reading / full_scale_nm, degree)
-        curve = np.column_stack([curve, np.abs(reading), np.tanh(reading / (0.01 * full_scale_nm))])
-        basis = np.linalg.qr(curve)[0]
-
-        def beside(column: FloatArray) -> FloatArray:
-            return np.asarray(column - basis @ (basis.T @ column))
-
-        parts = np.column_stack([beside(state) for state in states])
-        return generic._weighted(parts, beside(extra))
-
     def tracker(self) -> BranchTracker:
         """Return a tracker that knows nothing of the past yet."""
         return BranchTracker(self)

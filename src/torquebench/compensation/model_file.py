@@ -12,7 +12,7 @@ from typing import Any
 from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.compensation.whole_files import write_whole
-from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.errors import InputError, ModelMismatchError
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "Provenance", "StoredModel", "load_model", "save_model"]
 
@@ -108,11 +108,6 @@ class StoredModel:
                 "calibrate over the whole range",
             )
 
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the canonical content, as stored in the file."""
-        return _checksum(_content(self))
-
 
 def save_model(path: str | Path, stored: StoredModel) -> Path:
     """Write a model file; the old file stays whole until the new one is complete.
@@ -155,15 +150,14 @@ def load_model(path: str | Path) -> StoredModel:
     Raises
     ------
     InputError
-        When there's no such file, it isn't a model file, or its version or kind isn't known.
-    RecordError
-        When the content was changed after it was written.
+        When there's no such file, it isn't a model file, its version or kind isn't known, or its
+        content was changed after it was written.
     """
     source = Path(path)
     document = _read(source)
     content = {key: value for key, value in document.items() if key != "checksum"}
     if document.get("checksum") != _checksum(content):
-        raise RecordError(
+        raise InputError(
             f"model file {source} was changed after it was written (checksum differs)",
             "the file as torquebench wrote it",
             "restore the original or fit the model again",

@@ -23,7 +23,8 @@ from torquebench.compensation.checks import (
     OutlierWarning,
     PointsReducedWarning,
     WildPoint,
-    find_wild_points,
+    check_points,
+    point_weights,
 )
 from torquebench.compensation.repeats import (
     IntArray,
@@ -56,6 +57,9 @@ CANDIDATES = (
 """What `compare` looks at when not told otherwise."""
 
 _PERCENT_OF_READING_FROM = 0.05  # of full scale; below it a share of the reading says nothing
+_ALIKE_SHARE_OF_RANGE = 1e-6
+"""Root mean square errors this near, in full scales, aren't told apart: a table is no nearer."""
+_FEW_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,14 @@ class Comparison:
         """The selected model, fitted to all points."""
         return self.models[self.selected]
 
+    @property
+    def caution(self) -> str:
+        """What keeps the comparison from telling models apart, in a sentence; empty if nothing."""
+        scored = self.steps - 2
+        if scored >= _FEW_STEPS:
+            return ""
+        return f"only {scored} steps could be left out: errors of so few tell models apart by luck"
+
     def score(self, name: str) -> ModelScore:
         """Return the row of one candidate."""
         return next(score for score in self.scores if score.name == name)
@@ -160,6 +172,7 @@ def compare(
     range_nm: float | None = None,
     groups: ArrayLike | None = None,
     folds: int = 10,
+    outliers: str = "downweight",
     progress: Progress | None = None,
 ) -> Comparison:
     """Compare models by cross-validation and select the simplest that is as good as the best.
@@ -183,6 +196,9 @@ def compare(
         Step of each point where known better than by `repeat_groups`.
     folds : int, default 10
         Number of folds; one for every step where there are fewer than twice as many steps.
+    outliers : {"downweight", "refuse", "keep"}, default "downweight"
+        What happens to wild points, as in `CompensationModel`; candidates that are given as models
+        keep their own choice. Kept points are scored like all others.
     progress : callable, optional
         Called with the fraction done and a sentence.
 
@@ -193,14 +209,16 @@ def compare(
     Raises
     ------
     InputError
-        When there are too few steps, or no candidate takes the data.
+        When there are too few steps, a column is constant, points contradict each other, one is
+        wild (with ``outliers="refuse"``), or no candidate takes the data.
 
     Notes
     -----
     The one-standard-error rule (L. Breiman et al., Classification and Regression Trees, 1984) on
     differences: of the models whose mean square error exceeds that of the best by at most one
     standard error of the difference over the steps, the one with the lowest complexity, then with
-    the fewest effective parameters, is taken.
+    the fewest effective parameters, is taken. Errors that differ by less than a millionth of full
+    scale count as equal, so that rounding doesn't choose where there is no noise.
 
     Examples
     --------
@@ -214,21 +232,25 @@ def compare(
     """
     features, torque = _checked(X, y)
     full_scale = float(np.max(np.abs(features[:, 0]))) if range_nm is None else float(range_nm)
-    step = repeat_groups(features[:, 0]) if groups is None else _consecutive(groups, torque.size)
     points = CalibrationPoints(features, torque, np.arange(torque.size)).sorted()
-    wild = find_wild_points(points)[1]
+    check_points(points, 1, 1, model="a comparison")
+    step = repeat_groups(features[:, 0]) if groups is None else _consecutive(groups, torque.size)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", OutlierWarning)  # the result names them
+        wild = point_weights(points, outliers)[1]
     wild_rows = [point.row for point in wild]
     fold_of_point, fold_count = spread_folds(step, folds)
     scored = fold_of_point >= 0
     scored[wild_rows] = False
     candidates = {
         name: clone(model).set_params(range_nm=model.range_nm or full_scale)
-        for name, model in _candidates(models).items()
+        for name, model in _candidates(models, outliers).items()
     }
     trials, refused = _try_all(candidates, features, torque, fold_of_point, fold_count, progress)
     fitted = {name: trial.model for name, trial in trials.items()}
     left_out = {name: trial.errors[scored] for name, trial in trials.items()}
-    tally = _Tally(left_out, step[scored], fold_of_point[scored], fitted)
+    alike = (_ALIKE_SHARE_OF_RANGE * full_scale) ** 2
+    tally = _Tally(left_out, step[scored], fold_of_point[scored], fitted, alike)
     selected = tally.select(np.ones(np.count_nonzero(scored), dtype=bool))
     scores = [
         _score(name, left_out[name], torque[scored], step[scored], full_scale, fitted[name])
@@ -263,8 +285,9 @@ class _Tally:
         step: IntArray,
         fold: IntArray,
         fitted: Mapping[str, CompensationModel],
+        alike: float,
     ) -> None:
-        self.errors, self.step, self.fold = errors, step, fold
+        self.errors, self.step, self.fold, self.alike = errors, step, fold, alike
         self.order = sorted(
             errors, key=lambda name: (fitted[name].complexity, fitted[name].effective_parameters_)
         )
@@ -281,7 +304,8 @@ class _Tally:
             # Sums over steps are independent; their spread gives the error of the overall mean.
             spread = float(np.std(sums, ddof=1)) if count > 1 else 0.0
             total = groups.size
-            result[name] = (float(np.sum(sums)) / total, spread * np.sqrt(count) / total)
+            error = max(spread * float(np.sqrt(count)) / total, self.alike)
+            result[name] = (float(np.sum(sums)) / total, error)
         return best, result
 
     def select(self, points: NDArray[np.bool_]) -> str:
@@ -313,8 +337,7 @@ class _Tally:
             elif difference <= error:
                 reason = f"as good, but not simpler than {selected}"
             else:
-                excess = difference / error if error > 0 else np.inf
-                reason = f"{excess:.1f} standard errors worse than {best}"
+                reason = f"{difference / error:.1f} standard errors worse than {best}"
             rows.append(
                 replace(
                     score,
@@ -377,14 +400,14 @@ def _consecutive(groups: ArrayLike, count: int) -> IntArray:
 
 
 def _candidates(
-    models: Sequence[str] | Mapping[str, CompensationModel] | None,
+    models: Sequence[str] | Mapping[str, CompensationModel] | None, outliers: str
 ) -> dict[str, CompensationModel]:
     if isinstance(models, Mapping):
         return dict(models)
     names = models
     if names is None:
         names = [name for name in CANDIDATES if name.startswith("polynomial") or name in MODELS]
-    return {name: make_model(name) for name in names}
+    return {name: make_model(name, outliers=outliers) for name in names}
 
 
 @dataclass(frozen=True)

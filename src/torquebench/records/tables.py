@@ -42,6 +42,8 @@ _OPTIONAL = (
     "true_torque_nm",
 )
 _TEXTS = ("side", "transducer_serial", "counter_identity")
+_MOST_STEPS = 2000
+"""More points than this weren't loaded step by step."""
 
 
 def read_calibration_csv(
@@ -126,6 +128,13 @@ def _calibration(
     scale = _range(table, range_nm, reading, standard)
     for key, values in (("reading_nm", reading), ("standard_nm", standard)):
         _check_range(table, columns[key][0], values, scale)
+        if values.size > 2 and np.ptp(values) == 0.0:
+            raise InputError(
+                f"{table.origin}: constant column {columns[key][0]}, {values[0]:.6g} N·m in all "
+                f"{values.size} lines",
+                "points spread over the range",
+                f"check that {columns[key][0]} is the right column",
+            )
     noted = table.remarks
     data = CalibrationData(
         reading_nm=reading,
@@ -422,7 +431,12 @@ def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_
 
 
 def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
-    """Refuse two points at one standard value of one series, branch, direction and position."""
+    """Refuse two points at one standard value of one series, branch, direction and position.
+
+    A ramp that was recorded point by point meets the same values again and again.
+    """
+    if len(data) > _MOST_STEPS:
+        return
     direction = data.loading_direction()
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     seen: dict[tuple[float, ...], int] = {}

@@ -23,7 +23,7 @@ _PROVENANCE = Provenance(
     training_data_sha256="ab" * 32,
     software_version="0.1.0",
     created="2024-05-17T10:00:00+00:00",
-    metrics={"worst_percent_fs": 0.03},
+    metrics={"worst_percent_fs": 0.03, "noise_nm": 0.412},
 )
 
 
@@ -74,6 +74,7 @@ def test_csv_is_read_back(case, probe, tmp_path):
     comments = int(lines[0].split()[1])
     assert all(line.startswith("#") for line in lines[:comments])
     assert "transducer: T-4711" in "\n".join(lines[:comments])
+    assert "# scatter of a single reading: 0.412 N m (k = 1)" in lines[:comments]
     names = lines[comments].split(",")
     rows = np.loadtxt(path, delimiter=",", skiprows=comments + 1)
     assert np.all(np.diff(rows[:, 0]) > 0)
@@ -91,6 +92,18 @@ def test_csv_is_read_back(case, probe, tmp_path):
         read_back = np.interp(reading, rows[:, 0], deviation)
         beside = reading != 0.0  # at 0 itself a model has no direction, a table takes the positive
         np.testing.assert_allclose(read_back[beside], expected[beside], rtol=0.05, atol=1e-3)
+
+
+def test_csv_with_decimal_commas_holds_the_same_numbers(case, tmp_path):
+    table = case[1]
+    plain = export_table(tmp_path / "plain.csv", table, _PROVENANCE).read_text("ascii")
+    commas = export_table(tmp_path / "commas.csv", table, _PROVENANCE, decimal_comma=True)
+    comments = int(plain.split()[1])
+    numbers = [line.replace(";", ".") for line in commas.read_text("ascii").splitlines()]
+    swapped = [line.translate(str.maketrans(",.", ".,")) for line in numbers]
+    assert swapped[comments:] == plain.splitlines()[comments:]
+    with pytest.raises(InputError, match=r"decimal comma in table\.h"):
+        export_table(tmp_path / "table.h", table, _PROVENANCE, decimal_comma=True)
 
 
 _PROGRAM = """
@@ -114,8 +127,11 @@ def test_c_header_is_compiled_and_agrees(case, probe, tmp_path):
     _, table = case
     export_table(tmp_path / "my_table.h", table, _PROVENANCE)
     (tmp_path / "main.c").write_text(_PROGRAM)
-    flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-O1"]
-    subprocess.run(["cc", *flags, "main.c", "-o", "main"], cwd=tmp_path, check=True)
+    flags = ["-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
+    plain_c = ["cc", "-std=c99", "-O1", *flags, "main.c", "-o", "main"]
+    subprocess.run(plain_c, cwd=tmp_path, check=True)
+    cpp = ["c++", "-x", "c++", "-std=c++11", "-fsyntax-only", *flags, "main.c"]
+    subprocess.run(cpp, cwd=tmp_path, check=True)
     reading, branch = probe
     reading = np.concatenate([reading, [2500.0, -2500.0, np.nan]])
     branch = np.concatenate([branch, [1, -1, 0]])

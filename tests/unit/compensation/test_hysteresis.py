@@ -103,20 +103,6 @@ def test_inner_loops_and_reversals_stay_compensated(density, reversing):
     assert not live.fault.any()
 
 
-def test_widths_fitted_to_reversing_data_do_as_well():
-    chain = RelayChain(_DENSITIES["wide"])
-    table = _calibrated(chain, reversing=False)
-    trial = _work_path(seed=9)
-    operator = HysteresisOperator.from_readings(
-        _FS * chain.drive(trial), _FS * trial, _FS, one_sided_path(_FS)
-    )
-    share = _work_path()
-    reading = _FS * chain.drive(share)
-    live = HistoryCompensator(table, operator).push(reading)
-    by_history = _rms((live.torque_nm - _FS * share)[40:])
-    assert by_history < 0.4 * _rms(table.torque(reading) - _FS * share)
-
-
 def test_calibrated_loop_gives_the_models_own_branches():
     """Along the very path of the calibration the result is the branch-aware model itself."""
     table = _calibrated(RelayChain(_DENSITIES["narrow"]), reversing=False)
@@ -205,19 +191,12 @@ def test_a_table_without_branches_needs_no_history():
     assert live.fault.tolist() == [False, False, False, True]
 
 
-def test_data_without_hysteresis_give_no_amplitude():
-    path = 100.0 * _work_path()[::3]
-    operator = HysteresisOperator.from_readings(path, 1.002 * path, 100.0)
-    assert abs(operator.amplitude_nm) < 1e-4
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
         (lambda o: HysteresisOperator(np.array([-1.0]), np.ones(1), 0.0, o, 1.0), "above 0 N·m"),
         (lambda o: HysteresisOperator(np.ones(2), np.ones(1), 0.0, o, 1.0), "one for each width"),
         (lambda o: HysteresisOperator.generic(1.0, o).tracker().push([np.nan]), "gaps"),
-        (lambda o: HysteresisOperator.from_readings(o, o, 1.0), "at least 24"),
     ],
 )
 def test_bad_input_is_named(call, message):

@@ -68,7 +68,6 @@ def test_every_model_comes_back_bit_for_bit(
         again.model.predict(at, return_std=True), model.predict(at, return_std=True)
     )
     assert again.model.noise_nm_ == model.noise_nm_
-    assert again.checksum == stored.checksum
 
 
 @pytest.fixture
@@ -97,7 +96,7 @@ def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
     ],
 )
 def test_an_edited_file_is_noticed(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    with pytest.raises(RecordError, match="changed after it was written"):
+    with pytest.raises(InputError, match="changed after it was written"):
         load_model(edited(path, change))
 
 

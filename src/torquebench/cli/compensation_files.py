@@ -1,0 +1,184 @@
+"""`torquebench export` and `budget`: a model's table for other programs, and its uncertainty."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from math import isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.options import check_output
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.uncertainty import Budget
+
+__all__ = ["register"]
+
+ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
+
+
+class Branch(StrEnum):
+    """Branch of a reading."""
+
+    UP = "up"
+    DOWN = "down"
+    UNKNOWN = "unknown"
+
+
+_SIGNS = {Branch.UP: 1, Branch.DOWN: -1, Branch.UNKNOWN: 0}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("export")(export)
+    app.command("budget")(budget)
+
+
+def export(
+    model: ModelArgument,
+    result: Annotated[
+        Path, typer.Option("--out", help="The file to write: NAME.csv, NAME.h or NAME.onnx.")
+    ],
+    decimal_comma: Annotated[
+        bool, typer.Option("--decimal-comma", help="CSV with 1,5 and semicolons.")
+    ] = False,
+    no_uncertainty: Annotated[
+        bool, typer.Option("--no-uncertainty", help="Leave the uncertainty out.")
+    ] = False,
+) -> None:
+    """Compile a model to a table for other programs: CSV, C header or ONNX.
+
+    What stands in the file says how far it deviates from the model at most.
+    """
+    from torquebench.compensation import compile_table, export_table, load_model
+    from torquebench.compensation.export import check_export
+
+    check_output(result, model)
+    check_export(result, decimal_comma=decimal_comma)
+    stored = load_model(model)
+    table = compile_table(stored.model, uncertainty=not no_uncertainty)
+    export_table(result, table, stored.provenance, decimal_comma=decimal_comma)
+    degree = {1: "linear", 3: "cubic"}[table.curve.degree]
+    branches = "each branch" if table.curve.branch_aware else "any branch"
+    say(
+        f"{escape(str(result))}: {table.curve.intervals} {degree} intervals for {branches}, "
+        f"{table.reading_low_nm:g} to {table.reading_high_nm:g} N·m"
+    )
+    percent = 100.0 * table.bound_nm / table.full_scale_nm
+    say(f"table's deviation from the model: at most {table.bound_nm:.2g} N·m ({percent:.1g} % FS)")
+    if no_uncertainty or not table.curve.branch_aware:
+        return
+    say("branch: +1 where the size of the torque grows, -1 where it falls, 0 where unknown")
+
+
+def budget(
+    model: ModelArgument,
+    reading: Annotated[list[float], typer.Option(help="A reading in N·m; as often as wanted.")],
+    branch: Annotated[Branch, typer.Option(help="Branch that it lies on.")] = Branch.UNKNOWN,
+    reference: Annotated[
+        float, typer.Option(min=0, help="U (k = 2) of the calibration's reference, % of torque.")
+    ] = 0.02,
+    span_temperature: Annotated[
+        float, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
+    ] = 0.0,
+    zero_temperature: Annotated[
+        float, typer.Option(min=0, help="Limit of the zero's change, % of range per 10 K.")
+    ] = 0.0,
+    temperature_change: Annotated[
+        float, typer.Option(help="K since calibration and zeroing.")
+    ] = 0.0,
+    drift: Annotated[
+        float, typer.Option(min=0, help="Limit of the span's drift, % of torque a year.")
+    ] = 0.0,
+    age_days: Annotated[float, typer.Option(min=0, help="Days since the calibration.")] = 0.0,
+    zero: Annotated[
+        float, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
+    ] = 0.0,
+    averaged: Annotated[float, typer.Option(min=1, help="Readings behind it.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
+) -> None:
+    """Budget the uncertainty of compensated readings by GUM, checked by Monte Carlo.
+
+    Both are compared by the criterion of JCGM 101, clause 8; where they differ, the larger of the
+    two intervals is the one to state.
+    """
+    import numpy as np
+
+    from torquebench.compensation import (
+        ChainSpecification,
+        ReadingBudget,
+        ReadingConditions,
+        load_model,
+    )
+
+    stored = load_model(model)
+    budgets = ReadingBudget(
+        stored.model,
+        ChainSpecification(
+            reference,
+            temperature_span_percent_per_10k=span_temperature,
+            temperature_zero_percent_per_10k=zero_temperature,
+            drift_percent_per_year=drift,
+        ),
+    )
+    conditions = ReadingConditions(
+        calibration_age_h=24.0 * age_days,
+        temperature_change_calibration_k=temperature_change,
+        temperature_change_zero_k=temperature_change,
+        zero_nm=zero,
+        averaged=averaged,
+    )
+    low, high = stored.model.reading_low_nm_, stored.model.reading_high_nm_
+    for value in reading:
+        if not low <= value <= high:
+            raise InputError(
+                f"reading {value:g} N·m outside the calibrated range",
+                f"{low:.6g} to {high:.6g} N·m, margin included",
+                "calibrate over the whole range that is measured",
+            )
+    for value in reading:
+        checked = budgets.check(
+            value, _SIGNS[branch], conditions, generator=np.random.default_rng(seed)
+        )
+        say(f"[bold]reading {value:g} N·m, branch {branch.value}[/bold]")
+        _print_budget(checked.budget)
+        (say if checked.agrees else warn)(checked.sentence())
+        if not checked.agrees:
+            found = checked.monte_carlo
+            percent = 100.0 * found.coverage_probability
+            say(f"Monte Carlo, {percent:.4g} %: {found.low:.7g} to {found.high:.7g} N·m")
+
+
+def _print_budget(found: Budget) -> None:
+    """Print what contributes, the largest first, and the result."""
+    table = narrow_table()
+    table.add_column("quantity", no_wrap=True)
+    for heading in ("u", "unit", "ν", "distribution", "|c|·u N·m", "share"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for line in sorted(found.lines, key=lambda each: -each.contribution):
+        if line.contribution == 0.0:
+            continue
+        freedom = line.degrees_of_freedom
+        table.add_row(
+            line.name,
+            f"{line.standard_uncertainty:.3g}",
+            line.unit,
+            "∞" if isinf(freedom) else f"{freedom:.1f}",
+            str(line.distribution),
+            f"{line.contribution:.3g}",
+            f"{100.0 * line.share:.1f} %",
+        )
+    out().print(table)
+    freedom = found.degrees_of_freedom
+    say(
+        f"torque {found.value:.7g} N·m, u = {found.standard_uncertainty:.3g} N·m, "
+        f"ν = {'∞' if isinf(freedom) else f'{freedom:.0f}'}, k = {found.coverage_factor():.2f}, "
+        f"[bold]U = {found.expanded_uncertainty():.2g} N·m[/bold]"
+    )
+    for caution in found.cautions:
+        warn(caution)
