@@ -45,16 +45,21 @@ class SignStep:
                 note(text("sign.own"), "warn")
                 return
             models = course.models
-            recommended = course.recommended if course.recommended in models else next(iter(models))
+            if not models:
+                note(text("sign.no_model"), "warn")
+                return
+            best = course.verified_best
+            chosen = next((name for name in (course.recommended, best) if name in models), "")
             options = {
                 name: (
                     text.core(model["title"]),
                     text("sign.recommended") if name == course.recommended else
+                    text("sign.best") if name == best else
                     text("sign.model", number=model["model_id"]),
                 )
                 for name, model in models.items()
             }  # fmt: skip
-            self._model = Choice(text("sign.use"), options, recommended)
+            self._model = Choice(text("sign.use"), options, chosen or next(iter(models)))
             self._remark = Field(text("sign.remark"), maxlength="500")
             self._password = Field(
                 text("sign.password"),

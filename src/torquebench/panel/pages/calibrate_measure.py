@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from torquebench.bench.roles import SIDES
-from torquebench.calibration import load_profile
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, pairs, panel, tag, words
+from torquebench.panel.pages.going_on import interrupted_note
 from torquebench.panel.pages.job_panel import duration_words, problem_note
 from torquebench.panel.pages.quick import clear_choice
+from torquebench.panel.pages.table_entry import profile_titles
 from torquebench.panel.service import JobPreview
 from torquebench.panel.text import Text
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
 
-PROFILES = ("rapid-in-situ", "staircase", "reversing")
+FIRST_PROFILE = "rapid-in-situ"
 
 
 class PrepareStep:
@@ -34,6 +35,7 @@ class PrepareStep:
     def build(self) -> None:
         """Make the step's elements."""
         text, visitor = self._text, self._page.visitor
+        interrupted_note(visitor)
         with box("div", "columns"):
             with panel(text("prepare.what")), box("div", "stack"):
                 ranges = visitor.service.snapshot().sides
@@ -42,10 +44,10 @@ class PrepareStep:
                     for side in reversed(SIDES)
                 }
                 self._side = Choice(text("prepare.side"), sides, "output", on_change=self._preview)
-                profiles = {name: text.core(load_profile(name).title) for name in PROFILES}
+                profiles = profile_titles(visitor)
                 self._profile = Field(
                     text("prepare.profile"),
-                    PROFILES[0],
+                    FIRST_PROFILE,
                     options=profiles,
                     on_change=lambda _: self._preview(),
                 )
@@ -171,7 +173,9 @@ class MeasureStep:
 
     def build(self) -> None:
         """Make the step's elements."""
-        text = self._text
+        text, job = self._text, self._page.course.calibrate
+        if job is not None and not job.open:
+            interrupted_note(self._page.visitor)
         with box("div", "columns"):
             with panel(text("measure.staircase")):
                 self._staircase = Chart(
@@ -215,5 +219,8 @@ class MeasureStep:
         self._errors.show(lines)
         if points:
             last = points[-1]
-            said = {key: f"{last[f'{key}_nm']:.3f}" for key in ("reading", "standard", "error")}
+            said = {
+                key: f"{last[f'{key}_nm']:.3f}".replace("-", "−")
+                for key in ("reading", "standard", "error")
+            }
             self._said.set_text(text("measure.last", number=len(points), **said))

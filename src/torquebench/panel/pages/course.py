@@ -15,6 +15,7 @@ __all__ = ["STEPS", "Course", "Dismissed", "Step", "find_course"]
 
 Step = Literal["prepare", "measure", "models", "verify", "sign", "certificate"]
 STEPS: tuple[Step, ...] = get_args(Step)
+MEASURING = ("calibrate", "resume-calibration")
 
 
 @dataclass
@@ -69,7 +70,16 @@ class Course:
                 continue
             for name, model in job.result.details.get("models", {}).items():
                 found[name] = {**model, "model_id": job.result.model_ids[name]}
-        return found
+        return dict(sorted(found.items(), key=lambda item: int(item[1]["model_id"])))
+
+    @property
+    def verified_best(self) -> str:
+        """Name of the model that left the least error in the verification; empty before it."""
+        if self.verify is None or self.verify.result is None:
+            return ""
+        number = self.verify.result.model_ids.get(str(self.verify.result.details["best"]))
+        models = self.models.items()
+        return next((name for name, model in models if model["model_id"] == number), "")
 
     @property
     def recommended(self) -> str:
@@ -77,12 +87,6 @@ class Course:
         if self.compare is None or self.compare.result is None:
             return ""
         return str(self.compare.result.details["selected"])
-
-    @property
-    def open_job(self) -> JobView | None:
-        """The job of this course that is under way."""
-        jobs = (self.calibrate, self.compare, *self.fits, self.verify, self.certificate)
-        return next((job for job in jobs if job is not None and job.open), None)
 
 
 def find_course(jobs: list[JobView], dismissed: Dismissed) -> Course:
@@ -94,7 +98,7 @@ def find_course(jobs: list[JobView], dismissed: Dismissed) -> Course:
         The newest first.
     dismissed : Dismissed
     """
-    calibrate = next((job for job in jobs if job.kind == "calibrate"), None)
+    calibrate = next((job for job in jobs if job.kind in MEASURING), None)
     if calibrate is None or calibrate.job_id in dismissed.job_ids:
         return Course()
     number = None if calibrate.result is None else calibrate.result.calibration_id

@@ -12,8 +12,9 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, note, pairs, panel, table, words
+from torquebench.panel.pages.going_on import resume_button, take_up
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import RunDetail, RunTable
+from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 
 __all__ = ["RunPanel"]
 
@@ -48,6 +49,12 @@ class RunPanel:
             with box("div", "line"):
                 if detail.run.finished is not None:
                     button(text("run.export"), self._export, picture="download")
+                number = detail.calibration_id
+                if number is not None:
+                    button(text("resume.take_up"), lambda: take_up(self._visitor, number),
+                           picture="tune")  # fmt: skip
+                elif (found := self._interrupted(detail.run.status)) is not None:
+                    resume_button(self._visitor, found)
                 button(text("frame.close"), self._on_close, "quiet", picture="close")
             if detail.changes:
                 note("; ".join(detail.changes), "bad", title=text("run.changed"))
@@ -57,6 +64,10 @@ class RunPanel:
             self._samples()
             for part in detail.tables:
                 self._points(part)
+
+    def _interrupted(self, status: str) -> InterruptedView | None:
+        completed = status in ("completed", "running")
+        return None if completed else self._visitor.service.interrupted(self._run_id)
 
     def _facts(self, detail: RunDetail) -> list[tuple[str, str]]:
         text, run = self._text, detail.run

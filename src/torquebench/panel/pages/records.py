@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from torquebench.errors import TorquebenchError
@@ -11,7 +12,9 @@ from torquebench.panel.components.elements import box, empty, note, panel, table
 from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.going_on import take_up
 from torquebench.panel.pages.record_of_run import RunPanel
+from torquebench.panel.pages.table_entry import TableEntry
 from torquebench.panel.pages.visitor import Visitor
 
 __all__ = ["records_page"]
@@ -121,9 +124,23 @@ class _Calibrations:
         self._chosen: list[int] = []
 
     def build(self) -> None:
+        self._entry = box("div")
         self._compared = box("div")
         self._list = box("div")
+        if self._visitor.has_role("metrologist"):
+            button(self._text("elsewhere.open"), self._enter, picture="upload_file")
         self._show()
+
+    def _enter(self) -> None:
+        self._entry.clear()
+        with self._entry:
+            TableEntry(self._visitor, self._entered).build()
+
+    def _entered(self, number: int) -> None:
+        self._entry.clear()
+        self._chosen = [number]
+        self._show()
+        self._compare()
 
     def _show(self) -> None:
         text = self._text
@@ -203,6 +220,13 @@ class _Calibrations:
                 lines,
                 tall=True,
             )
+            with box("div", "line"):
+                for number in self._chosen:
+                    button(
+                        text("records.take_up", number=number),
+                        partial(take_up, self._visitor, number),
+                        picture="tune",
+                    )
 
 
 def _drift(visitor: Visitor) -> None:

@@ -20,14 +20,14 @@ from torquebench.panel.service import SIGNALS, JobView
 __all__ = ["reducer_page"]
 
 AXES = {
-    "no-load": ("input_speed_rpm", "input_raw_nm"),
-    "starting": ("input_angle_deg", "input_raw_nm"),
-    "back-driving": ("output_angle_deg", "output_raw_nm"),
-    "hysteresis": ("output_angle_deg", "output_raw_nm"),
+    "no-load": ("input_speed_rpm", "input_torque_nm"),
+    "starting": ("input_angle_deg", "input_torque_nm"),
+    "back-driving": ("output_angle_deg", "output_torque_nm"),
+    "hysteresis": ("output_angle_deg", "output_torque_nm"),
     "transmission-error": ("input_angle_deg", "output_angle_deg"),
-    "efficiency": ("output_raw_nm", "input_raw_nm"),
+    "efficiency": ("output_torque_nm", "input_torque_nm"),
 }
-"""Live signals that a test is about: across and up."""
+"""Live signals that a test is about: across and up; torque is compensated where it can be."""
 PAST_S = 600.0
 POINTS = 800
 
@@ -143,7 +143,7 @@ class _ReducerPage:
         if self._began is None:
             self._began = live.bench_time_s
         part = self._runs_of(job)
-        x, y = AXES[part]
+        x, y = (self._read(name) for name in AXES[part])
         past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
         names = {
             signal.name: f"{self.text.core(signal.title)}, {signal.unit}" for signal in SIGNALS
@@ -160,6 +160,13 @@ class _ReducerPage:
                 self._chart = Chart(label, names[x], names[y], lines, tall=True)
         else:
             self._chart.show(lines)
+
+    def _read(self, signal: str) -> str:
+        """Return the signal that there is: the raw torque where nothing compensates it."""
+        for side, found in self.visitor.service.snapshot().sides.items():
+            if signal == f"{side}_torque_nm" and found.compensation is None:
+                return f"{side}_raw_nm"
+        return signal
 
     @staticmethod
     def _runs_of(job: JobView) -> str:

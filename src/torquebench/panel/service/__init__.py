@@ -44,6 +44,8 @@ Work (`jobs`): one at a time, each needs the lease
     - `activate(actor, model_id, reason)`, `deactivate(actor, side, reason)`, `sign_off(actor,
       calibration_id, password, accepted=True, remark="")`, `issue_certificate(actor, request,
       password)` -> `JobView` of kind "certificate".
+    - `interrupted(run_id="")` -> `InterruptedView` or None: what can be gone on with;
+      `recall(actor, calibration_id)` -> `JobView` of a registered calibration, as if just done.
     - `log(limit, before)` -> what people did, newest first.
 
 Alarms and stop
@@ -111,6 +113,7 @@ from torquebench.panel.service.problems import (
     PermissionDeniedError,
     SignInError,
 )
+from torquebench.panel.service.recalling import InterruptedView
 from torquebench.panel.service.record_views import (
     CalibrationDetail,
     CalibrationView,
@@ -160,6 +163,7 @@ __all__ = [
     "EnteredTable",
     "ErrorCurve",
     "Event",
+    "InterruptedView",
     "JobPoint",
     "JobPreview",
     "JobResult",

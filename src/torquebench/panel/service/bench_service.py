@@ -26,6 +26,11 @@ from torquebench.panel.service.jobs import JobDesk, JobKind, Workplace
 from torquebench.panel.service.lease import CommandLease
 from torquebench.panel.service.live import STALE_AFTER_S, Connection, LiveHub
 from torquebench.panel.service.people import People
+from torquebench.panel.service.recalling import (
+    InterruptedView,
+    interrupted_calibration,
+    recalled,
+)
 from torquebench.panel.service.records_desk import RecordsDesk
 from torquebench.panel.service.settings import SettingsDesk
 from torquebench.panel.service.snapshot import (
@@ -332,6 +337,27 @@ class BenchService:
         self.station.registry.deactivate(serial, counter, operator=actor.label, reason=reason)
         self.note(actor, "deactivated compensation", side=side, reason=reason)
         self.refresh_compensation(side)
+
+    def interrupted(self, run_id: str = "") -> InterruptedView | None:
+        """Return a calibration that can be gone on with: a run, or the newest calibration."""
+        return interrupted_calibration(self.station.registry, run_id)
+
+    def recall(self, actor: Actor, calibration_id: int) -> JobView:
+        """Take a registered calibration up again: to compare, fit, verify, sign or certify it.
+
+        Raises
+        ------
+        BusyError
+            A job is under way.
+        RecordError
+            It isn't registered, or its records were changed.
+        """
+        measured, verified = recalled(self.station, calibration_id)
+        side = measured.details["side"]
+        view = self.jobs.recall(actor, "calibrate", {"side": side}, measured)
+        if verified is not None:
+            self.jobs.recall(actor, "verify", {"calibration_id": calibration_id}, verified)
+        return view
 
     def sign_off(
         self,

@@ -14,22 +14,22 @@ Details of their results, all as JSON:
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from torquebench.bench.roles import Side
-from torquebench.calibration import CalibrationData, Profile, summarise_errors, verify
-from torquebench.campaign.checking import SEVERITY, judge_check
+from torquebench.calibration import (
+    Profile,
+    verify,
+)
 from torquebench.campaign.fitting import (
     COMPARED_COLUMNS,
-    FittedModel,
     ModelChoice,
-    feature_columns,
     fit_models,
     model_title,
 )
@@ -49,21 +49,27 @@ from torquebench.campaign.modules import (
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.compensation import (
     RECOMMENDED,
-    CompensationModel,
     load_model,
     make_model,
 )
 from torquebench.errors import InputError, RecordError
 from torquebench.panel.aside import run_aside
 from torquebench.panel.comparing import compare_points
+from torquebench.panel.service.calibration_results import (
+    calibration_data,
+    calibration_result,
+    errors_of,
+    fit_details,
+    models_of,
+    verification_result,
+)
 from torquebench.panel.service.fields import WHOLE, Flag, Identifier, Number, ProfileName
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
-from torquebench.records import CalibrationEntry, RunFolder, json_text
-from torquebench.reports.certificate import run_data
+from torquebench.records import CalibrationEntry
 from torquebench.station import Station
 
 __all__ = [
@@ -204,75 +210,9 @@ def _fitted(
     data = measured.result.data
     fitted = fit_models(data, choices, context.job, title="Fitting models")
     registered = register_calibration(station, measured, profile, fitted, active=None)
-    best = min(fitted, key=lambda item: _errors(item, data).worst_percent_fs, default=None)
-    found = "" if best is None else f"; {best.title} leaves {_errors(best, data).worst_nm:.3g} N·m"
-    raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
-    return JobResult(
-        headline=f"{len(data)} points; the raw reading is wrong by up to "
-        f"{raw.worst_nm:.3g} N·m{found}.",
-        simulated=data.simulated,
-        run_ids=(measured.record.run_id,),
-        calibration_id=registered.calibration.calibration_id,
-        model_ids={name: entry.model_id for name, entry in registered.models.items()},
-        details=_fit_details(data, fitted) | {"unsettled": measured.result.unsettled},
-    )
-
-
-def _errors(item: FittedModel, data: CalibrationData) -> Any:
-    torque = item.model.predict(data.features(feature_columns(item.model)))
-    return summarise_errors(torque, data.standard_nm, data.range_nm)
-
-
-def _fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[str, Any]:
-    models = {
-        item.name: {
-            "title": item.title,
-            "kind": item.model.kind,
-            "torque_nm": item.model.predict(data.features(feature_columns(item.model))),
-            "summary": _errors(item, data),
-            "remarks": item.remarks,
-        }
-        for item in fitted
-    }
-    return as_details(
-        {
-            "side": data.side,
-            "range_nm": data.range_nm,
-            "points": {
-                "reading_nm": data.reading_nm,
-                "standard_nm": data.standard_nm,
-                "branch": data.branch,
-                "series": data.series,
-            },
-            "raw": summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
-            "models": models,
-        }
-    )
-
-
-def as_details(value: Any) -> dict[str, Any]:
-    """Return a value as JSON with plain lists and numbers."""
-    found: dict[str, Any] = json.loads(json_text(value))
-    return found
-
-
-def calibration_data(station: Station, calibration_id: int) -> tuple[CalibrationEntry, Any]:
-    """Return a calibration and its points.
-
-    Raises
-    ------
-    RecordError
-        It isn't registered, has no run, or its run was changed.
-    """
-    entry = station.registry.calibration(calibration_id)
-    if entry.run_id is None:
-        raise RecordError(
-            f"calibration {calibration_id} comes from a table", "a calibration of this bench"
-        )
-    data = run_data(RunFolder(station.registry.run(entry.run_id).folder))
-    if data.sha256() != entry.data_sha256:
-        raise RecordError(f"the points of calibration {calibration_id} were changed", "as recorded")
-    return entry, data
+    numbers = {name: entry.model_id for name, entry in registered.models.items()}
+    found = calibration_result(registered.calibration, data, fitted, numbers)
+    return replace(found, details=dict(found.details) | {"unsettled": measured.result.unsettled})
 
 
 # -- compare and fit ------------------------------------------------------------------------
@@ -315,12 +255,12 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
         entry, kind=item.model.kind, file=path, side=data.side, metrics=metrics
     )
     return JobResult(
-        headline=f"{item.title} leaves {_errors(item, data).worst_nm:.3g} N·m on its own points.",
+        headline=f"{item.title} leaves {errors_of(item, data).worst_nm:.3g} N·m on its own points.",
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
         model_ids={item.name: model.model_id},
-        details=_fit_details(data, [item]),
+        details=fit_details(data, [item]),
     )
 
 
@@ -366,11 +306,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     confirm_clear(station.description, request.bench_clear)
     entry = station.registry.calibration(request.calibration_id)
     side = _side_of(station, entry)
-    models = {
-        f"model-{model.model_id}": model
-        for model in station.registry.models(entry.transducer_serial)
-        if model.calibration_id == entry.calibration_id
-    }
+    models = models_of(station, entry)
     if not models:
         raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
     loaded = {name: load_model(model.check_file()).model for name, model in models.items()}
@@ -384,53 +320,16 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     result = verify(data, loaded)
     run_id = measured.record.run_id
     register_verification(station, RegisteredCalibration(entry, models), result, run_id)
-    standard = station.description.verification_standard.expanded_uncertainty_percent
-    details: dict[str, Any] = {}
-    verdicts = {}
-    for name in ("raw", *models):
-        torque, expanded, decisions = judge_check(
-            data,
-            loaded.get(name),
-            standard_uncertainty_percent=standard,
-            tolerance_percent_fs=request.tolerance_percent_fs,
-        )
-        verdicts[name] = max((each.verdict for each in decisions), key=SEVERITY.index)
-        details[name] = {
-            "title": _title(loaded.get(name)),
-            "verdict": verdicts[name].value,
-            "result": result.of(name),
-            "error_nm": torque - data.standard_nm,
-            "expanded_uncertainty_nm": expanded,
-        }
-    best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
-    worst = result.of(best).against_standard
-    return JobResult(
-        headline=f"{len(data)} fresh points: {details[best]['title']} is within "
-        f"{worst.worst_nm:.3g} N·m ({worst.worst_percent_fs:.3g} % FS).",
-        verdict=verdicts[best].value,
-        simulated=data.simulated,
-        run_ids=(run_id,),
-        calibration_id=entry.calibration_id,
-        model_ids={name: model.model_id for name, model in models.items()},
-        details=as_details(
-            {
-                "side": side,
-                "range_nm": data.range_nm,
-                "tolerance_percent_fs": request.tolerance_percent_fs,
-                "seed": seed,
-                "standard_nm": data.standard_nm,
-                "group": data.series,
-                "best": best,
-                "models": details,
-            }
-        ),
+    return verification_result(
+        station,
+        entry,
+        loaded,
+        data,
+        result,
+        run_id=run_id,
+        tolerance_percent_fs=request.tolerance_percent_fs,
+        seed=seed,
     )
-
-
-def _title(model: CompensationModel | None) -> str:
-    if model is None:
-        return model_title("raw")
-    return model_title(model.kind, model.get_params(deep=False))
 
 
 def _calibrate_title(request: CalibrateRequest) -> str:

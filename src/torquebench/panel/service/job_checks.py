@@ -18,8 +18,8 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.zeros import register_zeroings
+from torquebench.panel.service.calibration_results import as_details
 from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
-from torquebench.panel.service.job_calibrations import as_details
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, staircase_preview

@@ -15,8 +15,8 @@ from pydantic import Field
 from torquebench.campaign.reducer_results import TestName, TestOutcome, TestRehearsal
 from torquebench.campaign.reducer_settings import ReducerTestSettings
 from torquebench.campaign.reducer_tests import TESTS, rehearse_reducer_test, run_reducer_test
+from torquebench.panel.service.calibration_results import as_details
 from torquebench.panel.service.fields import Flag, ProfileName
-from torquebench.panel.service.job_calibrations import as_details
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, limits

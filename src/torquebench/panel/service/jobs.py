@@ -212,15 +212,40 @@ class JobDesk:
                 self._station.supervisor.raise_if_latched()
             document = asked.model_dump(mode="json")
             job = Job(found.name, found.title(asked), document, actor, found.can_pause)
-            self._jobs[job.job_id] = self._current = job
-            while len(self._jobs) > KEPT:
-                self._jobs.popitem(last=False)
+            self._current = job
+            self._keep(job)
             self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
             self._thread = threading.Thread(
                 target=self._work, args=(found, job, asked), name=f"job {job.kind}", daemon=True
             )
             self._thread.start()
         return job.view()
+
+    def recall(
+        self, actor: Actor, kind: str, request: Mapping[str, Any], result: JobResult
+    ) -> JobView:
+        """List a job of the records as done: what it found can then be gone on with.
+
+        Raises
+        ------
+        BusyError
+            A job is under way.
+        InputError, NotFoundError
+            The request is wrong.
+        """
+        found = self._kind(kind)
+        asked = self._request(found, request)
+        with self.standing():
+            document = asked.model_dump(mode="json")
+            job = Job(found.name, found.title(asked), document, actor, found.can_pause)
+            job.end("done", result=result)
+            self._keep(job)
+        return job.view()
+
+    def _keep(self, job: Job) -> None:
+        self._jobs[job.job_id] = job
+        while len(self._jobs) > KEPT:
+            self._jobs.popitem(last=False)
 
     def _kind(self, kind: str) -> JobKind:
         found = self.kinds.get(kind)
