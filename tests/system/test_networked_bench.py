@@ -198,14 +198,14 @@ def test_the_demo_starts_its_simulators_and_ends_them(tmp_path: Path) -> None:
         after.ask("status")
 
 
-def test_doctor_names_each_instrument_that_fails_and_hides_no_other() -> None:
+def test_doctor_names_each_instrument_that_fails_and_hides_no_other(tmp_path: Path) -> None:
     with Simulators(described()) as running:
         description = running.description
         other = description.counter.model_copy(update={"serial": "ANOTHER"})
         driver = dict(description.driver)
         driver["clamp"] = driver["clamp"] | {"address": "127.0.0.1:9"}
         broken = description.model_copy(update={"driver": driver, "counter": other})
-        found = {finding.what: finding for finding in instruments(broken)}
+        found = {finding.what: finding for finding in instruments(broken, tmp_path)}
     assert found["clamp"].state == "problem"
     assert "127.0.0.1:9" in found["clamp"].found
     assert found["clamp"].remedy
@@ -215,10 +215,12 @@ def test_doctor_names_each_instrument_that_fails_and_hides_no_other() -> None:
         assert found[name].state == "ok"
 
 
-def test_doctor_notices_a_drive_without_a_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doctor_notices_a_drive_without_a_watchdog(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     with Simulators(described(counter=daqmx())) as running:
         monkeypatch.setattr(running.plant.bench, "_watch", lambda _: None)
-        found = {finding.what: finding for finding in drives(running.description)}
+        found = {finding.what: finding for finding in drives(running.description, tmp_path)}
     assert found["input watchdog"].state == "problem"
     assert "last line of defence" in found["input watchdog"].remedy
     assert found["input stop"].state == found["output stop"].state == "ok"

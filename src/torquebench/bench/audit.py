@@ -90,6 +90,11 @@ class AuditLog:
 
     # -- what is bound ----------------------------------------------------------------------
 
+    def bind(self, **values: str) -> None:
+        """Bind every further line to these values too."""
+        with self._lock:
+            self._logger = self._logger.bind(**values)
+
     def begin_run(self, run_id: str, operator: str, folder: Path) -> None:
         """Bind every line to a run and its operator, and keep them in its folder too."""
         with self._lock:

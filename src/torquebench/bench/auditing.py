@@ -26,7 +26,7 @@ from torquebench.errors import InterlockError
 
 __all__ = ["AuditedClamp", "AuditedDrive", "AuditedModes", "CommandGate", "audited"]
 
-Commander = Literal["procedure", "supervisor"]
+Commander = Literal["procedure", "supervisor", "doctor"]
 
 
 class CommandGate(Protocol):
@@ -47,7 +47,7 @@ class AuditedDrive:
     drive : Drive
     side : {"input", "output"}
     log : AuditLog
-    by : {"procedure", "supervisor"}
+    by : {"procedure", "supervisor", "doctor"}
         Who commands it through this object.
     gate : callable
         See `CommandGate`; for the supervisor it is always open.
@@ -206,7 +206,7 @@ def audited(
     ----------
     drivers : DriverSet
     log : AuditLog
-    by : {"procedure", "supervisor"}
+    by : {"procedure", "supervisor", "doctor"}
         Who commands the drives through the result.
     gate : callable
     ramp_s : float
@@ -233,7 +233,7 @@ def _logged(
 ) -> None:
     """Write a line and give the command; the supervisor gives it first, as nothing may delay it."""
     line = {"instrument": instrument, "command": command, "by": by, **values}
-    if by == "procedure":
+    if by != "supervisor":
         log.write("command", **line)
     try:
         give()

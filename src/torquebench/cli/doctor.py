@@ -73,12 +73,12 @@ def doctor(
     steps: list[tuple[str, Callable[[], Iterator[Finding]]]] = [
         ("Installed", installation),
         ("Configured", lambda: configuration(bench, data)),
-        ("Reachable", lambda: doctor_bench.instruments(_description(bench))),
-        ("Clock", lambda: doctor_bench.clock(_description(bench))),
+        ("Reachable", lambda: doctor_bench.instruments(_description(bench), data)),
+        ("Clock", lambda: doctor_bench.clock(_description(bench), data)),
         ("Signals", lambda: doctor_bench.signals(_description(bench), data)),
     ]
     if test_drives:
-        steps.append(("Drives", lambda: doctor_bench.drives(_description(bench))))
+        steps.append(("Drives", lambda: doctor_bench.drives(_description(bench), data)))
     for title, examine in steps:
         found = list(_guarded(examine))
         _print(title, found)

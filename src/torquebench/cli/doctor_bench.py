@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import tempfile
 import time
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from torquebench.errors import ModelMismatchError, TorquebenchError
 
 if TYPE_CHECKING:
+    from torquebench.bench.audit import AuditLog
     from torquebench.bench.description import BenchDescription
     from torquebench.bench.drivers.base import Drive, DriverSet, Side
     from torquebench.station import Station
@@ -64,22 +66,48 @@ def _problem(what: str, error: TorquebenchError) -> Finding:
 # -- reachable, identified --------------------------------------------------------------------
 
 
-def instruments(description: BenchDescription) -> Iterator[Finding]:
+def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """Reach every instrument by itself and ask who it is; one that fails hides no other."""
     if description.bench.driver != "instruments":
-        from torquebench.bench.drivers import open_drivers
-
-        drivers = open_drivers(description)
-        try:
+        with _opened(description, data) as drivers:
             for identity in drivers.identities():
                 yield _identified(description, identity.role, identity)
-        finally:
-            drivers.close()
         return
     yield from _simulators(description)
-    for role in ROLES:
-        if description.driver.get(role) is not None:
-            yield _instrument(description, role)
+    with _owned(description, data):
+        for role in ROLES:
+            if description.driver.get(role) is not None:
+                yield _instrument(description, role)
+
+
+@contextlib.contextmanager
+def _owned(description: BenchDescription, data: Path) -> Iterator[None]:
+    """Keep the bench for this process, so that nobody's run is disturbed."""
+    from torquebench.station.bench_lock import BenchLock
+
+    with tempfile.TemporaryDirectory() as scratch:
+        lock = BenchLock(description, data if data.is_dir() else Path(scratch))
+        try:
+            yield
+        finally:
+            lock.release()
+
+
+@contextlib.contextmanager
+def _opened(
+    description: BenchDescription, data: Path, log: AuditLog | None = None
+) -> Iterator[DriverSet]:
+    """Open the instruments below any station; commands to them are in the audit log."""
+    from torquebench.bench.auditing import audited
+    from torquebench.bench.drivers import open_drivers
+
+    with _owned(description, data), contextlib.ExitStack() as closing:
+        drivers = open_drivers(description)
+        closing.callback(drivers.close)
+        if log is not None:
+            ramp_s = description.safety.ramp_to_zero_s
+            drivers = audited(drivers, log, "doctor", lambda: None, ramp_s)
+        yield drivers
 
 
 def _simulators(description: BenchDescription) -> Iterator[Finding]:
@@ -123,16 +151,11 @@ def _identified(description: BenchDescription, name: str, identity: Any) -> Find
 # -- clock, signals ---------------------------------------------------------------------------
 
 
-def clock(description: BenchDescription) -> Iterator[Finding]:
+def clock(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """Compare the counter's clock with the description."""
-    from torquebench.bench.drivers import open_drivers
-
-    drivers = open_drivers(description)
-    try:
+    with _opened(description, data) as drivers:
         counter = drivers.counter
         present, timebase_hz = counter.clock_identity, counter.timebase_hz
-    finally:
-        drivers.close()
     described = description.counter.identity
     if present != described:
         yield Finding(
@@ -235,24 +258,33 @@ def _compensations(station: Station) -> Iterator[Finding]:
 # -- drives -----------------------------------------------------------------------------------
 
 
-def drives(description: BenchDescription) -> Iterator[Finding]:
-    """Power each drive at zero torque and see that it stops when told, and when nobody feeds it."""
-    from torquebench.bench.drivers import open_drivers
-    from torquebench.bench.drivers.base import SIDES, torque_channel
+def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Power each drive at zero torque and see that it stops when told, and when nobody feeds it.
 
-    drivers = open_drivers(description)
-    try:
+    Every command, and what was found, goes into the audit log of the data directory.
+    """
+    from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
+    from torquebench.bench.drivers.base import SIDES, torque_channel
+    from torquebench.campaign.measuring import operator_name
+
+    log = AuditLog(data / AUDIT_FOLDER, bench=description.name)
+    log.bind(operator=operator_name())
+    with contextlib.closing(log), _opened(description, data, log) as drivers:
         drivers.counter.select(frozenset(torque_channel(side) for side in SIDES))
         for side in SIDES:
-            try:
-                yield _stop(drivers, description, side)
-                yield _watchdog(drivers, description, side)
-            except TorquebenchError as error:
-                yield _problem(f"{side} drive", error)
-            finally:
-                _off(drivers.drives[side])
+            for finding in _tested(drivers, description, side):
+                log.write("doctor", what=finding.what, state=finding.state, found=finding.found)
+                yield finding
+
+
+def _tested(drivers: DriverSet, description: BenchDescription, side: Side) -> Iterator[Finding]:
+    try:
+        yield _stop(drivers, description, side)
+        yield _watchdog(drivers, description, side)
+    except TorquebenchError as error:
+        yield _problem(f"{side} drive", error)
     finally:
-        drivers.close()
+        _off(drivers.drives[side])
 
 
 def _off(drive: Drive) -> None:
