@@ -1,3 +1,5 @@
+import asyncio
+import contextlib
 import os
 import signal
 import subprocess
@@ -168,6 +170,40 @@ def test_an_abort_from_a_progress_callback_ends_the_run_that_reports(station: St
     assert not station.drivers.drives["output"].state().enabled
     again = station.run(loaded_points(station, lambda _: None, points=1), kind="again")
     assert again.exit_status == "success"
+
+
+def test_an_abort_counts_where_what_is_awaited_swallows_its_cancellation(
+    station: Station,
+) -> None:
+    waits = threading.Event()
+
+    async def swallow(_message: Msg) -> None:
+        """Do what `asyncio.wait_for` does when its answer comes in the moment of an abort."""
+        waits.set()
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.sleep(30.0)
+
+    station.engine.run_engine.register_command("swallow", swallow)
+    cleaned: list[float] = []
+    points: list[int] = []
+
+    def plan() -> Plan:
+        yield from bps.null()
+        yield Msg("swallow")
+        return (yield from loaded_points(station, points.append, cleaned=cleaned))
+
+    def abort() -> None:
+        waits.wait()
+        station.abort("enough")
+
+    thread = threading.Thread(target=abort)
+    thread.start()
+    record = station.run(plan(), kind="test")
+    thread.join()
+    assert record.exit_status == "abort"
+    assert points == cleaned == []
+    record = station.run(loaded_points(station, points.append, 1, cleaned), kind="test")
+    assert (record.exit_status, points, len(cleaned)) == ("success", [0], 1)
 
 
 def test_nothing_is_left_of_an_abort_without_a_run(station: Station) -> None:

@@ -16,6 +16,7 @@ from bluesky.utils import (
     DuringTask,
     FailedStatus,
     Msg,
+    RequestAbort,
     RunEngineInterrupted,
     TransitionError,
     single_gen,
@@ -183,12 +184,24 @@ class BenchEngine:
         if self.on_own_thread:
             self._aborting = self.loop.create_task(self._abort_soon(reason))
             return
-        with _quietly():
-            self._engine.abort(reason)
+        if str(self._engine.state) == "paused":  # by bluesky's own means: it has to be waked too
+            with _quietly():
+                self._engine.abort(reason)
+        elif not self.loop.is_closed():
+            self.call(self._abort_soon(reason))
 
     async def _abort_soon(self, reason: str) -> None:
+        """Abort so that nothing swallows it.
+
+        bluesky cancels what the plan waits for. `asyncio.wait_for`, behind every signal of ophyd,
+        swallows that where the signal answers in the same moment, and the plan would go on.
+        """
+        ends_already = str(self._engine.state) == "aborting"
         with _quietly():
             await self._engine._abort_coro(reason)
+            if not ends_already:
+                with self._engine._state_lock:
+                    self._engine._exception = RequestAbort()
 
     def close(self) -> None:
         """End the loop and its thread. A second call does nothing."""
