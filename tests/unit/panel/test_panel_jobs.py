@@ -1,11 +1,14 @@
+import contextlib
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from tests.unit.panel.aside_work import doubled, endless, refusing
 
-from torquebench.errors import BenchError, InputError
+from torquebench.errors import BenchError, InputError, RecordError
 from torquebench.panel.aside import AsideEndedError, run_aside
 from torquebench.panel.service import (
     Actor,
@@ -17,14 +20,23 @@ from torquebench.panel.service import (
     PermissionDeniedError,
 )
 
-ANA = Actor("Ana", "metrologist", "client-1", "client")
-BEN = Actor("Ben", "operator", "client-2", "client")
+CHIEF = Actor("Chief", "administrator", "chief")
+ANA = Actor("ana", "metrologist", "client-1", "client")
+BEN = Actor("ben", "operator", "client-2", "client")
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[BenchService]:
+    with BenchService.open(None, folder, fast=True) as service:
+        for each in (ANA, BEN):
+            service.clients.add(CHIEF, each.name, each.role)
+        yield service
 
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[BenchService]:
-    with BenchService.open(None, tmp_path, fast=True) as opened:
-        yield opened
+    with opened(tmp_path) as found:
+        yield found
 
 
 def ended(service: BenchService, view: JobView) -> JobView:
@@ -41,7 +53,7 @@ def test_zero_check_and_stop_in_one_sitting(service: BenchService) -> None:
     assert view.state == "done", view.problem
     assert view.result is not None
     assert set(view.result.details) == {"input", "output"}
-    assert service.records.run(view.result.run_ids[0]).run.operator == "Ben (client)"
+    assert service.records.run(view.result.run_ids[0]).run.operator == "ben (client)"
     view = service.jobs.start(BEN, "check", {"side": "input"})
     with pytest.raises(BusyError):
         service.jobs.start(BEN, "zero", {})
@@ -119,12 +131,97 @@ def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
 
 
 def test_leaving_the_service_ends_a_job_without_torque(tmp_path: Path) -> None:
-    with BenchService.open(None, tmp_path, fast=True) as service:
+    with opened(tmp_path) as service:
         view = service.jobs.start(BEN, "calibrate", {"side": "output"})
         while not service.jobs.points(view.job_id):
             time.sleep(0.02)
     assert service.jobs.get(view.job_id).state == "aborted"
     assert not service.station._commands.any_enabled
+
+
+def test_an_abort_before_the_first_run_begins_counts(service: BenchService) -> None:
+    for _ in range(3):
+        view = service.jobs.start(BEN, "calibrate", {"side": "output", "step_percent": 50.0})
+        service.jobs.abort(BEN, view.job_id, "at once")
+        view = ended(service, view)
+        assert view.state == "aborted", view.problem
+        assert not service.station._commands.any_enabled
+
+
+def test_a_pause_before_the_first_run_begins_counts(service: BenchService) -> None:
+    view = service.jobs.start(BEN, "calibrate", {"side": "output", "step_percent": 50.0})
+    service.jobs.pause(BEN, view.job_id)
+    deadline = time.monotonic() + 60.0
+    while service.jobs.get(view.job_id).state != "paused":
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert service.jobs.points(view.job_id) == []
+    service.jobs.abort(BEN, view.job_id)
+    assert ended(service, view).state == "aborted"
+    with pytest.raises(BusyError):
+        service.jobs.pause(BEN, view.job_id)
+    assert service.jobs.get(view.job_id).state == "aborted"
+
+
+def test_whoever_sees_the_end_of_a_job_may_start_the_next(service: BenchService) -> None:
+    for _ in range(5):
+        view = service.jobs.start(BEN, "zero", {"sides": ["input"]})
+        while view.open:
+            view = service.jobs.get(view.job_id)
+        assert view.state == "done", view.problem
+
+
+def test_a_rehearsal_keeps_nobody_from_a_job(service: BenchService) -> None:
+    looked = threading.Event()
+    asked = {"side": "output", "step_percent": 1.0, "repeats": 10}
+
+    def look() -> None:
+        with contextlib.suppress(BusyError):
+            service.jobs.preview("calibrate", asked)
+        looked.set()
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    view = service.jobs.start(BEN, "zero", {})
+    service.jobs.recent()
+    began = not looked.is_set()
+    thread.join()
+    assert began, "the rehearsal was over too soon to prove anything"
+    ended(service, view)
+
+
+def test_a_log_that_cannot_be_written_hinders_no_abort_and_no_stop(
+    service: BenchService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view = service.jobs.start(BEN, "calibrate", {"side": "output"})
+    while not service.jobs.points(view.job_id):
+        time.sleep(0.02)
+
+    def fails(*_: object, **__: object) -> None:
+        raise RecordError("panel.sqlite failed: disk full", "room", "make room")
+
+    monkeypatch.setattr(service._store, "note", fails)
+    service.jobs.abort(BEN, view.job_id)
+    assert ended(service, view).state == "aborted"
+    (warning,) = service.alarms(standing=True)
+    assert (warning.level, warning.source) == ("warning", "panel log")
+    assert service.stop(ANA, "smoke").alarm_number > warning.number
+
+
+def test_a_stop_goes_past_whatever_holds_the_panel(service: BenchService) -> None:
+    with service.jobs._lock, service._store.transaction():  # somebody works, somebody writes
+        report = service.stop_aside(ANA, "past them").result(timeout=5.0)
+    assert report.alarm_number
+    assert service.snapshot().stopped
+
+
+def test_a_revoked_program_commands_no_longer(service: BenchService) -> None:
+    service.lease.take(BEN)
+    with pytest.raises(LeaseError):
+        service.jobs.command(ANA)
+    service.clients.revoke(CHIEF, 2)
+    assert service.lease.state().holder is None
+    service.jobs.command(ANA)
 
 
 def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:

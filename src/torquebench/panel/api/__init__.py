@@ -5,6 +5,6 @@
 """
 
 from torquebench.panel.api.app import API_PATH, create_api
-from torquebench.panel.api.security import Guard
+from torquebench.panel.api.security import LARGEST_BODY, Guard
 
-__all__ = ["API_PATH", "Guard", "create_api"]
+__all__ = ["API_PATH", "LARGEST_BODY", "Guard", "create_api"]

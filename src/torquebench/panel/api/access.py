@@ -1,4 +1,7 @@
-"""Who calls: a client by its token, or a person by the token of a session."""
+"""Who calls: a client by its token, or a person by the token of a session.
+
+Who that is stands in memory, so these dependencies need no thread.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ _bearer = HTTPBearer(
 )
 
 
-def service_of(request: Request) -> BenchService:
+async def service_of(request: Request) -> BenchService:
     """Return the bench that this application serves."""
     service: BenchService = request.app.state.service
     return service
@@ -43,7 +46,7 @@ def address_of(request: Request) -> str:
     return request.client.host if request.client else "unknown"
 
 
-def _token(
+async def _token(
     credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
 ) -> str:
     if credentials is None:
@@ -57,14 +60,14 @@ Token: TypeAlias = Annotated[str, Depends(_token)]
 Service: TypeAlias = Annotated[BenchService, Depends(service_of)]
 
 
-def _caller(service: Service, token: Token) -> Actor:
+async def _caller(service: Service, token: Token) -> Actor:
     return caller_of(service, token)
 
 
 Caller: TypeAlias = Annotated[Actor, Depends(_caller)]
 
 
-def _watched(service: Service, caller: Caller) -> BenchService:
+async def _watched(service: Service, caller: Caller) -> BenchService:
     del caller  # whoever is signed in may look
     return service
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from torquebench.bench.roles import Side
-from torquebench.panel.api.access import Caller, Service, Token, Watched, caller_of
+from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.models import LeaseBody, LiveRows, ReasonBody, SignalValue, StopBody
 from torquebench.panel.service import (
     SIGNALS,
@@ -185,17 +185,12 @@ def give_command_back(service: Service, caller: Caller) -> Response:
 
 
 @router.post("/stop")
-async def stop(service: Service, token: Token, body: StopBody) -> StopReport:
+async def stop(service: Service, caller: Caller, body: StopBody) -> StopReport:
     """Bring the bench to its safe state at once; needs no command lease.
 
     This is no emergency stop in the sense of machine safety: that one is a red button.
     """
-
-    def stopped() -> StopReport:
-        return service.stop(caller_of(service, token), body.reason)
-
-    # Beside the threads of all other operations: a stop never waits for one of them.
-    return await asyncio.to_thread(stopped)
+    return await asyncio.wrap_future(service.stop_aside(caller, body.reason))
 
 
 @router.post("/presence", status_code=204)

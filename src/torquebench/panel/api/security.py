@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from torquebench.panel.api.problems import problem_response
 
-__all__ = ["Guard"]
+__all__ = ["LARGEST_BODY", "Guard"]
 
 LARGEST_BODY = 1024 * 1024
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"

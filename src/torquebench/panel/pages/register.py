@@ -8,7 +8,7 @@ from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import Form, Request
-from fastapi.responses import JSONResponse, RedirectResponse, Response
+from fastapi.responses import RedirectResponse, Response
 from nicegui import app, ui
 
 from torquebench.errors import TorquebenchError
@@ -21,8 +21,7 @@ from torquebench.panel.pages.reducer import reducer_page
 from torquebench.panel.pages.settings import settings_page
 from torquebench.panel.pages.sign_in import safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
-from torquebench.panel.service import Actor, BenchService, LockedOutError, NotSignedInError
-from torquebench.panel.text import Text
+from torquebench.panel.service import BenchService, LockedOutError
 
 __all__ = ["register_pages"]
 
@@ -48,7 +47,6 @@ def register_pages(service: BenchService) -> None:
     """
     app.add_static_files("/panel/static", STATIC)
     _forms(service)
-    _stop(service)
 
     @ui.page("/sign-in")
     def sign_in(request: Request) -> None:
@@ -125,21 +123,3 @@ def _forms(service: BenchService) -> None:
         answer = RedirectResponse("/sign-in", status_code=303)
         answer.delete_cookie(SESSION_COOKIE)
         return answer
-
-
-def _stop(service: BenchService) -> None:
-    @app.post("/panel/stop", include_in_schema=False)
-    def stop(request: Request) -> Response:
-        """Stop the bench for anybody who sees the page: a stop needs no permission.
-
-        The header keeps other sites from doing it: a browser asks before it sends one across.
-        """
-        if request.headers.get("x-torquebench") != "panel":
-            return JSONResponse({"stopped": False}, status_code=403)
-        text = Text("en")
-        try:
-            actor = service.people.actor(request.cookies.get(SESSION_COOKIE, ""))
-        except NotSignedInError:
-            actor = Actor(text("stop.nobody"), "operator", _address(request))
-        service.stop(actor, text("stop.reason"))
-        return JSONResponse({"stopped": True})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +14,8 @@ from typing import Any, Self
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.safety import AlarmKind
+from torquebench.bench.safety_priority import prefer_this_thread
 from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
 from torquebench.panel.service.actors import Actor, require
 from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view
@@ -79,6 +81,9 @@ class BenchService:
     ) -> None:
         self._closed = threading.Event()
         self._later = ThreadPoolExecutor(1, "torquebench-panel-log")
+        self._stoppers = ThreadPoolExecutor(2, "torquebench-stop", prefer_this_thread)
+        self._unloading: threading.Thread | None = None
+        self._log_fails = False
         self._store = store
         self._fast = fast
         self._data_dir = data_dir
@@ -97,7 +102,7 @@ class BenchService:
             self._prompts,
             JOB_KINDS,
             self.note,
-            on_end=self._job_ended,
+            on_done=self._job_done,
         )
         self._idle = threading.Thread(target=self._keep_time, name="torquebench-idle", daemon=True)
         if fast:
@@ -216,16 +221,25 @@ class BenchService:
     ) -> None:
         self.close()
 
+    def unload_aside(self) -> None:
+        """Begin to end: what is under way ends with zero torque, and nothing new begins."""
+        if self._unloading is None:
+            self._unloading = threading.Thread(target=self.jobs.close, name="torquebench-unload")
+            self._unloading.start()
+
     def close(self) -> None:
         """End everything, the bench without torque. A second call does nothing."""
         if self._closed.is_set():
             return
         self._closed.set()
+        if self._unloading is not None:
+            self._unloading.join()
         self.jobs.close()
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
         self.station.close()
+        self._stoppers.shutdown()
         self._later.shutdown()
         self.people.close()
         self._store.close()
@@ -289,8 +303,19 @@ class BenchService:
     # -- what is done -----------------------------------------------------------------------
 
     def note(self, actor: Actor, what: str, **details: Any) -> None:
-        """Enter what somebody did into the panel's log and into the bench's audit log."""
-        self._store.note(actor.label, what, **details)
+        """Enter what somebody did into the panel's log and into the bench's audit log.
+
+        A log that can't be written keeps nobody from acting; it is an alarm.
+        """
+        try:
+            self._store.note(actor.label, what, **details)
+            self._log_fails = False
+        except RecordError as error:
+            told, self._log_fails = self._log_fails, True
+            if not told:
+                self.station.supervisor.warn(
+                    AlarmKind.AUDIT, "panel log", error.found, error.allowed, error.remedy
+                )
         self.station.audit.write(f"panel: {what}", who=actor.label, **details)
 
     def log(self, limit: int = 100, before: int | None = None) -> list[Event]:
@@ -302,8 +327,8 @@ class BenchService:
             return self.clients.lives(actor.session_id)
         return self.people.signed_in(actor.session_id)
 
-    def _job_ended(self, view: JobView) -> None:
-        if view.kind in ("calibrate", "resume-calibration", "fit"):
+    def _job_done(self, kind: str) -> None:
+        if kind in ("calibrate", "resume-calibration", "fit"):
             for side in SIDES:
                 self.refresh_compensation(side)
 
@@ -457,6 +482,10 @@ class BenchService:
             self.note, actor, "stopped the bench", reason=said, seconds=round(seconds, 4)
         )
         return StopReport(alarm.number, seconds)
+
+    def stop_aside(self, actor: Actor, reason: str = "") -> Future[StopReport]:
+        """Stop on a thread that does nothing else; like `stop`, for who must not wait himself."""
+        return self._stoppers.submit(self.stop, actor, reason)
 
 
 def _live_paced(description: BenchDescription) -> BenchDescription:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
@@ -92,6 +92,7 @@ class Job:
     problem: Problem | None = None
     result: JobResult | None = None
     cancelled: threading.Event = field(default_factory=threading.Event)
+    ended: threading.Event = field(default_factory=threading.Event)
     _lock: threading.RLock = field(default_factory=threading.RLock)
     _stage: str = ""
     _stage_since: float = 0.0
@@ -130,6 +131,16 @@ class Job:
             self._done = round(100 * min(max(fraction, 0.0), 1.0))
             self._detail = sentence
 
+    # -- what people ask of it --------------------------------------------------------------
+
+    def change(self, before: Sequence[JobState], after: JobState) -> bool:
+        """Go from one of some states to another; False where it is in none of them."""
+        with self._lock:
+            if self.state not in before:
+                return False
+            self.state = after
+            return True
+
     # -- its end ----------------------------------------------------------------------------
 
     def end(
@@ -141,6 +152,7 @@ class Job:
                 self.finish()
             self.state, self.problem, self.result = state, problem, result
             self.finished = datetime.now(UTC)
+        self.ended.set()
 
     def view(self) -> JobView:
         """Return the job as it is right now."""

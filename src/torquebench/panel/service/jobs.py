@@ -22,6 +22,7 @@ from torquebench.panel.service.job_values import (
     JobPoint,
     JobPreview,
     JobResult,
+    JobState,
     JobView,
     PendingPrompt,
     Problem,
@@ -34,6 +35,7 @@ from torquebench.station import Station
 __all__ = ["JobContext", "JobDesk", "JobKind", "JobRequest", "Workplace"]
 
 KEPT = 20
+ABORT_LOOK_S = 0.1
 
 
 class JobRequest(BaseModel):
@@ -114,8 +116,8 @@ class JobDesk:
     kinds : mapping of str to JobKind
     note : callable
         Called with an actor, what was done, and details.
-    on_end : callable
-        Called on the job's thread when one has ended.
+    on_done : callable
+        Called with its kind, on the job's thread, when one has done its work.
     """
 
     def __init__(
@@ -125,14 +127,15 @@ class JobDesk:
         prompts: PromptDesk,
         kinds: Mapping[str, JobKind],
         note: Callable[..., None],
-        on_end: Callable[[JobView], None] = lambda _view: None,
+        on_done: Callable[[str], None] = lambda _kind: None,
     ) -> None:
         self._place = place
         self._lease = lease
         self._prompts = prompts
         self._note = note
-        self._on_end = on_end
+        self._on_done = on_done
         self._lock = threading.RLock()
+        self._rehearsing = threading.Lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._current: Job | None = None
         self._thread: threading.Thread | None = None
@@ -145,7 +148,7 @@ class JobDesk:
         return self._place.station
 
     def _subscribe(self) -> None:
-        self._token = self._station.engine.run_engine.subscribe(self._document)
+        self._token: int | None = self._station.engine.run_engine.subscribe(self._document)
 
     def move(self, place: Workplace) -> None:
         """Work in another place from now on: the bench was opened again."""
@@ -170,9 +173,11 @@ class JobDesk:
         if found.preview is None:
             raise InputError(f"a preview of {kind}", "a job that moves the bench")
         asked = self._request(found, request)
-        with self._lock:
+        with self._rehearsing:  # beside the jobs: whoever starts or ends one doesn't wait for it
             self._refuse_busy()
-            return found.preview(self._place, asked)
+            shown = found.preview(self._place, asked)
+        self._refuse_busy()
+        return shown
 
     def start(self, actor: Actor, kind: str, request: Mapping[str, Any] | JobRequest) -> JobView:
         """Start a job.
@@ -212,9 +217,9 @@ class JobDesk:
                 self._station.supervisor.raise_if_latched()
             document = asked.model_dump(mode="json")
             job = Job(found.name, found.title(asked), document, actor, found.can_pause)
+            self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
             self._current = job
             self._keep(job)
-            self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
             self._thread = threading.Thread(
                 target=self._work, args=(found, job, asked), name=f"job {job.kind}", daemon=True
             )
@@ -282,27 +287,30 @@ class JobDesk:
 
     def _work(self, kind: JobKind, job: Job, request: JobRequest) -> None:
         context = JobContext(self._station, self._place.settings, job, job.actor)
+        state: JobState = "done"
+        result = problem = None
         try:
             with acting_as(job.actor.label):
                 result = kind.run(context, request)
-            job.end("done", result=result)
+            self._on_done(kind.name)
         except (RunAbortedError, AsideEndedError) as error:
-            job.end("aborted", problem=Problem.of(error))
+            state, problem = "aborted", Problem.of(error)
         except Exception as error:  # whatever it is, the panel goes on
             state = "aborted" if job.cancelled.is_set() else "failed"
-            job.end(state, problem=Problem.of(error))  # type: ignore[arg-type]
-        finally:
-            with self._lock:
-                self._current = None
-        view = job.view()
-        found = "" if view.problem is None else view.problem.found
-        self._note(job.actor, "a job ended", job_id=job.job_id, state=view.state, found=found)
-        self._on_end(view)
+            problem = Problem.of(error)
+        with self._lock:  # whoever sees its end may start the next one
+            job.end(state, problem=problem, result=result)
+            self._current = None
+        found = "" if problem is None else problem.found
+        self._note(job.actor, "a job ended", job_id=job.job_id, state=state, found=found)
 
     def _document(self, name: str, document: Mapping[str, Any]) -> None:
         job = self._current
-        if job is not None:
-            job.points(name, document)
+        if job is None:
+            return
+        if name == "start" and job.state == "pausing":  # asked for between two runs
+            self._station.pause()
+        job.points(name, document)
 
     # -- watching ---------------------------------------------------------------------------
 
@@ -368,9 +376,8 @@ class JobDesk:
             The job has ended, or can't be paused.
         """
         job = self._commanded(actor, job_id)
-        if not job.can_pause or job.state not in ("running", "pausing"):
+        if not (job.can_pause and job.change(("running", "pausing"), "pausing")):
             raise BusyError(f"{job.title} can't be paused now", "a running job with points")
-        job.state = "pausing"
         self._station.pause()
         self._note(actor, "paused a job", job_id=job_id)
         return self._view(job)
@@ -378,9 +385,8 @@ class JobDesk:
     def resume(self, actor: Actor, job_id: str) -> JobView:
         """Let a paused job go on; raises like `pause`."""
         job = self._commanded(actor, job_id)
-        if job.state != "pausing":
+        if not job.change(("pausing",), "running"):
             raise BusyError(f"{job.title} isn't paused", "a paused job")
-        job.state = "running"
         self._station.resume()
         self._note(actor, "resumed a job", job_id=job_id)
         return self._view(job)
@@ -388,14 +394,24 @@ class JobDesk:
     def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:
         """End a job with zero torque; raises like `pause`."""
         job = self._commanded(actor, job_id)
-        self._note(actor, "aborted a job", job_id=job_id, reason=reason)
         self._abort(job, reason or f"aborted by {actor.label}")
+        self._note(actor, "aborted a job", job_id=job_id, reason=reason)
         return self._view(job)
 
     def _abort(self, job: Job, reason: str) -> None:
         job.cancelled.set()
-        job.state = "aborting"
-        self._station.abort(reason)
+        if job.change(("running", "pausing"), "aborting"):
+            self._station.abort(reason)
+            threading.Thread(
+                target=self._abort_what_begins, args=(job, reason), name="job abort", daemon=True
+            ).start()
+
+    def _abort_what_begins(self, job: Job, reason: str) -> None:
+        """Abort a run that began between the request and the job's next look at it."""
+        engine = self._station.engine.run_engine
+        while not job.ended.wait(ABORT_LOOK_S):
+            if str(engine.state) in ("running", "paused"):
+                self._station.abort(reason)
 
     def answer(self, actor: Actor, number: int, *, done: bool) -> None:
         """Answer what a person at the bench was asked.
@@ -433,11 +449,17 @@ class JobDesk:
             yield
 
     def close(self) -> None:
-        """Abort what is under way and wait for its end; refuses further jobs."""
+        """Abort what is under way and wait for its end; refuses further jobs.
+
+        A second call waits for the first one's work.
+        """
         with self._lock:
             self._closed = True
             job, thread = self._current, self._thread
-        if job is not None and thread is not None:
+            token, self._token = self._token, None
+        if job is not None:
             self._abort(job, "the panel is being closed")
+        if thread is not None:
             thread.join()
-        self._station.engine.run_engine.unsubscribe(self._token)
+        if token is not None:
+            self._station.engine.run_engine.unsubscribe(token)

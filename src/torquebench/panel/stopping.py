@@ -1,0 +1,64 @@
+"""The stop, before everything else: on the server's front loop, by threads of its own."""
+
+from __future__ import annotations
+
+import asyncio
+
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from torquebench.panel.api import API_PATH
+from torquebench.panel.api.access import address_of
+from torquebench.panel.api.bench_routes import stop
+from torquebench.panel.api.problems import add_handlers
+from torquebench.panel.pages.visitor import SESSION_COOKIE
+from torquebench.panel.service import Actor, BenchService, NotSignedInError
+from torquebench.panel.text import Text
+
+__all__ = ["PAGE_STOP", "StopFirst"]
+
+PAGE_STOP = "/panel/stop"
+API_STOP = f"{API_PATH}/stop"
+
+
+class StopFirst:
+    """ASGI middleware: answers a stop itself and passes everything else on.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        Everything else.
+    service : BenchService
+    """
+
+    def __init__(self, app: ASGIApp, service: BenchService) -> None:
+        self._app = app
+        self._stop = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+        self._stop.state.service = service
+        self._stop.add_api_route(API_STOP, stop, methods=["POST"])
+        self._stop.add_route(PAGE_STOP, _stop_of_a_page, methods=["POST"])
+        add_handlers(self._stop)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Stop, or pass on."""
+        stops = scope["type"] == "http" and scope["method"] == "POST"
+        found = stops and scope["path"] in (PAGE_STOP, API_STOP)
+        await (self._stop if found else self._app)(scope, receive, send)
+
+
+async def _stop_of_a_page(request: Request) -> Response:
+    """Stop the bench for anybody who sees the page: a stop needs no permission.
+
+    The header keeps other sites from doing it: a browser asks before it sends one across.
+    """
+    if request.headers.get("x-torquebench") != "panel":
+        return JSONResponse({"stopped": False}, status_code=403)
+    service: BenchService = request.app.state.service
+    text = Text("en")
+    try:
+        actor = service.people.actor(request.cookies.get(SESSION_COOKIE, ""))
+    except NotSignedInError:
+        actor = Actor(text("stop.nobody"), "operator", address_of(request))
+    await asyncio.wrap_future(service.stop_aside(actor, text("stop.reason")))
+    return JSONResponse({"stopped": True})
