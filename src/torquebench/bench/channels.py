@@ -11,7 +11,14 @@ from torquebench.bench.drivers.base import DriverSet, ReferenceSamples
 from torquebench.bench.roles import SIDES, Mounting, Side, reference_channel, torque_channel
 from torquebench.bench.samples import ChannelSamples, SampleRing
 from torquebench.errors import InputError, SignalFault
-from torquebench.signals import EdgeBlock, FrequencyCounter, FrequencySamples, SignalFaultKind
+from torquebench.signals import (
+    EdgeBlock,
+    FrequencyCounter,
+    FrequencySamples,
+    FrequencyScale,
+    SignalFaultKind,
+    TorqueSamples,
+)
 
 __all__ = ["Channel", "certificates", "open_channel"]
 
@@ -62,6 +69,7 @@ class Channel:
         self._stuck_windows = max(2, round(stuck_s / window_s))
         self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
         self._counted = SampleRing(columns=1, capacity=self._stuck_windows)
+        self._fine: _FineWindows | None = None
 
     @property
     def zero_hz(self) -> float:
@@ -82,7 +90,36 @@ class Channel:
 
     def push(self, edges: EdgeBlock) -> ChannelSamples:
         """Take the next block of edges; return the windows that it completes."""
+        fine = self._fine
+        if fine is not None:
+            fine.push(edges, self._scale)
+            if fine.over(edges):
+                self._fine = None
         return self.push_frequency(self._counter.push(edges))
+
+    def count_finely(self, window_s: float) -> None:
+        """Count shorter windows beside the others, from the next block on for what rings keep.
+
+        Asking again prolongs it. An instrument that counts by itself has none.
+        """
+        fine = self._fine
+        if fine is None or fine.window_s != window_s:
+            self._fine = _FineWindows(self._counter, window_s)
+        else:
+            fine.prolong()
+
+    def fine_window(self, start_s: float, stop_s: float) -> TorqueSamples | None:
+        """Return the short windows in [start, stop), uncorrected by a certificate; None without."""
+        fine = self._fine
+        if fine is None:
+            return None
+        rows = fine.ring.window(start_s, stop_s)
+        return TorqueSamples(
+            time_s=rows[0],
+            fault=rows[2].astype(np.uint8),
+            torque_nm=rows[1],
+            standard_uncertainty_nm=np.full(rows[0].size, np.nan),
+        )
 
     def push_frequency(self, counted: FrequencySamples) -> ChannelSamples:
         """Take the next windows of an instrument that counts by itself."""
@@ -169,6 +206,30 @@ class Channel:
         if self.certificate is not None:
             value = self.certificate.correct(value)
         return float(value)
+
+
+class _FineWindows:
+    """Windows shorter than the bench's own, for as long as somebody asks for them."""
+
+    def __init__(self, like: FrequencyCounter, window_s: float) -> None:
+        self.window_s = window_s
+        self.ring = SampleRing(columns=2, capacity=round(KEPT_S / window_s))
+        self._counter = FrequencyCounter(like.method, window_s, like.timebase_hz)
+        self._remaining_s = KEPT_S
+
+    def prolong(self) -> None:
+        """Go on for as long as a ring keeps."""
+        self._remaining_s = KEPT_S
+
+    def push(self, edges: EdgeBlock, scale: FrequencyScale) -> None:
+        """Count the next block."""
+        torque = scale.torque_samples(self._counter.push(edges))
+        self.ring.append(torque.time_s, torque.torque_nm, torque.fault)
+
+    def over(self, edges: EdgeBlock) -> bool:
+        """Return whether nobody has asked for longer than a ring keeps."""
+        self._remaining_s -= (edges.stop_tick - edges.start_tick) / edges.timebase_hz
+        return self._remaining_s < 0.0
 
 
 def open_channel(

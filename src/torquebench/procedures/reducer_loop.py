@@ -202,6 +202,7 @@ class _LoopDriver:
     def run(self, position_deg: float, index: int, total: int) -> Plan[None]:
         """Zero, preload, drive all loops; ends without torque, drive off."""
         yield from zero(self.devices, "output", duration_s=self.settings.zero_s)
+        yield from move(self.devices.recorder, "fine")  # so that short windows are there in time
         seen, preloaded, number = self.devices.interruptions, False, 1
         while number <= self.settings.loops:
             yield from checkpoint()
@@ -232,7 +233,7 @@ class _LoopDriver:
         yield from stamp(
             self.devices, series=index, step=number, position_deg=position_deg, group=number
         )
-        yield from move(self.devices.recorder, "mark")
+        yield from move(self.devices.recorder, "fine")
         parts: list[SynchronousRecording] = []
         for target in (0.0, self.torque_nm, 0.0, -self.torque_nm):
             yield from checkpoint()

@@ -16,6 +16,13 @@ from torquebench.reducers.loop_findings import (
     saturation,
 )
 from torquebench.reducers.loop_results import HysteresisResult, LoopFeatures, StiffnessRegions
+from torquebench.reducers.loop_ripple import (
+    NOTHING_LEFT,
+    Record,
+    RippleLeft,
+    what_it_hid,
+    without_ripple,
+)
 from torquebench.reducers.loop_rules import LoopSettings, LoopUncertainty
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
@@ -42,7 +49,8 @@ def evaluate_hysteresis(
     Branches are fitted locally (`LocalLines`); stiffness is ΔT/Δθ by least squares over its
     interval on the branches that are being loaded. Values are means over the loops of a position
     and over positions (the worst position where the rule asks for it); a torque uncertainty
-    becomes an angle uncertainty through the local slope of the loop.
+    becomes an angle uncertainty through the local slope of the loop. Where the torque ripples,
+    branches are read where the angle is at its outermost (`loop_ripple`).
 
     Parameters
     ----------
@@ -79,29 +87,40 @@ def evaluate_hysteresis(
     for label in np.unique(place):
         here = place == label
         check_columns(torque[here], angle[here], settings.rated_torque_nm)
-    demand_findings = saturation(torque, demanded)
-    torque, angle, blurred = _less_noise(torque, angle, place)
-    loops = [
-        features_of(raw, torque, angle, settings)
-        for raw in cut_loops(torque, place, number)
-        if raw.number > settings.settling_loops
-    ]
+    findings = saturation(torque, demanded)
+    record = Record(torque, angle, place, number)
+    steady, ripple = without_ripple(record)
+    loops, blurred = _loops(steady, settings)
+    left = NOTHING_LEFT
+    if ripple is not None:
+        left, found = what_it_hid(ripple, loops, _loops(record, settings)[0])
+        findings.append(found)
     check_closure(loops, settings)
-    findings = [*demand_findings, *blurred, *loop_findings(loops, settings)]
+    findings += [*blurred, *loop_findings(loops, settings)]
     stiffness, positive, negative = _stiffnesses(loops, settings, known)
     return HysteresisResult(
         settings=settings,
         stiffness=stiffness,
         stiffness_positive=positive,
         stiffness_negative=negative,
-        backlash=_backlash(loops, known),
-        lost_motion=_lost_motion(loops, settings, known),
-        energy=_energy(loops, known),
+        backlash=_backlash(loops, known, left),
+        lost_motion=_lost_motion(loops, settings, known, left),
+        energy=_energy(loops, known, left),
         regions=_regions(loops, settings, known),
         loops=tuple(loops),
         key_points=key_points_of(loops[0], settings),
         findings=tuple(findings),
     )
+
+
+def _loops(record: Record, settings: LoopSettings) -> tuple[list[LoopFeatures], list[Finding]]:
+    """Cut a record into loops and read each of them."""
+    torque, angle, blurred = _less_noise(record.torque_nm, record.angle_rad, record.position)
+    return [
+        features_of(raw, torque, angle, settings)
+        for raw in cut_loops(torque, record.position, record.loop)
+        if raw.number > settings.settling_loops
+    ], blurred
 
 
 def _less_noise(
@@ -155,7 +174,7 @@ def _arcmin(value: float, parts: list[Contribution]) -> Budget:
     return budget(value * ARCMIN_PER_RAD, "arcmin", scaled)
 
 
-def _backlash(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
+def _backlash(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft) -> Budget:
     value, parts = _over(loops, lambda each: each.backlash_rad)
     slope = _mean(loops, lambda each: abs(each.slope_at_zero_rad_per_nm))
     tilt = _mean(loops, lambda each: abs(each.slope_difference_at_zero_rad_per_nm))
@@ -166,12 +185,13 @@ def _backlash(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
         Contribution("angle", 2.0**0.5 * known.angle_rad),
         Contribution("angle scale", known.angle_relative * abs(value)),
         Contribution("local fit", _mean(loops, lambda each: each.backlash_error_rad)),
+        Contribution("torque ripple", left.backlash_rad),
     ]
     return _arcmin(value, parts)
 
 
 def _lost_motion(
-    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
+    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty, left: RippleLeft
 ) -> Budget:
     rule = settings.lost_motion_rule
     chosen = loops
@@ -195,6 +215,7 @@ def _lost_motion(
             "bench compliance", known.bench_compliance_rad_per_nm * 2.0 * share, sensitivity=-1.0
         ),
         Contribution("local fit", _mean(chosen, lambda each: each.lost_motion_error_rad)),
+        Contribution("torque ripple", left.lost_motion_rad),
     ]
     return _arcmin(value, parts)
 
@@ -297,7 +318,7 @@ def _region(number: int) -> Callable[[LoopFeatures], float]:
     return lambda each: float(each.regions_nm_per_rad[number])
 
 
-def _energy(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
+def _energy(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft) -> Budget:
     value, parts = _over(loops, lambda each: each.energy_j)
     twist = _mean(loops, _twist)
     load = _mean(loops, lambda each: 2.0 * each.largest_torque_nm)
@@ -306,6 +327,7 @@ def _energy(loops: list[LoopFeatures], known: LoopUncertainty) -> Budget:
         Contribution("angle scale", known.angle_relative * abs(value)),
         Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * twist),
         Contribution("angle", 2.0**0.5 * known.angle_rad * load),
+        Contribution("torque ripple", left.energy_j),
     ]
     return budget(value, "J", parts)
 

@@ -13,6 +13,8 @@ Floats = NDArray[np.float64]
 GROWTH = 1.5
 CONFIDENCE = 2.5
 """Standard errors within which fits of neighbouring windows have to agree."""
+BEND = 4.0
+"""A window with so many times the variance of the narrower one holds a bend, not more noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +115,12 @@ class LocalLines:
         x = np.atleast_1d(np.asarray(places, dtype=np.float64))
         half = self._least_half_width(x)
         found = [self._curved(place, least) for place, least in zip(x, half, strict=True)]
-        value, slope, error, samples = zip(*found, strict=True)
+        value, slope, error, samples, _ = zip(*found, strict=True)
         return LocalFit(
             np.array(value), np.array(slope), np.array(error), np.array(samples, dtype=np.int64)
         )
 
-    def _curved(self, place: float, half: float) -> tuple[float, float, float, int]:
+    def _curved(self, place: float, half: float) -> tuple[float, float, float, int, float]:
         best = self._parabola(place, half)
         low, high = -np.inf, np.inf
         while True:
@@ -128,12 +130,14 @@ class LocalLines:
                 return best
             half = min(half * GROWTH, self._widest)
             wider = self._parabola(place, half)
+            if wider[4] > BEND * best[4]:
+                return best
             reach = CONFIDENCE * wider[2]
             if max(low, wider[0] - reach) > min(high, wider[0] + reach):
                 return best
             best = wider
 
-    def _parabola(self, place: float, half: float) -> tuple[float, float, float, int]:
+    def _parabola(self, place: float, half: float) -> tuple[float, float, float, int, float]:
         left = int(np.searchsorted(self._x, place - half, side="left"))
         right = int(np.searchsorted(self._x, place + half, side="right"))
         x = (self._x[left:right] - place) / half
@@ -143,7 +147,7 @@ class LocalLines:
         value, slope, _ = inverse @ y
         rough = float(np.sum(np.diff(y, 2) ** 2)) / 6.0 / max(y.size - 2, 1)
         error = float(np.sqrt(rough * np.sum(inverse[0] ** 2)))
-        return float(value), float(slope / half), error, int(y.size)
+        return float(value), float(slope / half), error, int(y.size), rough
 
     def _least_half_width(self, places: Floats) -> Floats:
         """Return the half width around each place that holds the least number of samples."""

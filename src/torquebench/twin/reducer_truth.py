@@ -11,6 +11,7 @@ __all__ = [
     "true_back_driving_nm",
     "true_efficiency",
     "true_loop",
+    "true_loop_values",
     "true_no_load_nm",
     "true_starting_nm",
     "true_transmission_error",
@@ -18,12 +19,16 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 RPM = 2.0 * np.pi / 60.0
+ARCMIN = np.pi / 180.0 / 60.0
 
 
 def true_loop(
     reducer: ReducerConstants, torque_nm: float, points: int = 2001
 ) -> tuple[FloatArray, FloatArray]:
     """Quasi-static torque-angle loop −T → +T → −T of a preloaded reducer, input locked.
+
+    Under a torque that ripples, as that of the twin's drives does, the same operators draw a
+    narrower loop on the average: the stops are taken back a little in every period.
 
     Parameters
     ----------
@@ -52,6 +57,48 @@ def true_loop(
     angle_up = np.interp(up, rising[0], rising[1])
     angle_down = np.interp(up, falling[0][::-1], falling[1][::-1])
     return np.concatenate((up, up[::-1])), np.concatenate((angle_up, angle_down[::-1]))
+
+
+def true_loop_values(
+    reducer: ReducerConstants,
+    torque_nm: float,
+    *,
+    lost_motion_share: float,
+    stiffness_interval: tuple[float, float],
+) -> dict[str, float]:
+    """Return what the quasi-static loop to ±T shows, by the definitions, without any fit.
+
+    Parameters
+    ----------
+    reducer : ReducerConstants
+    torque_nm : float
+        T, N·m, of which the other two are shares.
+    lost_motion_share : float
+        At which lost motion is read.
+    stiffness_interval : pair of float
+        In which the stiffness ΔT/Δθ of the loading branch is taken by least squares.
+
+    Returns
+    -------
+    dict of str to float
+        backlash and lost_motion in arcmin, stiffness in N·m/arcmin, hysteresis_loss in J.
+    """
+    torque, angle = true_loop(reducer, torque_nm)
+    half = torque.size // 2
+    rising, falling = angle[:half] / ARCMIN, angle[half:][::-1] / ARCMIN
+    grid = torque[:half]
+    share = lost_motion_share * torque_nm
+    places = np.array([0.0, share, -share])
+    up, down = np.interp(places, grid, rising), np.interp(places, grid, falling)
+    middle = 0.5 * (up + down)
+    low, high = (each * torque_nm for each in stiffness_interval)
+    loading = (grid >= low) & (grid <= high)
+    return {
+        "backlash": float(down[0] - up[0]),
+        "lost_motion": float(middle[1] - middle[2]),
+        "stiffness": 1.0 / float(np.polyfit(grid[loading], rising[loading], 1)[0]),
+        "hysteresis_loss": float(np.trapezoid((falling - rising) * ARCMIN, grid)),
+    }
 
 
 def _branch(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from bluesky.protocols import Reading, Triggerable
@@ -24,6 +24,8 @@ __all__ = ["Recorder", "SynchronousRecording", "group_delay_s"]
 FloatArray = NDArray[np.float64]
 RPM = 60.0 / (2.0 * np.pi)
 
+FINE_WINDOW_S = 0.002
+"""Windows of a fine stretch, s: a drive's ripple of some 10 Hz is resolved by them."""
 _GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
 _LARGEST_JUMP_RAD: dict[Side, float] = {"input": 5e-3, "output": 5e-4}
 """Angle that a side can't gain within one sample beyond its present speed, rad."""
@@ -42,7 +44,7 @@ def group_delay_s(option_khz: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class SynchronousRecording:
-    """Torques and angles of both sides in the counter's windows.
+    """Torques and angles of both sides in the counter's windows, or in finer ones.
 
     Parameters
     ----------
@@ -85,23 +87,38 @@ class Recorder(Device, AsyncReadable, Triggerable):
     """Takes what the bench has recorded since a mark.
 
     `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its
-    samples, and the next stretch begins. The event keeps only from when to when it was: every
-    sample is in the run's raw stream.
+    samples, and the next stretch begins. `set("fine")` does the same, but torques are counted
+    in windows of `FINE_WINDOW_S`, which begin with the next block: have it a while before they
+    matter. An instrument that counts by itself has no other windows than its own. The event
+    keeps only from when to when it was: every sample is in the run's raw stream.
     """
 
     def __init__(self, context: BenchContext, name: str = "recorder") -> None:
         self._context = context
         self._start_s = self._stop_s = 0.0
+        self._fine = False
         self._stamp_s = time.time()
         self.taken: SynchronousRecording | None = None
         self.angles: dict[Side, AngleSamples] = {}
         super().__init__(name=name)
 
     @AsyncStatus.wrap
-    async def set(self, _value: str) -> None:
-        """Begin a stretch now."""
+    async def set(self, value: Literal["mark", "fine"]) -> None:
+        """Begin a stretch now, counted in the bench's windows or in fine ones."""
+        self._fine = value == "fine" and self._window_s > FINE_WINDOW_S
+        self._count_finely()
         self._start_s = self._context.clock.now()
         self.taken, self.angles = None, {}
+
+    @property
+    def _window_s(self) -> float:
+        return self._context.description.counter.window_s
+
+    def _count_finely(self) -> None:
+        if self._fine:
+            for side in SIDES:
+                channel = self._context.acquisition.channel(torque_channel(side))
+                channel.count_finely(FINE_WINDOW_S)
 
     @AsyncStatus.wrap
     async def trigger(self) -> None:
@@ -120,34 +137,46 @@ class Recorder(Device, AsyncReadable, Triggerable):
         for side, samples in self.angles.items():
             _check_jumps(side, samples)
         self.taken = self._recording(start_s, self._stop_s)
+        self._count_finely()
         self._stamp_s = time.time()
 
     def _recording(self, start_s: float, stop_s: float) -> SynchronousRecording:
-        columns = {side: self._torque(side, start_s, stop_s) for side in SIDES}
-        length = min(column[0].size for column in columns.values())
-        window_s = self._context.description.counter.window_s
-        time_s = columns["input"][0][:length]
-        angle = {
-            side: _window_angle(self.angles[side], columns[side][0][:length], window_s)
-            for side in SIDES
-        }
+        fine = [self._fine_torque(side, start_s, stop_s) for side in SIDES]
+        window_s, first, second = self._window_s, fine[0], fine[1]
+        if first is None or second is None:
+            first, second = (self._torque(side, start_s, stop_s) for side in SIDES)
+        else:
+            window_s = FINE_WINDOW_S
+        length = min(first[0].size, second[0].size)
+        time_s = first[0][:length]
+        angle = {side: _window_angle(self.angles[side], time_s, window_s) for side in SIDES}
         return SynchronousRecording(
             time_s,
-            columns["input"][1][:length],
-            columns["output"][1][:length],
-            columns["input"][2][:length],
-            columns["output"][2][:length],
+            first[1][:length],
+            second[1][:length],
+            first[2][:length],
+            second[2][:length],
             angle["input"],
             angle["output"],
         )
 
+    def _fine_torque(
+        self, side: Side, start_s: float, stop_s: float
+    ) -> tuple[FloatArray, ...] | None:
+        """Return what `_torque` does from fine windows; None where they weren't all counted."""
+        if not self._fine:
+            return None
+        channel = self._context.acquisition.channel(torque_channel(side))
+        samples = channel.fine_window(start_s, stop_s)
+        if samples is None or samples.time_s.size < int((stop_s - start_s) / FINE_WINDOW_S) - 2:
+            return None
+        samples.raise_on_fault(channel.name)
+        return self._compensated(side, samples.time_s, samples.torque_nm, (start_s, stop_s))
+
     def _torque(self, side: Side, start_s: float, stop_s: float) -> tuple[FloatArray, ...]:
-        """Time, torque and model uncertainty of a side; the branch is known, as it is recorded."""
-        context = self._context
-        module = context.description.module(side)
-        samples = context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
+        samples = self._context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
         samples.raise_on_fault()
-        expected = int((stop_s - start_s) / context.description.counter.window_s) - 2
+        expected = int((stop_s - start_s) / self._window_s) - 2
         if samples.time_s.size < max(expected, 1):
             raise SignalFault(
                 f"{samples.channel}: {samples.time_s.size} windows from {start_s:.2f} to "
@@ -155,13 +184,21 @@ class Recorder(Device, AsyncReadable, Triggerable):
                 f"at least {max(expected, 1)}",
                 "record shorter stretches: acquisition keeps the last two minutes",
             )
-        time_s = samples.time_s - group_delay_s(module.transducer.option_khz)
+        return self._compensated(side, samples.time_s, samples.torque_nm, (start_s, stop_s))
+
+    def _compensated(
+        self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, span: tuple[float, float]
+    ) -> tuple[FloatArray, ...]:
+        """Time, torque and model uncertainty of a side; the branch is known, as it is recorded."""
+        context = self._context
+        module = context.description.module(side)
+        time_s = counted_s - group_delay_s(module.transducer.option_khz)
         active = context.acquisition.compensation(side)
         if active is None:
-            return time_s, samples.torque_nm, np.full(time_s.size, np.nan)
-        speed = context.acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM
+            return time_s, reading_nm, np.full(time_s.size, np.nan)
+        speed = context.acquisition.mean_speed_rad_s(side, *span) * RPM
         temperature = context.acquisition.temperature_c(module.temperature_probe)
-        table = features(samples.torque_nm, 0, 0, speed, temperature)
+        table = features(reading_nm, 0, 0, speed, temperature)
         columns = int(active.model.n_features_in_)
         torque, uncertainty = active.model.predict(table[:, :columns], return_std=True)
         return time_s, np.asarray(torque), np.asarray(uncertainty)
