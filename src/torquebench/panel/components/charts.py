@@ -69,6 +69,8 @@ def _axis(title: str, *, vertical: bool, names: Sequence[str] = ()) -> dict[str,
         axis["data"] = list(names)
     else:
         axis["axisLabel"][":formatter"] = "(value) => chartNumber(value)"
+        if not vertical:
+            axis |= {":min": "chartLow", ":max": "chartHigh"}
     return axis
 
 
@@ -131,6 +133,7 @@ class Chart:
         self._names = tuple(names)
         options: dict[str, Any] = {
             "animation": False,
+            "textStyle": {":fontFamily": "getComputedStyle(document.body).fontFamily"},
             "grid": {"left": 72, "right": 26, "top": 64, "bottom": 54},
             "legend": {
                 "top": 0,

@@ -19,6 +19,7 @@ __all__ = [
     "scrolling",
     "table",
     "tag",
+    "to_the_top",
     "words",
 ]
 
@@ -106,6 +107,11 @@ def pairs(items: Iterable[tuple[str, str]]) -> Any:
             words("dt", name)
             words("dd", value, "number")
     return frame
+
+
+def to_the_top() -> None:
+    """Scroll the page up to what has just been opened there."""
+    ui.run_javascript("window.scrollTo(0, 0)")
 
 
 def scrolling(label: str) -> Any:

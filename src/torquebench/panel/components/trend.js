@@ -144,7 +144,8 @@ export default {
         lineStyle: { width: each.dashed ? 1.4 : 2, type: each.dashed ? "dashed" : "solid", color: this.colour(each.colour) },
         itemStyle: { color: this.colour(each.colour) }, z: each.dashed ? 2 : 3,
       }));
-      this.chart.setOption({ animation: false, grid, xAxis, yAxis, series }, { notMerge: true });
+      const textStyle = { fontFamily: getComputedStyle(document.body).fontFamily };
+      this.chart.setOption({ animation: false, textStyle, grid, xAxis, yAxis, series }, { notMerge: true });
       this.dirty = true;
       this.schedule();
     },

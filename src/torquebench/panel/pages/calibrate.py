@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.elements import box, panel, words
+from torquebench.panel.components.elements import box, panel, to_the_top, words
 from torquebench.panel.pages.calibrate_end import CertificateStep, SignStep
 from torquebench.panel.pages.calibrate_measure import MeasureStep, PrepareStep
 from torquebench.panel.pages.calibrate_models import ModelsStep
@@ -48,6 +48,8 @@ class CalibratePage:
         jobs = self.visitor.service.jobs.recent()
         self.course = course = find_course(jobs, self.visitor.dismissed)
         if course.reached != self._reached:
+            if self._reached is not None:
+                to_the_top()
             self._reached = course.reached
             self.step = course.reached
         known = (self.step, course.reached, _state(course))

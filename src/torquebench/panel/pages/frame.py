@@ -31,6 +31,13 @@ PAGES = {
 """Path and picture of every page, in the order of the keys Alt+1 and so on."""
 
 REFRESH_S = 0.5
+FOLLOW_DEVICE = (
+    'const dark = window.matchMedia("(prefers-color-scheme: dark)");'
+    "const follow = () => {"
+    ' document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };'
+    'follow(); dark.addEventListener("change", follow);'
+)
+"""Before anything is painted: the style sheet knows its looks by name only."""
 LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 
 
@@ -45,8 +52,7 @@ def head(text: Text, look: str, title: str) -> None:
     said = json.dumps(texts).replace("<", "\\u003c")
     language = LANGUAGE_TAGS[text.language]
     chosen = f'document.documentElement.lang = "{language}";'
-    if look:
-        chosen += f'document.documentElement.dataset.theme = "{look}";'
+    chosen += f'document.documentElement.dataset.theme = "{look}";' if look else FOLLOW_DEVICE
     ui.add_head_html(
         '<link rel="stylesheet" href="/panel/static/panel.css">'
         f"<script>{chosen}</script>"

@@ -40,7 +40,7 @@ def interrupted_note(visitor: Visitor) -> None:
 
 def resume_button(visitor: Visitor, found: InterruptedView) -> Any:
     """Make the button that goes on with an interrupted calibration."""
-    return button(visitor.text("resume.button"), lambda: _ask(visitor, found), picture="resume")
+    return button(visitor.text("resume.button"), lambda: _ask(visitor, found), picture="redo")
 
 
 def _ask(visitor: Visitor, found: InterruptedView) -> None:

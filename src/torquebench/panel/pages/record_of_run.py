@@ -77,7 +77,7 @@ class RunPanel:
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),
             (text("records.profile"), run.profile or "—"),
-            (text("run.bench"), text.core(run.bench)),
+            (text("run.bench"), text.core(run.bench) or "—"),
             (text("run.version"), run.software_version),
         ]
         if run.reason:

@@ -8,7 +8,15 @@ from typing import Any
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
-from torquebench.panel.components.elements import box, empty, note, panel, table, words
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    note,
+    panel,
+    table,
+    to_the_top,
+    words,
+)
 from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
@@ -114,6 +122,7 @@ class _Runs:
         self._opened.clear()
         with self._opened:
             RunPanel(self._visitor, run_id, self._opened.clear).build()
+        to_the_top()
 
 
 class _Calibrations:
@@ -124,17 +133,19 @@ class _Calibrations:
         self._chosen: list[int] = []
 
     def build(self) -> None:
+        if self._visitor.has_role("metrologist"):
+            with box("div", "line end"):
+                button(self._text("elsewhere.open"), self._enter, picture="upload_file")
         self._entry = box("div")
         self._compared = box("div")
         self._list = box("div")
-        if self._visitor.has_role("metrologist"):
-            button(self._text("elsewhere.open"), self._enter, picture="upload_file")
         self._show()
 
     def _enter(self) -> None:
         self._entry.clear()
         with self._entry:
             TableEntry(self._visitor, self._entered).build()
+        to_the_top()
 
     def _entered(self, number: int) -> None:
         self._entry.clear()
@@ -188,6 +199,8 @@ class _Calibrations:
             self._chosen = [*self._chosen[-4:], number]
         self._show()
         self._compare()
+        if self._chosen:
+            to_the_top()
 
     def _compare(self) -> None:
         text, records = self._text, self._visitor.service.records

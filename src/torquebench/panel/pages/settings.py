@@ -8,7 +8,16 @@ from typing import Any
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    note,
+    panel,
+    table,
+    tag,
+    to_the_top,
+    words,
+)
 from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.setting_editor import SettingEditor, change_lines
@@ -107,6 +116,7 @@ class _Documents:
         self._editor.clear()
         with self._editor:
             SettingEditor(self._visitor, item, self._changed, new=new, on_copy=self._copy).build()
+        to_the_top()
 
     def _copy(self, item: SettingsItem) -> None:
         text = self._text

@@ -53,6 +53,12 @@ def profile_titles(visitor: Visitor, *, adaptive: bool = True) -> dict[str, str]
     return found
 
 
+def _moment(day: str) -> str:
+    """Return noon of a day; of today the present moment."""
+    now = datetime.now(UTC)
+    return now.isoformat() if day == now.date().isoformat() else f"{day}T12:00:00Z"
+
+
 class TableEntry:
     """The form of a table: file, circumstances, what was found in it, and entering it.
 
@@ -118,9 +124,15 @@ class TableEntry:
             raw = b" " * (LONGEST_TABLE + 1) if content is None else base64.b64decode(content)
             self._content = read_table(raw)
         except TorquebenchError as error:
-            self._visitor.messages.problem(error)
+            with self._found:
+                problem_note(self._text, error)
         except (binascii.Error, ValueError):
-            self._visitor.messages.bad(self._text("elsewhere.unreadable"))
+            self._bad(self._text("elsewhere.unreadable"))
+
+    def _bad(self, said: str) -> None:
+        self._found.clear()
+        with self._found:
+            note(said, "bad", live=True)
 
     def _request(self, *names: str) -> dict[str, Any] | None:
         """Return what was filled in; None where something isn't a number."""
@@ -128,7 +140,7 @@ class TableEntry:
         asked: dict[str, Any] = {"content": self._content}
         good = bool(self._content)
         if not good:
-            self._visitor.messages.bad(self._text("elsewhere.no_file"))
+            self._bad(self._text("elsewhere.no_file"))
         for name in ("profile", "performed", *numbers, "reference_due", *names):
             field = self._fields[name]
             said = field.value.strip()
@@ -139,7 +151,7 @@ class TableEntry:
                 except ValueError:
                     wrong = self._text("elsewhere.no_number")
             elif said:
-                asked[name] = f"{said}T12:00:00Z" if name == "performed" else said
+                asked[name] = _moment(said) if name == "performed" else said
             elif name in (*NEEDED, "performed", *numbers[:2]):
                 wrong = self._text("elsewhere.needed")
             field.wrong(wrong)
@@ -179,7 +191,9 @@ class TableEntry:
         labels = labels_of(text.language)
         if view.deviations:
             kind = "warn" if view.certifiable else "bad"
-            title = text("elsewhere.deviations" if view.certifiable else "elsewhere.not_certifiable")
+            title = text(
+                "elsewhere.deviations" if view.certifiable else "elsewhere.not_certifiable"
+            )
             found = [
                 labels.filled(key, each.values)
                 if (key := f"deviation_{each.key}") in labels

@@ -9,6 +9,15 @@
   window.cssColour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   window.chartNumber = (value) => String(Number(value.toPrecision(6))).replace("-", "−");
 
+  // Ends of an axis a little beyond the values, where ECharts' own would leave a third empty.
+  const chartStep = ({ min, max }) => {
+    const tenth = (max - min) / 10 || 1;
+    const power = 10 ** Math.floor(Math.log10(tenth));
+    return power * [1, 2, 5, 10].find((step) => step * power >= tenth * 0.999);
+  };
+  window.chartLow = (span) => Math.floor(span.min / chartStep(span) + 1e-9) * chartStep(span);
+  window.chartHigh = (span) => Math.ceil(span.max / chartStep(span) - 1e-9) * chartStep(span);
+
   function alarm(text) {
     const region = document.getElementById("stop-result");
     if (!region) return;
