@@ -131,7 +131,7 @@ def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
     return {
         "fit_worst_percent_fs": errors.worst_percent_fs,
         "fit_rms_percent_fs": errors.rms_percent_fs,
-        "noise_nm": float(fitted.model.noise_nm_),
+        "noise_nm": fitted.model.scatter_nm,
         "effective_parameters": float(fitted.model.effective_parameters_),
         "fit_seconds": fitted.seconds,
     }

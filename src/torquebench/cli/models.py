@@ -103,7 +103,7 @@ def fit(
             "fit_rms_percent_fs": fitted.fitted.rms_percent_fs,
             "cross_validated_worst_percent_fs": score.worst_percent_fs,
             "cross_validated_rms_percent_fs": score.rms_percent_fs,
-            "noise_nm": float(fitted.model.noise_nm_),
+            "noise_nm": fitted.model.scatter_nm,
         },
     )
     write_page(fit_page(fitted), page)

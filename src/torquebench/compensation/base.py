@@ -121,7 +121,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve: what the
     data leave open and what the model's form can't follow, by comparison with the posterior of
     the truth (see `curve_uncertainty`). The scatter of the single reading that is compensated isn't
-    in it; its estimate is `noise_nm_`, and `single_reading_std` adds both.
+    in it; its estimate is `scatter_nm`, and `single_reading_std` adds both.
     """
 
     range_nm: float | None
@@ -319,10 +319,23 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         Returns
         -------
         standard_uncertainty_nm : float64 array of shape (n,)
-            Root sum of squares of the curve's uncertainty and `noise_nm_`.
+            Root sum of squares of the curve's uncertainty and `scatter_nm`.
         """
         _, std = self.predict(X, return_std=True)
-        return np.asarray(np.hypot(std, self.noise_nm_))
+        return np.asarray(np.hypot(std, self.scatter_nm))
+
+    @property
+    def scatter_nm(self) -> float:
+        """Standard deviation of a single reading in N·m.
+
+        About a curve that can't follow the chain, points scatter by more than a reading does. What
+        the form misses is in the curve's uncertainty already, so that the posterior's noise, by
+        which the curve is judged, stands here; `noise_nm_` where there is none.
+        """
+        curve = self.uncertainty_
+        if curve is None or np.isnan(curve.scatter):
+            return float(self.noise_nm_)
+        return float(self.full_scale_nm_ * curve.scatter)
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()

@@ -46,6 +46,7 @@ FloatArray = NDArray[np.float64]
 _SAME_FIT = (("model", "scatter"),)
 _HOURS_PER_YEAR = 8766.0
 _RECTANGULAR = 1.0 / sqrt(3.0)
+_ARCSINE = 1.0 / sqrt(2.0)
 
 
 @dataclass(frozen=True)
@@ -215,9 +216,14 @@ class ReadingBudget:
         """
         now, known = conditions or ReadingConditions(), self.specification
         torque, deviation, loop = self._predicted(np.array([reading_nm]), np.array([branch]))
-        half_loop = float(loop[0]) if hysteresis_nm is None else hysteresis_nm
+        # after long runs a reading lies on one of the branches rather than between them
+        hysteresis = (
+            Quantity.arcsine("hysteresis", 0.0, float(loop[0]), unit="N·m")
+            if hysteresis_nm is None
+            else Quantity.rectangular("hysteresis", 0.0, hysteresis_nm, unit="N·m")
+        )
         freedom = self.degrees_of_freedom
-        scatter = float(self.model.noise_nm_) / sqrt(now.averaged)
+        scatter = self.model.scatter_nm / sqrt(now.averaged)
         years = now.calibration_age_h / _HOURS_PER_YEAR
         full_scale = float(self.model.full_scale_nm_)
         zero_drift = 1e-2 * known.zero_drift_percent_per_h * now.zero_age_h * full_scale
@@ -228,7 +234,7 @@ class ReadingBudget:
                 "reference", 0.0, 1e-2 * known.reference_percent, known.reference_coverage_factor
             ),
             Quantity("scatter", 0.0, scatter, freedom, unit="N·m"),
-            rectangular("hysteresis", 0.0, half_loop, unit="N·m"),
+            hysteresis,
             Quantity("zero", 0.0, now.zero_nm, now.zero_degrees_of_freedom, unit="N·m"),
             rectangular("zero drift", 0.0, zero_drift, unit="N·m"),
             rectangular(
@@ -369,7 +375,11 @@ class ReadingBudget:
         sides = np.zeros(reading.size) if branch is None else np.asarray(branch, dtype=np.float64)
         now, known = conditions or ReadingConditions(), self.specification
         torque, deviation, loop = self._predicted(reading, sides)
-        half_loop = loop if hysteresis_nm is None else np.asarray(hysteresis_nm, dtype=np.float64)
+        within_loop = (
+            loop * _ARCSINE
+            if hysteresis_nm is None
+            else np.asarray(hysteresis_nm, dtype=np.float64) * _RECTANGULAR
+        )
         size, full_scale = np.abs(torque), float(self.model.full_scale_nm_)
         every = np.ones_like(size)
         years = now.calibration_age_h / _HOURS_PER_YEAR
@@ -380,8 +390,8 @@ class ReadingBudget:
         contributions = {
             "model": deviation,
             "reference": reference * size,
-            "scatter": every * float(self.model.noise_nm_) / sqrt(now.averaged),
-            "hysteresis": half_loop * _RECTANGULAR,
+            "scatter": every * self.model.scatter_nm / sqrt(now.averaged),
+            "hysteresis": within_loop,
             "zero": every * now.zero_nm,
             "zero drift": every * zero_drift * _RECTANGULAR,
             "span temperature coefficient": span * abs(now.temperature_change_calibration_k) * size,

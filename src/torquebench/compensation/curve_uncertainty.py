@@ -42,12 +42,16 @@ class CurveUncertainty:
         Readings as fractions of full scale, growing.
     up, down, unknown : float64 array of shape (n,)
         Standard uncertainty there, as fractions of full scale; straight in between.
+    scatter : float
+        Standard deviation of single readings about the truth by the same posterior, as a fraction
+        of full scale; NaN where the model's own noise stands.
     """
 
     nodes: FloatArray
     up: FloatArray
     down: FloatArray
     unknown: FloatArray
+    scatter: float = float("nan")
 
     def at(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the standard uncertainty at readings u (fractions of full scale).

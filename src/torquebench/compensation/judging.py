@@ -7,6 +7,7 @@ import threading
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -103,6 +104,7 @@ class Judged(Protocol):
     reading_high_nm_: float
     range_margin: float
     used_features: tuple[str, ...]
+    noise_nm_: float
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: None) -> None: ...
 
@@ -150,13 +152,14 @@ def judge_model(
         return torque / scale - u, np.asarray(std) / scale
 
     branches = np.unique(np.sign(feature_column(points.X, "branch")))
-    return judge(
+    found = judge(
         values,
         posterior,
         (model.reading_low_nm_ / scale, model.reading_high_nm_ / scale),
         branch_aware="branch" in model.used_features,
         branches=frozenset(branches[branches != 0.0].tolist()),
     )
+    return replace(found, scatter=reference.noise_nm_ / scale)
 
 
 _posteriors: OrderedDict[bytes, Judged] = OrderedDict()

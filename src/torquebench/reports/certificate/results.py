@@ -223,7 +223,7 @@ class _Side:
             self.scatter_nm = sqrt(float(np.sum(left**2)) / repeated)
             self.freedom = float(repeated)
         else:
-            self.scatter_nm = float(model.noise_nm_)
+            self.scatter_nm = model.scatter_nm
             self.freedom = float(model.degrees_of_freedom_)
         torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
         returned = (np.abs(torque) <= UNLOADED_SHARE * data.range_nm) & (data.branch < 0)
