@@ -116,6 +116,7 @@ def installation() -> Iterator[Finding]:
     else:
         yield Finding("libraries", "ok", ", ".join(versions))
     yield Finding("machine", "ok", f"{os.cpu_count()} cores, {platform.system()}")
+    yield _priority()
     encoding = (sys.stdout.encoding or "").lower()
     if "utf" not in encoding:
         yield Finding(
@@ -124,6 +125,21 @@ def installation() -> Iterator[Finding]:
             f"encoding {encoding or 'unknown'}",
             "set PYTHONUTF8=1 for N·m and ±",
         )
+
+
+def _priority() -> Finding:
+    """Try whether the threads that safety depends on come before other programs."""
+    from torquebench.bench.safety_priority import Priority, available_priority
+
+    granted = available_priority()
+    if granted is Priority.REAL_TIME:
+        return Finding("priority", "ok", f"{granted.description} for acquisition and supervisor")
+    return Finding(
+        "priority",
+        "note",
+        f"{granted.description}: other programs may delay a stop",
+        "on Linux allow the account `rtprio 1` and `nice -10` in /etc/security/limits.conf",
+    )
 
 
 def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:

@@ -177,6 +177,8 @@ def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
             yield from _pulses(station)
             yield from _encoders(station)
             yield from _temperatures(station)
+            yield from _standard(station)
+            yield from _fixture(station)
             yield from _compensations(station)
 
 
@@ -238,6 +240,50 @@ def _temperatures(station: Station) -> Iterator[Finding]:
     else:
         shown = ", ".join(f"{probe} {value:.1f} °C" for probe, value in present.items())
         yield Finding("probes", "ok", shown)
+
+
+def _standard(station: Station) -> Iterator[Finding]:
+    """Look whether a standard that states torque itself goes on stating it."""
+    import numpy as np
+
+    from torquebench.bench.drivers.base import SIDES
+
+    reference = station.drivers.reference
+    if reference is None:
+        return
+    for side in SIDES:
+        what = f"{side} standard"
+        try:
+            reference.read(side, station.clock.now())  # what it had before
+            station.clock.wait(SETTLING_S)
+            torque = reference.read(side, station.clock.now()).torque_nm
+        except TorquebenchError as error:
+            yield _problem(what, error)
+            continue
+        if torque.size == 0:
+            remedy = "let its amplifier measure continuously, and check the channel's number"
+            yield Finding(what, "problem", f"no sample in {SETTLING_S:g} s", remedy)
+        elif np.isnan(torque).all():
+            yield Finding(what, "note", "states no torque", "mount it to see its signal")
+        elif torque.size > 1 and np.ptp(torque[np.isfinite(torque)]) == 0.0:
+            found = f"repeats {torque[0]:g} N·m"
+            yield Finding(what, "problem", found, "restart its amplifier")
+        else:
+            yield Finding(what, "ok", f"{torque.size} samples, {np.nanmean(torque):.3f} N·m")
+
+
+def _fixture(station: Station) -> Iterator[Finding]:
+    """State modes and clamp as their contacts say, to be compared with the bench."""
+    from torquebench.bench.drivers.base import SIDES
+
+    drivers = station.drivers
+    try:
+        modes = ", ".join(f"{side} {drivers.modes.mode(side)}" for side in SIDES)
+        yield Finding("modes", "ok", f"{modes}: see that it is so")
+        clamped = "closed" if drivers.clamp.clamped() else "open"
+        yield Finding("clamp", "ok", f"{clamped}: see that it is so")
+    except TorquebenchError as error:
+        yield _problem("contacts", error)
 
 
 def _compensations(station: Station) -> Iterator[Finding]:

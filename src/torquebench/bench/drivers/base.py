@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.roles import (
     CHANNELS,
     MODES,
@@ -325,6 +326,8 @@ class DriverSet:
         default_factory=dict
     )
     """Certificates that the instruments bring along; files of the description come first."""
+    encoder_certificates: Mapping[Side, EncoderCertificate] = field(default_factory=dict)
+    """The same of the encoders."""
     simulated_time: bool = False
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True

@@ -12,8 +12,8 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, Literal, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from pydantic import Field
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, Identity, Side
+from torquebench.bench.drivers.counters import LibraryCounter
 from torquebench.bench.drivers.links import Address, TimeOut
 from torquebench.bench.drivers.plugins import (
     DriverPlugin,
@@ -40,7 +41,16 @@ HIGHEST_HZ = 400e3
 COUNTS_A_PULSE = 4
 SHORTEST_REMOTE_READ_S = 0.025
 Terminal = Annotated[str, Field(pattern=r"^[^/\s]+/ctr\d+$", description="such as Dev1/ctr0")]
-Result = TypeVar("Result")
+DEADLINE_EXCEEDED, UNAVAILABLE = 4, 14
+"""Codes of gRPC."""
+LOCAL_REMEDY = (
+    "install NI's driver NI-DAQmx (Windows and some Linux), check device and counters in NI MAX or "
+    "with `nilsdev`, or give driver.counter.address to reach a card in another computer"
+)
+REMOTE_REMEDY = (
+    "check network and address, that the NI gRPC Device Server runs there, and device and "
+    "counters in its NI MAX"
+)
 
 
 class DaqmxOptions(Options):
@@ -82,7 +92,7 @@ class _Periods:
         return taken
 
 
-class DaqmxCounter:
+class DaqmxCounter(LibraryCounter):
     """The counters of one NI-DAQmx device as the bench's counter card.
 
     Parameters
@@ -98,14 +108,19 @@ class DaqmxCounter:
 
     def __init__(self, options: DaqmxOptions, description: BenchDescription) -> None:
         self._options = options
-        self._counting = description.counter
         self._nidaqmx = require_library("nidaqmx", "nidaqmx")
+        super().__init__(
+            description.counter,
+            options.channels,
+            f"counter {options.device} at {options.address or 'this computer'}",
+            (self._nidaqmx.errors.Error, ValueError),
+            REMOTE_REMEDY if options.address else LOCAL_REMEDY,
+        )
         self._constants = require_library("nidaqmx.constants", "nidaqmx")
         self._readers = require_library("nidaqmx.stream_readers", "nidaqmx")
         self._per_revolution = {
             side: description.module(side).encoder.counts_per_revolution for side in SIDES
         }
-        self._closed = False
         self._tasks: dict[str, Any] = {}
         self._reader: dict[str, Any] = {}
         self._selected: frozenset[str] = frozenset()
@@ -152,30 +167,15 @@ class DaqmxCounter:
             return None
         return self._nidaqmx.GrpcSessionOptions(self._channel, name)
 
-    def _ask(self, what: str, question: Callable[[], Result]) -> Result:
-        """Ask something of the driver, with this project's errors."""
-        if self._closed:
-            raise BenchError("counter is closed", "an open instrument", "open it again")
-        try:
-            return question()
-        except (self._nidaqmx.errors.Error, ValueError) as error:
-            place = self._options.address or "this computer"
-            text = " ".join(str(error).split())[:160]
-            raise BenchError(
-                f"counter {self._options.device} at {place}: {what}: {text}",
-                "a device that does what it is asked",
-                "check the device in NI MAX, its connection and the counters' names",
-            ) from error
-
-    @property
-    def timebase_hz(self) -> float:
-        """Nominal frequency of the timebase, Hz."""
-        return self._counting.timebase_hz
-
-    @property
-    def clock_identity(self) -> str:
-        """Serial number of the device, and its clock as described."""
-        return f"{self._serial}/{self._counting.clock}"
+    def _said(self, error: Exception) -> str:
+        code = getattr(error, "rpc_code", None)
+        if code == DEADLINE_EXCEEDED:
+            return f"no answer in {self._options.timeout_s:g} s"
+        if code == UNAVAILABLE:
+            return "no NI gRPC Device Server answers there"
+        if isinstance(error, self._nidaqmx.errors.DaqNotFoundError):
+            return "the NI-DAQmx driver isn't installed"
+        return super()._said(error)
 
     def identity(self) -> Identity:
         """Ask the device who it is; its serial number as in NI MAX, eight hexadecimal digits."""
@@ -186,7 +186,7 @@ class DaqmxCounter:
             )
             return str(device.product_type), int(device.serial_num)
 
-        model, serial = self._ask("who it is", question)
+        model, serial = self._ask(question, "who it is")
         details = {"device": self._options.device, "address": self._options.address or "local"}
         return Identity("counter", "National Instruments", model, f"{serial:08X}", details=details)
 
@@ -219,7 +219,7 @@ class DaqmxCounter:
             clock.timing.cfg_implicit_timing(self._constants.AcquisitionType.CONTINUOUS)
             clock.start()
 
-        self._ask("starting the counters", question)
+        self._ask(question, "starting the counters")
 
     @property
     def _clock_output(self) -> str:
@@ -276,13 +276,7 @@ class DaqmxCounter:
 
         A counter that starts later would be on a time axis of its own.
         """
-        unknown = sorted(channels - set(self._periods))
-        if unknown:
-            raise InputError(
-                f"no counter for {unknown[0]}",
-                "a counter for every channel in use",
-                "add it to driver.counter.channels or give the standard a read-out",
-            )
+        self._check_served(channels)
         self._selected = channels
 
     def read_block(self, duration_s: float) -> CounterBlock:
@@ -320,11 +314,9 @@ class DaqmxCounter:
         raw = np.empty(max(wanted, 0), dtype=np.uint32)
         if wanted > 0:
             timeout_s = duration_s + self._options.latency_s + 0.5 * self._options.timeout_s
+            reader = self._reader[f"{side}_encoder"]
             read = self._ask(
-                f"{side} encoder",
-                lambda: self._reader[f"{side}_encoder"].read_many_sample_uint32(
-                    raw, wanted, timeout_s
-                ),
+                lambda: reader.read_many_sample_uint32(raw, wanted, timeout_s), f"{side} encoder"
             )
             if read != wanted:
                 raise BenchError(
@@ -363,7 +355,7 @@ class DaqmxCounter:
                 self._reader[name].read_many_sample_uint32(raw, present, self._options.timeout_s)
             return raw
 
-        return self._ask(f"edges of {name}", question)
+        return self._ask(question, f"edges of {name}")
 
     def close(self) -> None:
         """End all tasks and release the device. A second call does nothing."""
@@ -382,9 +374,6 @@ class DaqmxCounter:
 
 def _counter(request: InstrumentRequest) -> DaqmxCounter:
     options: DaqmxOptions = request.read(DaqmxOptions)
-    for name in ("input_torque", "output_torque"):
-        if name not in options.channels:
-            raise InputError(f"channels without {name}", "a counter for each module")
     return DaqmxCounter(options, request.description)
 
 

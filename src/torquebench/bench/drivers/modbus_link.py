@@ -61,7 +61,9 @@ class ModbusLink(Link[Any]):
             try:
                 answer = ask(client)
             except self._failures as error:
-                raise WireError(_short(error)) from error
+                silent = "No response received" in str(error)
+                text = f"no answer in {self.timeout_s:g} s" if silent else _short(error)
+                raise WireError(text) from error
             except (IndexError, ValueError, AttributeError, TypeError) as error:
                 raise WireError(f"garbled answer ({error})") from error
             if answer.isError():

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pydantic import Field
 
 from torquebench.bench.description import CounterDescription
 from torquebench.bench.drivers.base import CounterBlock, Identity
+from torquebench.bench.drivers.counters import LibraryCounter, counted
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import (
     DriverPlugin,
@@ -26,13 +27,11 @@ from torquebench.bench.drivers.plugins import (
     require_library,
 )
 from torquebench.errors import BenchError, InputError
-from torquebench.signals import FrequencySamples, SignalFaultKind
 
 __all__ = ["PLUGIN", "OpenDaqCounter", "OpenDaqOptions"]
 
 SHORTEST_POLL_MS = 20
 HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
-Result = TypeVar("Result")
 
 
 class SignalOptions(Options):
@@ -58,7 +57,7 @@ class OpenDaqOptions(Options):
     timeout_s: TimeOut = 2.0
 
 
-class OpenDaqCounter:
+class OpenDaqCounter(LibraryCounter):
     """Torque channels of one openDAQ device, averaged over the counter's windows.
 
     Encoders are read elsewhere: give the bench a section `[driver.angles]`.
@@ -77,16 +76,20 @@ class OpenDaqCounter:
     """
 
     def __init__(self, options: OpenDaqOptions, counting: CounterDescription) -> None:
+        super().__init__(
+            counting,
+            options.channels,
+            f"openDAQ device at {options.address}",
+            (RuntimeError, AttributeError, KeyError),
+            "check power, network and connection string of the device",
+        )
         self._options = options
-        self._counting = counting
         self._library = require_library("opendaq", "opendaq")
-        self._names = [str(name) for name in options.channels]
-        self._selected: frozenset[str] = frozenset(self._names)
+        self._selected = frozenset(self._served)
         self._reader: Any = None
         self._device: Any = None
         self._next_tick: int | None = None
         self._windows = 0
-        self._closed = False
         builder = self._library.InstanceBuilder()
         builder.global_log_level = self._library.LogLevel.Off
         self._instance = builder.build()
@@ -103,8 +106,8 @@ class OpenDaqCounter:
             str(signal.global_id): signal
             for signal in self._ask(lambda: self._device.signals_recursive)
         }
-        self._signals = [self._signal(found, name) for name in self._names]
-        self._scales = [self._scale(name) for name in range(len(self._names))]
+        self._signals = [self._signal(found, name) for name in self._served]
+        self._scales = [self._scale(name) for name in range(len(self._served))]
         domain = self._signals[0].domain_signal.descriptor
         resolution = domain.tick_resolution
         self._tick_s = float(resolution.numerator) / float(resolution.denominator)
@@ -135,7 +138,7 @@ class OpenDaqCounter:
         return matching[0]
 
     def _scale(self, number: int) -> tuple[float, float]:
-        name = self._names[number]
+        name = self._served[number]
         options = self._options.channels[name]  # type: ignore[index]
         unit = self._signals[number].descriptor.unit
         symbol = str(unit.symbol) if unit is not None else "no unit"
@@ -148,33 +151,10 @@ class OpenDaqCounter:
             )
         return scale_hz, options.offset_hz
 
-    def _ask(self, question: Callable[[], Result]) -> Result:
-        if self._closed:
-            raise BenchError("counter is closed", "an open instrument", "open it again")
-        try:
-            return question()
-        except (RuntimeError, AttributeError, KeyError) as error:
-            text = " ".join(str(error).split())[:160]
-            raise BenchError(
-                f"openDAQ device at {self._options.address}: {text}",
-                "a device that answers",
-                "check power, network and connection string of the device",
-            ) from error
-
     @property
     def shortest_read_s(self) -> float:
         """A block is read whole: devices send their samples in packets."""
         return self._counting.block_s
-
-    @property
-    def timebase_hz(self) -> float:
-        """Nominal frequency of the timebase as described, Hz; the device keeps its own."""
-        return self._counting.timebase_hz
-
-    @property
-    def clock_identity(self) -> str:
-        """Serial number of the device, and its clock as described."""
-        return f"{self._serial}/{self._counting.clock}"
 
     def identity(self) -> Identity:
         """Tell what the device said of itself when it was connected."""
@@ -183,13 +163,7 @@ class OpenDaqCounter:
 
     def select(self, channels: frozenset[str]) -> None:
         """Deliver only these channels from the next block on; all are read in any case."""
-        unknown = sorted(channels - set(self._names))
-        if unknown:
-            raise InputError(
-                f"no signal for {unknown[0]}",
-                "a signal for every channel in use",
-                "add it to driver.counter.channels or give the standard a read-out",
-            )
+        self._check_served(channels)
         self._selected = channels
 
     def read_block(self, duration_s: float) -> CounterBlock:
@@ -204,13 +178,13 @@ class OpenDaqCounter:
         if self._reader is None:
             self._reader = self._ask(lambda: self._library.MultiReader(self._signals))
         values = self._samples(windows * self._per_window)
-        means = values.reshape(len(self._names), windows, self._per_window).mean(axis=2)
+        means = values.reshape(len(self._served), windows, self._per_window).mean(axis=2)
         window_s = self._counting.window_s
         start_s = self._windows * window_s
         time_s = start_s + window_s * (np.arange(windows, dtype=np.float64) + 0.5)
         frequencies = {
-            name: self._frequency(time_s, scale * row + offset)
-            for name, row, (scale, offset) in zip(self._names, means, self._scales, strict=True)
+            name: counted(time_s, scale * row + offset, window_s, self._options.resolution_hz)
+            for name, row, (scale, offset) in zip(self._served, means, self._scales, strict=True)
             if name in self._selected
         }
         self._windows += windows
@@ -252,22 +226,6 @@ class OpenDaqCounter:
             )
         self._next_tick = last + self._delta
 
-    def _frequency(
-        self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]
-    ) -> FrequencySamples:
-        silent = ~(frequency_hz > 0.0)
-        edges = np.where(silent, 0.0, frequency_hz * self._counting.window_s).astype(np.int64)
-        none = np.zeros(time_s.size, dtype=np.int32)
-        return FrequencySamples(
-            time_s=time_s,
-            fault=np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
-            frequency_hz=np.where(silent, np.nan, frequency_hz),
-            edges=edges,
-            standard_uncertainty_hz=np.where(silent, np.nan, self._options.resolution_hz),
-            missing=none,
-            doubled=none,
-        )
-
     def close(self) -> None:
         """Release the device. A second call does nothing."""
         if self._closed:
@@ -283,9 +241,6 @@ class OpenDaqCounter:
 
 def _counter(request: InstrumentRequest) -> OpenDaqCounter:
     options: OpenDaqOptions = request.read(OpenDaqOptions)
-    for name in ("input_torque", "output_torque"):
-        if name not in options.channels:
-            raise InputError(f"channels without {name}", "a signal for each module")
     return OpenDaqCounter(options, request.description.counter)
 
 

@@ -12,13 +12,14 @@ from pydantic import Field
 
 from torquebench.bench.description import CounterDescription
 from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples, Side
+from torquebench.bench.drivers.counters import DescribedCounter, counted
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
 from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.drivers.scpi_link import ScpiAddress, ScpiLink, ScpiOptions, numbers
 from torquebench.bench.roles import CHANNELS, SIDES
 from torquebench.errors import BenchError, InputError
-from torquebench.signals import FrequencySamples, SignalFaultKind
+from torquebench.signals import FrequencySamples
 
 __all__ = ["PLUGIN", "ScpiCounter", "ScpiReadout"]
 
@@ -53,7 +54,7 @@ class CounterOptions(Options):
     timeout_s: TimeOut = 1.0
 
 
-class ScpiCounter:
+class ScpiCounter(DescribedCounter):
     """Frequency counters that deliver one frequency a gate time without gaps between them.
 
     They send no edges, so lost and doubled pulses show as a step of the frequency only. An answer
@@ -67,15 +68,12 @@ class ScpiCounter:
     """
 
     def __init__(self, options: CounterOptions, counting: CounterDescription) -> None:
+        super().__init__(counting, options.channels)
         self._options = options
-        self._counting = counting
         self._links = {
             str(name): ScpiLink(f"counter of {name}", address, options.timeout_s, attempts=1)
             for name, address in options.channels.items()
         }
-        for name in ("input_torque", "output_torque"):
-            if name not in self._links:
-                raise InputError(f"channels without {name}", "a counter for each module")
         self._running: frozenset[str] = frozenset()
         self._windows = 0
         try:
@@ -90,16 +88,6 @@ class ScpiCounter:
         """A block is asked for at once: every question costs a turn on the wire."""
         return self._counting.block_s
 
-    @property
-    def timebase_hz(self) -> float:
-        """Nominal frequency of the reference clock's timebase as described, Hz."""
-        return self._counting.timebase_hz
-
-    @property
-    def clock_identity(self) -> str:
-        """Serial of the first counter, and the reference clock that all of them have."""
-        return f"{self._serial}/{self._counting.clock}"
-
     def identity(self) -> Identity:
         """Ask the counters who they are; the first one speaks for all."""
         first, *others = [link.identity("counter") for link in self._links.values()]
@@ -113,13 +101,7 @@ class ScpiCounter:
 
     def select(self, channels: frozenset[str]) -> None:
         """Start the counters of these channels, stop the others."""
-        unknown = sorted(channels - set(self._links))
-        if unknown:
-            raise InputError(
-                f"no counter for {unknown[0]}",
-                "a counter for every channel in use",
-                "add it to driver.counter.channels or give the standard a read-out",
-            )
+        self._check_served(channels)
         for name in sorted(channels - self._running):
             self._start(self._links[name])
         for name in sorted(self._running - channels):
@@ -149,7 +131,7 @@ class ScpiCounter:
         start_s = self._windows * gate_s
         time_s = start_s + gate_s * (np.arange(count, dtype=np.float64) + 0.5)
         frequencies = {
-            name: self._samples(time_s, self._fetch(name, count)) for name in sorted(self._running)
+            name: self._counted(time_s, self._fetch(name, count)) for name in sorted(self._running)
         }
         self._windows += count
         return CounterBlock(start_s, self._windows * gate_s, {}, {}, frequencies)
@@ -167,22 +149,11 @@ class ScpiCounter:
             )
         return np.array(values)
 
-    def _samples(
+    def _counted(
         self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]
     ) -> FrequencySamples:
-        gate_s = self._counting.window_s
-        silent = ~(frequency_hz > 0.0)
-        frequency = np.where(silent, np.nan, frequency_hz)
-        none = np.zeros(time_s.size, dtype=np.int32)
-        return FrequencySamples(
-            time_s=time_s,
-            fault=np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
-            frequency_hz=frequency,
-            edges=np.where(silent, 0.0, frequency_hz * gate_s).astype(np.int64),
-            standard_uncertainty_hz=frequency * self._relative_uncertainty,
-            missing=none,
-            doubled=none,
-        )
+        uncertainty_hz = frequency_hz * self._relative_uncertainty
+        return counted(time_s, frequency_hz, self._counting.window_s, uncertainty_hz)
 
     def close(self) -> None:
         """Release every counter. A second call does nothing."""

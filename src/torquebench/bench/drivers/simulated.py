@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import (
@@ -364,6 +365,10 @@ class SimulatedBench:
             )
         return {"calibrator": found}
 
+    def encoder_certificates(self) -> dict[Side, EncoderCertificate]:
+        """Certificates of the simulated encoders."""
+        return {side: EncoderCertificate(*self._twin.encoder_certificate(side)) for side in SIDES}
+
 
 class SimulatedDrive:
     """One drive of the simulated bench."""
@@ -429,6 +434,7 @@ def open_simulated(description: BenchDescription) -> DriverSet:
         reference=bench.readout,
         truth=bench,
         certificates=bench.certificates(),
+        encoder_certificates=bench.encoder_certificates(),
         simulated_time=True,
         blocking=False,
     )

@@ -64,7 +64,8 @@ class SocketcandBus(can.BusABC):
             while not answer.endswith(b">"):
                 data = self._socket.recv(64)
                 if not data or len(answer) > LONGEST_FRAME:
-                    raise can.CanInitializationError(f"socketcand said {answer!r}")
+                    said = f"said {answer!r}" if data else "closed the connection"
+                    raise can.CanInitializationError(f"socketcand {said}")
                 answer += data
             if answer != wanted:
                 raise can.CanInitializationError(f"socketcand said {answer!r}, not {wanted!r}")

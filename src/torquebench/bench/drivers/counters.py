@@ -1,0 +1,145 @@
+"""What counters have in common: the clock as described, the channels they serve, frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.description import CounterDescription
+from torquebench.bench.roles import SIDES, torque_channel
+from torquebench.errors import BenchError, InputError
+from torquebench.signals import FrequencySamples, SignalFaultKind
+
+__all__ = ["DescribedCounter", "LibraryCounter", "counted"]
+
+Result = TypeVar("Result")
+LONGEST_SAID = 160
+
+
+class DescribedCounter:
+    """A counter whose clock is the described one and whose channels its options name.
+
+    Parameters
+    ----------
+    counting : CounterDescription
+    channels : iterable of str
+        Channels that it serves.
+
+    Raises
+    ------
+    InputError
+        A module's own torque isn't among them.
+    """
+
+    def __init__(self, counting: CounterDescription, channels: Iterable[str]) -> None:
+        self._counting = counting
+        self._served = tuple(str(name) for name in channels)
+        self._serial = ""
+        for side in SIDES:
+            if torque_channel(side) not in self._served:
+                raise InputError(
+                    f"driver.counter.channels without {torque_channel(side)}",
+                    "the torque of each module",
+                    "add it",
+                )
+
+    @property
+    def timebase_hz(self) -> float:
+        """Nominal frequency of the clock as described, Hz."""
+        return self._counting.timebase_hz
+
+    @property
+    def clock_identity(self) -> str:
+        """Serial number that the instrument states, and its clock as described."""
+        return f"{self._serial}/{self._counting.clock}"
+
+    def _check_served(self, channels: frozenset[str]) -> None:
+        unknown = sorted(channels - set(self._served))
+        if unknown:
+            raise InputError(
+                f"no counter for {unknown[0]}",
+                "one for every channel in use",
+                "add it to driver.counter.channels or give the standard a read-out",
+            )
+
+
+class LibraryCounter(DescribedCounter):
+    """A counter behind a library of its own, whose errors become this project's.
+
+    Parameters
+    ----------
+    counting, channels
+        As above.
+    place : str
+        What it is and where, for messages.
+    failures : tuple of exception types
+        What the library raises.
+    remedy : str
+        What to do about a device that fails.
+    """
+
+    def __init__(
+        self,
+        counting: CounterDescription,
+        channels: Iterable[str],
+        place: str,
+        failures: tuple[type[Exception], ...],
+        remedy: str,
+    ) -> None:
+        super().__init__(counting, channels)
+        self._place = place
+        self._failures = failures
+        self._remedy = remedy
+        self._closed = False
+
+    def _ask(self, question: Callable[[], Result], what: str = "") -> Result:
+        """Ask something of the library.
+
+        Raises
+        ------
+        BenchError
+            The device fails, or the counter is closed.
+        """
+        if self._closed:
+            raise BenchError("counter is closed", "an open instrument", "open it again")
+        try:
+            return question()
+        except self._failures as error:
+            said = f"{what}: {self._said(error)}" if what else self._said(error)
+            raise BenchError(
+                f"{self._place}: {said}", "a device that does what it is asked", self._remedy
+            ) from error
+
+    def _said(self, error: Exception) -> str:
+        return " ".join(str(error).split())[:LONGEST_SAID]
+
+
+def counted(
+    time_s: NDArray[np.float64],
+    frequency_hz: NDArray[np.float64],
+    window_s: float,
+    standard_uncertainty_hz: NDArray[np.float64] | float,
+) -> FrequencySamples:
+    """Return frequencies that an instrument has counted by itself; those of 0 Hz are silence.
+
+    Parameters
+    ----------
+    time_s, frequency_hz : float64 array of shape (n,)
+        Middles of the windows, and what was counted; NaN where there is nothing.
+    window_s : float
+    standard_uncertainty_hz : float or float64 array of shape (n,)
+    """
+    silent = ~(frequency_hz > 0.0)
+    none = np.zeros(time_s.size, dtype=np.int32)
+    return FrequencySamples(
+        time_s=time_s,
+        fault=np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
+        frequency_hz=np.where(silent, np.nan, frequency_hz),
+        edges=np.where(silent, 0.0, frequency_hz * window_s).astype(np.int64),
+        standard_uncertainty_hz=np.where(silent, np.nan, standard_uncertainty_hz),
+        missing=none,
+        doubled=none,
+    )
