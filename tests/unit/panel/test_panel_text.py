@@ -19,7 +19,7 @@ def placeholders(text: str) -> set[str]:
 
 
 def sources() -> str:
-    files = [*(PANEL / "pages").glob("*.py"), *(PANEL / "components").glob("*.py")]
+    files = [file for file in PANEL.rglob("*.py") if file.parent.name != "text"]
     return "\n".join(file.read_text(encoding="utf-8") for file in files)
 
 

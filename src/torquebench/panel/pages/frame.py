@@ -82,6 +82,7 @@ class _Frame:
         self.visitor = visitor
         self.text = visitor.text
         self._shown: tuple[Any, ...] = ()
+        self._path = PAGES[current][0]
         client = ui.context.client
         with client.layout:
             with box("div") as before:
@@ -152,7 +153,7 @@ class _Frame:
         try:
             commands = self.visitor.commands
         except NotSignedInError:
-            ui.navigate.to("/sign-in?expired=1")
+            ui.navigate.to(f"/sign-in?reason=expired&next={self._path}")
             return
         snapshot = service.snapshot()
         latched = _latched(service) if snapshot.stopped else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 
 from fastapi import Form, Request
 from fastapi.responses import RedirectResponse, Response
@@ -21,7 +21,7 @@ from torquebench.panel.pages.reducer import reducer_page
 from torquebench.panel.pages.settings import settings_page
 from torquebench.panel.pages.sign_in import safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
-from torquebench.panel.service import BenchService, LockedOutError
+from torquebench.panel.service import BenchService, LockedOutError, SignInError
 
 __all__ = ["register_pages"]
 
@@ -35,6 +35,7 @@ PAGES: dict[str, Callable[[Visitor], None]] = {
     "/alarms": alarms_page,
 }
 Entry = Annotated[str, Form(max_length=200)]
+LONGEST_NAME = 64
 
 
 def register_pages(service: BenchService) -> None:
@@ -86,14 +87,16 @@ def _signed_in(request: Request, token: str) -> Response:
     return answer
 
 
-def _refused(request: Request, error: TorquebenchError) -> Response:
-    target = quote(safe_target(request.query_params.get("next", "/")))
+def _refused(request: Request, name: str, reason: str, error: TorquebenchError | None) -> Response:
+    """Return to the form with the reason in words; the name needn't be typed again."""
+    found = {
+        "reason": reason,
+        "name": name[:LONGEST_NAME],
+        "next": safe_target(request.query_params.get("next", "/")),
+    }
     if isinstance(error, LockedOutError):
-        seconds = round(error.wait_s + 0.5)
-        return RedirectResponse(
-            f"/sign-in?reason=locked&seconds={seconds}&next={target}", status_code=303
-        )
-    return RedirectResponse(f"/sign-in?reason=wrong&next={target}", status_code=303)
+        found |= {"reason": "locked", "seconds": str(round(error.wait_s + 0.5))}
+    return RedirectResponse(f"/sign-in?{urlencode(found)}", status_code=303)
 
 
 def _forms(service: BenchService) -> None:
@@ -102,7 +105,7 @@ def _forms(service: BenchService) -> None:
         try:
             token = service.people.sign_in(name, password, _address(request))
         except TorquebenchError as error:
-            return _refused(request, error)
+            return _refused(request, name, "wrong", error)
         return _signed_in(request, token)
 
     @app.post("/panel/set-up", include_in_schema=False)
@@ -110,11 +113,13 @@ def _forms(service: BenchService) -> None:
         request: Request, code: Entry, name: Entry, password: Entry, repeat: Entry
     ) -> Response:
         if password != repeat:
-            return RedirectResponse("/sign-in?reason=differ", status_code=303)
+            return _refused(request, name, "differ", None)
         try:
             token = service.people.set_up(code, name, password, _address(request))
-        except TorquebenchError:
-            return RedirectResponse("/sign-in?reason=refused", status_code=303)
+        except SignInError as error:
+            return _refused(request, name, "bad_code", error)
+        except TorquebenchError as error:
+            return _refused(request, name, "weak", error)
         return _signed_in(request, token)
 
     @app.post("/panel/sign-out", include_in_schema=False)

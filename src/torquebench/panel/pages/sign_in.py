@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from urllib.parse import quote
 
 from nicegui import ui
@@ -16,7 +17,11 @@ from torquebench.panel.text import Text
 
 __all__ = ["safe_target", "sign_in_page"]
 
-REASONS = ("wrong", "locked", "expired", "differ", "refused")
+REASONS = ("wrong", "locked", "expired", "differ", "bad_code", "weak")
+SHORTEST_PASSWORD = 10
+FOCUS_FIRST_EMPTY = (
+    "[...document.querySelectorAll('form input')].find((entry) => !entry.value)?.focus()"
+)
 
 
 def safe_target(target: str) -> str:
@@ -51,21 +56,26 @@ def sign_in_page(service: BenchService, request: Request) -> None:
         action = "/panel/set-up" if first else "/panel/sign-in"
         with box("form", "stack", method="post", action=f"{action}?next={quote(target)}"):
             if first:
-                _entry(text, "code", "text", "off", hint=text("sign_in.code_hint"))
-            _entry(text, "name", "text", "username")
-            _entry(text, "password", "password", "new-password" if first else "current-password")
+                _entry(text, "code", "text", "off", text("sign_in.code_hint"))
+            name = request.query_params.get("name", "")[:64]
+            _entry(text, "name", "text", "username", value=name)
             if first:
-                _entry(text, "repeat", "password", "new-password")
+                for each in ("password", "repeat"):
+                    _entry(text, each, "password", "new-password", minlength=SHORTEST_PASSWORD)
+            else:
+                _entry(text, "password", "password", "current-password")
             button = "sign_in.first_button" if first else "sign_in.button"
             words("button", text(button), "control primary", type="submit")
         language_buttons(text)
         words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
         with box("div", "line stop-line"):
             stop_button(text)
-    ui.run_javascript("document.querySelector('form input')?.focus()")
+    ui.run_javascript(FOCUS_FIRST_EMPTY)
 
 
-def _entry(text: Text, name: str, kind: str, autocomplete: str, hint: str = "") -> None:
+def _entry(
+    text: Text, name: str, kind: str, autocomplete: str, hint: str = "", **attributes: Any
+) -> None:
     with box("div", "field"):
         words("label", text(f"sign_in.{name}"), for_=f"sign-in-{name}")
         entry = box(
@@ -77,6 +87,7 @@ def _entry(text: Text, name: str, kind: str, autocomplete: str, hint: str = "") 
             autocomplete=autocomplete,
             required="required",
             maxlength="200",
+            **attributes,
         )
         if hint:
             words("div", hint, "hint", id=f"sign-in-{name}-hint")
