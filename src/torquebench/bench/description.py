@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.bench.description_errors import ConflictError, parse_toml, validated
-from torquebench.bench.roles import Mounting, Side
+from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.signals import FrequencyScale
 
@@ -112,11 +112,14 @@ class EncoderDescription(_Section):
     """An angle encoder, counts after interpolation.
 
     `accuracy_arcsec` is ± what its data sheet allows over a turn; unknown where it isn't given.
+    `certificate` may name a CSV file beside the `bench.toml` with the columns `angle_deg`,
+    `error_arcsec` and `expanded_uncertainty_arcsec` (k = 2); its errors are then corrected.
     """
 
     serial: Text
     counts_per_revolution: Annotated[int, Field(ge=16, le=2**31, description="counts")]
     accuracy_arcsec: Annotated[float, Field(ge=0, le=36000, description="arcsec")] | None = None
+    certificate: str | None = None
 
 
 class LimitsDescription(_Section):
@@ -300,12 +303,18 @@ class BenchDescription(_Section):
 
     def relative_to(self, folder: Path) -> Self:
         """Resolve the names of certificate files against the folder of the `bench.toml`."""
-        changed = {}
+        changed: dict[str, _Section] = {}
         for name in ("calibrator", "verification_standard"):
             standard: StandardDescription = getattr(self, name)
             if standard.certificate is not None:
                 path = str((folder / standard.certificate).resolve())
                 changed[name] = standard.model_copy(update={"certificate": path})
+        for side in SIDES:
+            module = self.module(side)
+            if module.encoder.certificate is not None:
+                path = str((folder / module.encoder.certificate).resolve())
+                encoder = module.encoder.model_copy(update={"certificate": path})
+                changed[side] = module.model_copy(update={"encoder": encoder})
         return self.model_copy(update=changed)
 
     @property

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 
 import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import AngleSamples, Side
+from torquebench.bench.encoder_certificate import EncoderCertificate, encoder_certificates
 from torquebench.errors import InputError
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress
@@ -111,6 +113,8 @@ class TransmissionRecording:
         Of the reducer; NaN without a probe.
     counts_per_revolution : mapping of side to int
         Of the encoders.
+    certified_rad : mapping of side to float
+        Standard uncertainty of the angles of encoders whose certificate was taken off, rad.
     """
 
     directions: tuple[AngleRecording, ...]
@@ -118,6 +122,7 @@ class TransmissionRecording:
     revolutions: float
     temperature_c: float
     counts_per_revolution: dict[Side, int]
+    certified_rad: dict[Side, float]
 
 
 def transmission_error(
@@ -171,8 +176,9 @@ def transmission_error(
     limits_of_speed = turning_limits(devices, "input", max(input_rpm, TURN_RPM))
     yield from guarded(lambda: unloaded_after(devices, in_bench), limits_of_speed)
     description = devices.context.description
+    certificates = encoder_certificates(description, devices.context.drivers)
     return TransmissionRecording(
-        directions=tuple(found),
+        directions=tuple(_corrected(each, certificates) for each in found),
         output_rpm=settings.output_rpm,
         revolutions=settings.revolutions,
         temperature_c=float(np.mean(temperature)),
@@ -180,7 +186,22 @@ def transmission_error(
             "input": description.input.encoder.counts_per_revolution,
             "output": description.output.encoder.counts_per_revolution,
         },
+        certified_rad={
+            side: certificate.standard_uncertainty_rad for side, certificate in certificates.items()
+        },
     )
+
+
+def _corrected(
+    recording: AngleRecording, certificates: Mapping[Side, EncoderCertificate]
+) -> AngleRecording:
+    """Take off what the encoders' certificates say."""
+    given, taken = recording.input_angle_rad, recording.output_angle_rad
+    if "input" in certificates:
+        given = certificates["input"].correct(given)
+    if "output" in certificates:
+        taken = certificates["output"].correct(taken)
+    return replace(recording, input_angle_rad=given, output_angle_rad=taken)
 
 
 def _chunks(settings: TransmissionSettings) -> int:

@@ -34,6 +34,7 @@ from torquebench.twin.parameters import TwinParameters
 
 __all__ = ["BenchTwin"]
 
+_ENCODERS = 7  # keeps the draws of encoders' certificates apart from all others
 _CONVERSION = {
     "free": mechanism.CONVERSION_FREE,
     "driven": mechanism.CONVERSION_DRIVEN,
@@ -136,6 +137,12 @@ class BenchTwin:
     def certificate(self, side: Side) -> Certificate:
         """Certificate of the calibrator's reference transducer of one side."""
         return self._sides[_index(side)].calibrator.certificate()
+
+    def encoder_certificate(self, side: Side) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Certificate of one side's encoder: indicated angle, error, expanded uncertainty, rad."""
+        index = _index(side)
+        generator = np.random.default_rng([self._parameters.seed, index, _ENCODERS])
+        return readout.encoder_certificate(self._sides[index].encoder, generator)
 
     # Commands ------------------------------------------------------------------------------
     def set_active_channels(self, channels: Sequence[Channel]) -> None:

@@ -31,11 +31,14 @@ class EncoderConstants(NamedTuple):
         Lines times interpolation.
     error_rad, error_phase_rad : pair of float
         Graduation error at one and two periods per turn.
+    accuracy_rad : float
+        What the data sheet of its kind allows over a turn.
     """
 
     counts_per_revolution: int
     error_rad: tuple[float, float]
     error_phase_rad: tuple[float, float]
+    accuracy_rad: float
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,7 @@ def _draw_side(
             generator.uniform(0.1, 0.4) * largest * arcsec,
         ),
         (float(phase[0]), float(phase[1])),
+        1.25 * largest * arcsec,
     )
     return SideParameters(
         geometry=geometry,

@@ -71,15 +71,34 @@ def encoder_samples(
     faults: Sequence[Fault],
 ) -> AngleSamples:
     """Turn angles into counts, with graduation error and faults."""
-    shown = angle_rad.copy()
-    for k in range(2):
-        shown += encoder.error_rad[k] * np.sin((k + 1) * angle_rad + encoder.error_phase_rad[k])
+    shown = angle_rad + _graduation_error(encoder, angle_rad)
     counts = np.floor(shown * encoder.counts_per_revolution / (2.0 * np.pi)).astype(np.int64)
     return AngleSamples(
         ticks / timebase_hz,
         broken_counts(faults, counts, ticks),
         encoder.counts_per_revolution,
     )
+
+
+def encoder_certificate(
+    encoder: EncoderConstants, generator: np.random.Generator
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Calibrate an encoder each 5°: indicated angle, error and its expanded uncertainty, rad.
+
+    The expanded uncertainty is a fifth of the largest graduation error of its kind.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False, dtype=np.float64)
+    error = _graduation_error(encoder, angle)
+    expanded = 0.2 * encoder.accuracy_rad
+    measured = error + 0.5 * expanded * generator.standard_normal(angle.size)
+    return angle, measured, np.full(angle.size, expanded)
+
+
+def _graduation_error(encoder: EncoderConstants, angle_rad: FloatArray) -> FloatArray:
+    error = np.zeros_like(angle_rad)
+    for k in range(2):
+        error += encoder.error_rad[k] * np.sin((k + 1) * angle_rad + encoder.error_phase_rad[k])
+    return error
 
 
 def static_sweep(

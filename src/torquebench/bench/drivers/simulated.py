@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.certificate import ReferenceCertificate
-from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import (
@@ -33,6 +32,7 @@ from torquebench.bench.drivers.base import (
     torque_channel,
 )
 from torquebench.bench.drivers.simulated_readout import SimulatedReadout
+from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
 from torquebench.signals import EdgeBlock
