@@ -21,11 +21,14 @@ from torquebench.station import Station
 
 STEP_PERCENT = 20.0
 """Ten points a series, falling ones included."""
+ADAPTIVE = load_profile("adaptive").with_options(points=48)
+"""Two series of 12 points, and 24 that are placed."""
 
 
-def calibrate(data: Path, room: int) -> None:
+def calibrate(data: Path, room: int, *, adaptively: bool = False) -> None:
     """Calibrate the output; with room, a disk that is full after so many bytes."""
-    profile = load_profile("rapid-in-situ").with_options(step_percent=STEP_PERCENT)
+    rapid = load_profile("rapid-in-situ").with_options(step_percent=STEP_PERCENT)
+    profile = ADAPTIVE if adaptively else rapid
     recording = {"recording": {"edges": bool(room)}}  # large files, for a disk that gets full
     description = BenchDescription.model_validate(default_bench().model_dump() | recording)
     with Station.open(description, data) as station:
@@ -55,10 +58,11 @@ def main() -> None:
         data = folder / name
         child = os.fork()
         if child == 0:
-            calibrate(data, int(number) if kind == "room" else 0)
+            room = int(number) if kind == "room" else 0
+            calibrate(data, room, adaptively=kind == "adaptive")
             os._exit(0)
         seen = 0
-        if kind == "events":
+        if kind != "room":
             deadline = time.monotonic() + 60.0
             while acknowledged(data) < int(number) and time.monotonic() < deadline:
                 time.sleep(0.001)

@@ -28,13 +28,15 @@ from torquebench.station import Station, recover_unfinished
 
 # One zero, then two series of ten points: in the zero, in the first, in the second, at its end.
 MOMENTS = ("events-1", "events-6", "events-12", "events-16", "events-20", "room-400000")
+# One zero, then 24 points in two series, then 24 placed ones.
+ADAPTIVE = ("adaptive-20", "adaptive-32")
 
 
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, int]]:
     folder = tmp_path_factory.mktemp("killed")
     child = subprocess.run(
-        [sys.executable, killed_calibrations.__file__, str(folder), *MOMENTS],
+        [sys.executable, killed_calibrations.__file__, str(folder), *MOMENTS, *ADAPTIVE],
         env=environment(PYTHONPATH=str(Path(__file__).resolve().parents[2])),
         capture_output=True,
         text=True,
@@ -43,7 +45,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, in
     )
     assert child.returncode == 0, child.stderr
     seen = dict(json.loads(line) for line in child.stdout.splitlines())
-    return {name: (folder / name, seen[name]) for name in MOMENTS}
+    return {name: (folder / name, seen[name]) for name in (*MOMENTS, *ADAPTIVE)}
 
 
 def copied(killed: dict[str, tuple[Path, int]], name: str, to: Path) -> Path:
@@ -108,6 +110,42 @@ def test_a_calibration_killed_at_any_moment_keeps_its_points_and_goes_on(
         errors = table.reading_nm - np.asarray(table.true_torque_nm)
         assert float(np.abs(errors).max()) < 40.0
         folder.verify()
+
+
+@pytest.mark.parametrize("moment", ADAPTIVE)
+def test_an_adaptive_calibration_goes_on_placing_points_by_all_that_it_has(
+    killed: dict[str, tuple[Path, int]], tmp_path: Path, moment: str
+) -> None:
+    data, seen = copied(killed, moment, tmp_path), killed[moment][1]
+    with Station.open(None, data) as station:
+        kept = points_on_disk(RunFolder.open(station.registry.runs()[0].folder))
+        assert len(kept) >= seen - 1
+        interrupted = read_interrupted(
+            station.registry, find_interrupted(station.registry, "latest")
+        )
+        placing = len(kept) >= 24
+        whole = len(kept) if placing else 12
+        assert interrupted.series == (
+            max(row["point-series"] for row in kept) + 1 if placing else 2
+        )
+        result = resume_calibration(station, interrupted).result
+    table = result.data
+    assert len(table) == 48
+    assert table.reading_nm[:whole].tolist() == [
+        row["output-steady-reading_nm"] for row in kept[:whole]
+    ]
+    assert result.placement is not None
+    assert result.placement.coarse == 24
+    assert result.placement.rounds[0].points == (whole if placing else 24)
+    assert ("placed before an interruption" in result.placement.sentence) == placing
+    assert bool(np.all(np.diff(table.time_s) > 0.0))
+    first, counts = np.unique(table.series, return_index=True)[1], np.bincount(table.series)[1:]
+    assert counts.sum() == 48
+    for start, count in zip(first.tolist(), counts[counts > 0].tolist(), strict=True):
+        part = table.nominal_nm[start : start + count]
+        assert len({value > 0.0 for value in part.tolist() if value}) == 1, "one direction a series"
+    errors = table.reading_nm - np.asarray(table.true_torque_nm)
+    assert float(np.abs(errors).max()) < 40.0
 
 
 def test_torn_files_are_cut_where_they_tear_and_nothing_is_invented(

@@ -113,6 +113,9 @@ class Placement:
         Most points that were allowed.
     model : str
         Kind of model that placed them.
+    even : int or None
+        Points of the coarse series; None where the first round follows it, which isn't so after
+        an interruption that came later.
     """
 
     rounds: tuple[AdaptiveRound, ...]
@@ -120,14 +123,17 @@ class Placement:
     target_percent: float | None
     budget: int
     model: str
+    even: int | None = None
 
     @classmethod
-    def of(cls, rounds: Sequence[AdaptiveRound], settings: Adaptive) -> Self:
+    def of(
+        cls, rounds: Sequence[AdaptiveRound], settings: Adaptive, even: int | None = None
+    ) -> Self:
         """Return what came of an adaptive calibration from its decisions."""
         target = settings.target_percent
         reached = target is not None and rounds[-1].expanded_percent <= target
         reason: StopReason = "target" if reached else "budget"
-        return cls(tuple(rounds), reason, target, settings.points, settings.model)
+        return cls(tuple(rounds), reason, target, settings.points, settings.model, even)
 
     @property
     def points(self) -> int:
@@ -137,7 +143,7 @@ class Placement:
     @property
     def coarse(self) -> int:
         """Points of the coarse series."""
-        return self.rounds[0].points
+        return self.rounds[0].points if self.even is None else self.even
 
     @property
     def sentence(self) -> str:
@@ -150,7 +156,8 @@ class Placement:
         '36 points: 24 even ones and 12 placed in 1 round'
         """
         first, last = self.rounds[0], self.rounds[-1]
-        rounds = len(self.rounds) - 1
+        rounds, before = len(self.rounds) - 1, first.points - self.coarse
+        earlier = f"{before} placed before an interruption and " if before else ""
         target = "" if self.target_percent is None else f"{self.target_percent:g} % FS"
         if self.reason == "target":
             why = f"target {target} reached"
@@ -158,9 +165,11 @@ class Placement:
             missed = f", target {target} not reached" if target else ""
             why = f"budget of {self.budget} points used{missed}"
         return (
-            f"{last.points} points: {first.points} even ones and {last.points - first.points} "
-            f"placed in {rounds} round{'' if rounds == 1 else 's'}; largest U (k = 2) of the "
-            f"model {first.expanded_percent:.2g} % FS after the even ones, "
+            f"{last.points} points: {self.coarse} even ones{',' if before else ' and'} {earlier}"
+            f"{last.points - first.points} placed in {rounds} round{'' if rounds == 1 else 's'}"
+            f"{' after it' if before else ''}; largest U (k = 2) of the "
+            f"model {first.expanded_percent:.2g} % FS after the {'first' if before else 'even'} "
+            f"{f'{first.points} points' if before else 'ones'}, "
             f"{last.expanded_percent:.2g} % FS at the end; {why}"
         )
 

@@ -13,7 +13,12 @@ from torquebench.campaign.measuring import Measured, OnPause, measure_calibratio
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.procedures import StaircaseResult
-from torquebench.procedures.resuming import Resumption, complete_series, steps_from
+from torquebench.procedures.resuming import (
+    Resumption,
+    complete_series,
+    preparation,
+    steps_from,
+)
 from torquebench.procedures.staircase import Row
 from torquebench.records import Registry, RunFolder, RunSummary
 from torquebench.station import Station
@@ -39,7 +44,7 @@ class InterruptedCalibration:
     bench : dict
         The bench description that it was measured on.
     steps : tuple of Step
-        Of the whole calibration.
+        Of the whole calibration, or of the coarse series of an adaptive one.
     points : tuple of (Step, Row)
         Every acknowledged point, complete series or not, in measuring order; of a run that was
         stopped by an alarm all but the last one, in which the cause may have begun.
@@ -58,11 +63,16 @@ class InterruptedCalibration:
 
     @property
     def series(self) -> int:
-        """The series that the calibration goes on with, by the profile's clause."""
-        taken = {(step.series, step.index) for step, _ in self.points}
-        complete = complete_series(self.steps, taken)
+        """The series that the calibration goes on with, by the profile's clause.
+
+        Placed points of an adaptive calibration are known one by one: each lies on a branch that
+        was gone through up to it, and none depends on the points after it. So it goes on with a
+        new series of points that are placed by all points so far.
+        """
         every = sorted({step.series for step in self.steps if step.recorded})
-        rest = every[len(complete) :]
+        rest = self._rest(every)
+        if not rest and self.profile.adaptive is not None:
+            rest = [1 + max(step.series for step, _ in self.points)]
         if not rest:
             raise InputError(
                 f"run {self.run_ids[-1]} has all its {len(every)} series",
@@ -72,7 +82,23 @@ class InterruptedCalibration:
         clause = self.profile.interruption
         if clause is None or clause.resume == "series":
             return rest[0]
-        return _first_of_position(self.steps, rest[0])
+        return _first_of_position(self.steps, min(rest[0], every[-1]))
+
+    def _rest(self, every: Sequence[int]) -> list[int]:
+        """Return the profile's own series from the first incomplete one on."""
+        taken = {(step.series, step.index) for step, _ in self.points}
+        return list(every[len(complete_series(self.steps, taken)) :])
+
+    @property
+    def remaining(self) -> tuple[Step, ...]:
+        """Steps of the profile that are still to be loaded: preloads and zero again, then those.
+
+        Where an adaptive calibration goes on with placing points, only what prepares the bench.
+        """
+        first = self.series
+        if any(step.recorded and step.series == first for step in self.steps):
+            return steps_from(self.steps, first)
+        return preparation(self.steps)
 
     @property
     def kept(self) -> tuple[tuple[Step, Row], ...]:
@@ -144,6 +170,8 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
     points, last = [], datetime.fromtimestamp(float(start["time"]), UTC)
     for stamp, row, moment in taken:
         step = by_stamp.get(stamp)
+        if step is None and profile.adaptive is not None:
+            step = _placed(steps, stamp, row, float(start["range_nm"]))
         if step is None or step.target_nm != row["target_nm"]:
             raise RecordError(
                 f"run {run.run_id}: series {stamp[0]}, point {stamp[1]} isn't in its profile",
@@ -200,7 +228,7 @@ def resume_calibration(
     _check_bench(station, interrupted)
     gap_s = max((moment - interrupted.interrupted).total_seconds(), 1.0)
     resumption = Resumption(
-        steps_from(interrupted.steps, interrupted.series),
+        interrupted.remaining,
         _shifted(interrupted.kept, station.clock.now() - gap_s),
     )
     return measure_calibration(
@@ -221,12 +249,6 @@ def resume_calibration(
 
 def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
     profile = interrupted.profile
-    if profile.adaptive is not None:
-        raise InputError(
-            f"going on with the adaptive calibration {interrupted.run_ids[-1]}",
-            "a profile whose points are known beforehand",
-            "calibrate again: where its next points lie depends on all points before",
-        )
     clause = profile.interruption
     if clause is not None and clause.resume == "never":
         raise InputError(
@@ -302,6 +324,19 @@ def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]
         moment = datetime.fromtimestamp(float(document["time"]), UTC)
         found.append(((int(row["series"]), int(row["step"])), row, moment))
     return found
+
+
+def _placed(
+    steps: Sequence[Step], stamp: tuple[int, int], row: Row, range_nm: float
+) -> Step | None:
+    """Return the step of a point that an adaptive calibration has placed; None if it can't be."""
+    last = next(step for step in reversed(steps) if step.recorded)
+    series, index = stamp
+    target_nm, branch = float(row["target_nm"]), int(row["branch"])
+    if series <= last.series or abs(target_nm) > range_nm or branch not in (1, -1):
+        return None
+    place = {"series": series, "index": index, "target_nm": target_nm, "branch": branch}
+    return last.model_copy(update=place)
 
 
 def _shifted(points: Sequence[tuple[Step, Row]], last_s: float) -> tuple[tuple[Step, Row], ...]:

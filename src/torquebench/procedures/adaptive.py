@@ -53,6 +53,8 @@ def load_adaptively(
     on_row: Callable[[Step, Row], None],
     data: Callable[[], CalibrationData],
     *,
+    template: Step,
+    even: int,
     earlier: int = 0,
 ) -> Plan[Placement | None]:
     """Load a coarse series, then points where they lower the model's uncertainty most.
@@ -68,11 +70,16 @@ def load_adaptively(
     profile : Profile
         With a table ``[adaptive]``.
     steps : sequence of Step
-        The coarse series.
+        The coarse series, or what prepares the bench where an interrupted calibration goes on.
     on_row : callable
         Called with every recorded step and its steady value by field.
     data : callable
         Returns all points so far.
+    template : Step
+        The last point before the placed ones, which are held as long and whose series count on
+        from its number.
+    even : int
+        Points of the whole coarse series.
     earlier : int
         Points of an interrupted run that `data` has beside those of these steps.
 
@@ -88,7 +95,6 @@ def load_adaptively(
     rounds = -(-(settings.points - measured) // settings.points_at_a_time)
     # Each round goes through two turns in each direction beside its points.
     total = len(steps) + settings.points - measured + rounds * 2 * len(profile.signs)
-    template = next(step for step in reversed(steps) if step.recorded)
     decisions: list[AdaptiveRound] = []
     more, done = list(steps), 0
     while True:
@@ -101,12 +107,12 @@ def load_adaptively(
             count = int(proposed.target_nm.size)
             decisions.append(proposed.round(measured))
         if count < 1:
-            return Placement.of(decisions, settings) if decisions else None
+            return Placement.of(decisions, settings, even) if decisions else None
         places = (
             even_points(range_nm, count, profile.signs)
             if proposed is None
             else (proposed.target_nm, proposed.branch)
         )
-        template = template.model_copy(update={"series": more[-1].series})
         more = extension_steps(places, template, profile.signs, range_nm)
+        template = template.model_copy(update={"series": more[-1].series})
         measured += count

@@ -179,6 +179,7 @@ def _staircase(
     plan_name: Literal["calibrate", "verify"],
     table: _Table,
 ) -> Plan[StaircaseResult]:
+    range_nm = _range_nm(devices, setup.side)
     check_limits(steps, devices.context.description.module(setup.side).limits.torque_nm)
     metadata = {
         **staircase_metadata(devices, setup.side, profile),
@@ -192,6 +193,8 @@ def _staircase(
         if profile.adaptive is None:
             yield from load_staircase(devices, setup, steps, table.add)
             return
+        coarse = [step for step in profile.staircase(range_nm) if step.recorded]
+        known = max((step.series for step in table.steps), default=0)
         table.placement = yield from load_adaptively(
             devices,
             setup,
@@ -199,6 +202,8 @@ def _staircase(
             steps,
             table.add,
             lambda: table.data(devices, setup.side),
+            template=coarse[-1].model_copy(update={"series": max(known, coarse[-1].series)}),
+            even=len(coarse),
             earlier=len(table.rows),
         )
 
@@ -208,6 +213,8 @@ def _staircase(
         yield from bpp.run_wrapper(load(), md=metadata)
 
     largest_nm = max(abs(step.target_nm) for step in steps)
+    if profile.adaptive is not None:  # every round turns at full scale
+        largest_nm = range_nm
     limits = loading_limits(devices, setup.side, largest_nm)
     yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
     if not table.rows:

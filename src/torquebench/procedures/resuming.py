@@ -9,7 +9,7 @@ from torquebench.calibration import Step
 from torquebench.errors import InputError
 from torquebench.procedures.staircase import Row
 
-__all__ = ["Resumption", "complete_series", "steps_from"]
+__all__ = ["Resumption", "complete_series", "preparation", "steps_from"]
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,26 @@ def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
     )
     if first is None:
         raise InputError(f"series {series} to go on with", "a series of the profile")
-    before = steps[:first]
+    return (*preparation(steps[:first]), *steps[first:])
+
+
+def preparation(before: Sequence[Step]) -> tuple[Step, ...]:
+    """Return the preloads and the zero that are done again after an interruption.
+
+    Parameters
+    ----------
+    before : sequence of Step
+        The profile's steps up to the interruption; see `steps_from`.
+
+    Examples
+    --------
+    >>> def step(kind, target_nm=0.0, series=0):
+    ...     return Step(kind=kind, series=series, index=0, target_nm=target_nm, branch=1,
+    ...                 duration_s=1.0)
+    >>> steps = [step("preload", 10.0), step("preload", 0.0), step("zero"), step("point", 5.0, 1)]
+    >>> [each.kind for each in preparation(steps)]
+    ['preload', 'preload', 'zero']
+    """
     zero = max((n for n, step in enumerate(before) if step.kind == "zero"), default=None)
     preloads = _last_preloads(before)
     again = [before[n] for n in sorted({*preloads, *([zero] if zero is not None else [])})]
@@ -85,7 +104,7 @@ def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
     if again and seat is not None and seat.change != "none":
         again = [again[0].model_copy(update={"change": seat.change}), *again[1:]]
         again[1:] = [step.model_copy(update={"change": "none"}) for step in again[1:]]
-    return (*again, *steps[first:])
+    return tuple(again)
 
 
 def _last_preloads(before: Sequence[Step]) -> list[int]:
