@@ -41,8 +41,6 @@ HIGHEST_HZ = 400e3
 COUNTS_A_PULSE = 4
 SHORTEST_REMOTE_READ_S = 0.025
 Terminal = Annotated[str, Field(pattern=r"^[^/\s]+/ctr\d+$", description="such as Dev1/ctr0")]
-DEADLINE_EXCEEDED, UNAVAILABLE = 4, 14
-"""Codes of gRPC."""
 LOCAL_REMEDY = (
     "install NI's driver NI-DAQmx (Windows and some Linux), check device and counters in NI MAX or "
     "with `nilsdev`, or give driver.counter.address to reach a card in another computer"
@@ -168,14 +166,14 @@ class DaqmxCounter(LibraryCounter):
         return self._nidaqmx.GrpcSessionOptions(self._channel, name)
 
     def _said(self, error: Exception) -> str:
-        code = getattr(error, "rpc_code", None)
-        if code == DEADLINE_EXCEEDED:
+        text = super()._said(error)
+        if "DEADLINE_EXCEEDED" in text:
             return f"no answer in {self._options.timeout_s:g} s"
-        if code == UNAVAILABLE:
+        if "UNAVAILABLE" in text:
             return "no NI gRPC Device Server answers there"
         if isinstance(error, self._nidaqmx.errors.DaqNotFoundError):
             return "the NI-DAQmx driver isn't installed"
-        return super()._said(error)
+        return text
 
     def identity(self) -> Identity:
         """Ask the device who it is; its serial number as in NI MAX, eight hexadecimal digits."""
