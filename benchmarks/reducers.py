@@ -1,6 +1,6 @@
 """How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
 
-python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME]
+python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME] [--profile NAME]
 
 For each simulated bench (a seed of its own) both modules are calibrated and compensated; then
 specimens drawn from further seeds are put to all tests by the plans, the data path and the
@@ -119,12 +119,16 @@ def truths(
     if outcome.name == "no-load":
         return {
             each.key: float(true_no_load_nm(constants, each.speed_rpm, warm))
-            for each in outcome.result.points
+            for each in (*outcome.result.means, *outcome.result.points)
         }
     return {
         quantity.key: 100.0
         * float(true_efficiency(constants, point.speed_rpm, abs(point.torque_nm), warm))
-        for quantity, point in zip(outcome.result.quantities(), outcome.result.points, strict=True)
+        for quantity, point in zip(
+            outcome.result.quantities(),
+            (*outcome.result.means, *outcome.result.points),
+            strict=True,
+        )
     }
 
 
@@ -163,12 +167,12 @@ def specimen_deviations(
     return deviations, refused
 
 
-def one_bench(work: tuple[str, int, int]) -> tuple[list[Deviation], list[str]]:
+def one_bench(work: tuple[str, int, int, str]) -> tuple[list[Deviation], list[str]]:
     """Calibrate a bench and test specimens on it."""
-    reducer, seed, specimens = work
+    reducer, seed, specimens, calibration = work
     deviations: list[Deviation] = []
     refused: list[str] = []
-    profile = load_profile("rapid-in-situ")
+    profile = load_profile(calibration)
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder)
         with Station.open(described(reducer, seed, 0), data) as station:
@@ -244,10 +248,13 @@ def main() -> int:
     parser.add_argument("--specimens", type=int, default=200)
     parser.add_argument("--reducer", default="rv-40e")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--profile", default="small-torques", help="of both calibrations")
+    parser.add_argument("--first-seed", type=int, default=1)
     arguments = parser.parse_args()
     each = 1 if arguments.quick else SPECIMENS_A_BENCH
     benches = 2 if arguments.quick else max(1, arguments.specimens // each)
-    work = [(arguments.reducer, seed, each) for seed in range(1, benches + 1)]
+    seeds = range(arguments.first_seed, arguments.first_seed + benches)
+    work = [(arguments.reducer, seed, each, arguments.profile) for seed in seeds]
     began = time.perf_counter()
     with ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
         found = list(pool.map(one_bench, work))

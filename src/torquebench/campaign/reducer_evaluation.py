@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.description import BenchDescription
 from torquebench.bench.devices import SynchronousRecording
 from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.reducer_uncertainty import (
+    Bench,
+    TwistCompliance,
+    bench_remarks,
+    nominal_nm,
+    root_mean_square,
+    standard_relative,
+    torque_uncertainty,
+    without_tare,
+)
 from torquebench.procedures.reducer_breakaway import BreakawayRecording
 from torquebench.procedures.reducer_loop import BenchTwistRecording, LoopRecording
-from torquebench.procedures.reducer_running import RunningRecording
 from torquebench.procedures.reducer_turning import TransmissionRecording
+from torquebench.procedures.running_table import RunningRecording
 from torquebench.reducers import (
     AngleUncertainty,
     AnyResult,
@@ -30,40 +39,13 @@ from torquebench.reducers import (
     evaluate_transmission_error,
 )
 
-__all__ = ["EVALUATIONS", "UNCOMPENSATED_SHARE", "Evaluated", "TwistCompliance", "twist_compliance"]
+__all__ = ["EVALUATIONS", "Evaluated", "twist_compliance"]
 
 FloatArray = NDArray[np.float64]
 
-UNCOMPENSATED_SHARE = 0.005
-"""Half width of what a chain without compensation may be off, as a share of full scale: the
-0.5 % that such benches are reported with (Measurement and Control, 2022, introduction)."""
-REPEATABILITY_SHARE = 2e-4
-"""Standard deviation by which a chain gives another torque for the same one after its load has
-changed, as a share of full scale: 0.01-0.03 % is what transducers of this class are sold with.
-It stays as long as the torque does, so that no window averages it."""
-TURNING_SHARE = 1e-4
-"""Half width of what 1000 rpm move the zero by, as a share of full scale; the zero is taken, and
-the chain calibrated, at standstill."""
 PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
 """What elastic contacts, backlash and wind-up may move before a side counts as turning."""
 LARGE = 0.5
-
-
-@dataclass(frozen=True)
-class TwistCompliance:
-    """How far the bench itself twists between the output encoder and the flange.
-
-    Parameters
-    ----------
-    rad_per_nm : float
-    standard_uncertainty_rad_per_nm : float
-    source : str
-        Where it comes from, for the record.
-    """
-
-    rad_per_nm: float = 0.0
-    standard_uncertainty_rad_per_nm: float = 0.0
-    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -72,14 +54,6 @@ class Evaluated:
 
     result: AnyResult
     remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What an evaluation has to know of the bench."""
-
-    description: BenchDescription
-    twist: TwistCompliance
 
 
 def twist_compliance(recording: BenchTwistRecording) -> TwistCompliance:
@@ -105,37 +79,13 @@ def twist_compliance(recording: BenchTwistRecording) -> TwistCompliance:
 # -- uncertainties of this bench ------------------------------------------------------------
 
 
-def _standard_relative(bench: Bench) -> float:
-    """Return the standard uncertainty that the calibrator passes on, as a share of the torque."""
-    return bench.description.calibrator.expanded_uncertainty_percent / 200.0
-
-
-def _nominal_nm(bench: Bench, side: Side) -> float:
-    """Return the standard uncertainty of a torque without compensation, N·m."""
-    range_nm = bench.description.module(side).range_nm
-    return float(UNCOMPENSATED_SHARE * range_nm / np.sqrt(3.0))
-
-
-def _remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[Side]) -> list[str]:
-    return [
-        f"the {side} torque is not compensated: its uncertainty is the {UNCOMPENSATED_SHARE:.1%} "
-        f"of {bench.description.module(side).range_nm:g} N·m that such chains are reported with"
-        for side in sides
-        if not compensated[side]
-    ]
-
-
-def _root_mean_square(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
-
-
 def _loop_uncertainty(bench: Bench, loops: LoopRecording) -> LoopUncertainty:
     """Split the active model's uncertainty into what grows with torque and what branches keep."""
     twist = bench.twist.standard_uncertainty_rad_per_nm
     angle = _resolution_rad(bench, "output") / np.sqrt(12.0)
     if not loops.compensated["output"]:
-        nominal = _nominal_nm(bench, "output")
-        relative = max(_standard_relative(bench), nominal / loops.torque_nm)
+        nominal = nominal_nm(bench, "output")
+        relative = max(standard_relative(bench), nominal / loops.torque_nm)
         return LoopUncertainty(
             torque_relative=relative,
             torque_branch_nm=nominal,
@@ -146,12 +96,12 @@ def _loop_uncertainty(bench: Bench, loops: LoopRecording) -> LoopUncertainty:
     model = np.concatenate([loop.recording.output_uncertainty_nm for loop in loops.loops])
     share = np.abs(torque) / loops.torque_nm
     large = share > LARGE
-    growing = _root_mean_square(model[large] / np.abs(torque[large]))
+    growing = root_mean_square(model[large] / np.abs(torque[large]))
     return LoopUncertainty(
-        torque_relative=float(np.hypot(growing, _standard_relative(bench))),
+        torque_relative=float(np.hypot(growing, standard_relative(bench))),
         # A reducer's loop is an inner loop of the chain's own hysteresis: what the model leaves
         # of it stands between the branches at every torque, not only as little as near zero.
-        torque_branch_nm=_root_mean_square(model),
+        torque_branch_nm=root_mean_square(model),
         angle_rad=angle,
         bench_compliance_rad_per_nm=twist,
     )
@@ -161,31 +111,16 @@ def _resolution_rad(bench: Bench, side: Side) -> float:
     return 2.0 * np.pi / bench.description.module(side).encoder.counts_per_revolution
 
 
-def _encoder_rad(bench: Bench, side: Side) -> float:
+def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float:
     """Return the standard uncertainty of an encoder: resolution, and its error over a turn.
 
-    An error that goes once around as a sine of the accuracy given has it divided by √2.
+    An error that goes once around as a sine of the accuracy given has it divided by √2; where a
+    certificate is taken off, its uncertainty stays.
     """
+    if certified_rad is not None:
+        return float(np.hypot(_resolution_rad(bench, side) / np.sqrt(12.0), certified_rad))
     accuracy = np.radians((bench.description.module(side).encoder.accuracy_arcsec or 0.0) / 3600.0)
     return float(np.hypot(_resolution_rad(bench, side) / np.sqrt(12.0), accuracy / np.sqrt(2.0)))
-
-
-def _torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
-    range_nm = bench.description.module(side).range_nm
-    fastest = float(np.max(np.abs(recording.speed_rpm[side]), initial=0.0)) / 1000.0
-    turning = TURNING_SHARE * fastest / np.sqrt(3.0)
-    standing = recording.zero_uncertainty_nm[side]
-    zero = float(np.hypot(standing, range_nm * np.hypot(REPEATABILITY_SHARE, turning)))
-    if not recording.compensated[side]:
-        zero = float(np.hypot(zero, _nominal_nm(bench, side)))
-        return TorqueUncertainty(_standard_relative(bench), zero)
-    model, torque = recording.model_uncertainty_nm[side], np.abs(recording.torque_nm[side])
-    growing = float(np.min(model / np.maximum(torque, 1e-9)))
-    rest = np.sqrt(np.maximum(model**2 - (growing * torque) ** 2, 0.0))
-    return TorqueUncertainty(
-        float(np.hypot(growing, _standard_relative(bench))),
-        float(np.hypot(zero, _root_mean_square(rest))),
-    )
 
 
 # -- one evaluation a test ------------------------------------------------------------------
@@ -212,7 +147,7 @@ def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecordi
         bench_compliance_rad_per_nm=bench.twist.rad_per_nm,
         uncertainty=_loop_uncertainty(bench, loops),
     )
-    remarks = _remarks(bench, loops.compensated, ("output",))
+    remarks = bench_remarks(bench, loops.compensated, ("output",))
     if bench.twist.source:
         remarks.append(
             f"the bench's own twist, {bench.twist.rad_per_nm * 180 * 60 / np.pi:.3g} arcmin per "
@@ -231,11 +166,11 @@ def evaluate_ramps(
     parts = [_rising(each.recording, side, each.direction) for each in ramps.ramps]
     sizes = [part[0].size for part in parts]
     time_s, angle, torque, model = (np.concatenate(column) for column in zip(*parts, strict=True))
-    nominal = _nominal_nm(bench, side)
-    zero = _root_mean_square(model) if ramps.compensated else nominal
+    nominal = nominal_nm(bench, side)
+    zero = root_mean_square(model) if ramps.compensated else nominal
     # What a chain adds turns its sign with the torque: the mean of both directions keeps it.
     peak = max(float(np.max(np.abs(part[2]))) for part in parts)
-    relative = float(np.hypot(_standard_relative(bench), zero / peak))
+    relative = float(np.hypot(standard_relative(bench), zero / peak))
     result = evaluate_breakaway(
         time_s,
         angle,
@@ -248,7 +183,7 @@ def evaluate_ramps(
         presliding_rad=PRESLIDING_RAD[side],
     )
     compensated: dict[Side, bool] = dict.fromkeys(SIDES, ramps.compensated)
-    remarks = _remarks(bench, compensated, (side,))
+    remarks = bench_remarks(bench, compensated, (side,))
     return Evaluated(result, (*remarks, *_temperature(ramps.temperature_c)))
 
 
@@ -276,33 +211,52 @@ def evaluate_running(
 ) -> Evaluated:
     """Evaluate the no-load running torque."""
     result = evaluate_no_load(
-        running.nominal_rpm,
+        running.speed_rpm["input"],
         running.torque_nm["input"],
+        nominal_rpm=running.nominal_rpm,
         repeat=running.repeat,
         branch=running.branch,
+        series=running.series,
         temperature_c=_known(running.temperature_c),
-        uncertainty=_torque_uncertainty(bench, running, "input"),
+        uncertainty=torque_uncertainty(bench, running, "input"),
+        tare=bench.tares.get("input"),
     )
-    return Evaluated(result, (*_remarks(bench, running.compensated, ("input",)), *_still(running)))
+    remarks = bench_remarks(bench, running.compensated, ("input",))
+    return Evaluated(result, (*remarks, *_tare_remarks(bench), *_still(running)))
+
+
+def _tare_remarks(bench: Bench) -> list[str]:
+    if bench.tares:
+        return ["what the shafts read in an empty run is taken off"]
+    return [
+        "no empty run: what speed does to the zero, and the drag of the bench's bearings, stand "
+        "in the torque and in its uncertainty"
+    ]
 
 
 def evaluate_grid(
     bench: Bench, reducer: ReducerDescription, running: RunningRecording
 ) -> Evaluated:
     """Evaluate the efficiency map; the output's load is what brakes it, so its sign turns."""
-    load = -running.torque_nm["output"]
+    given, taken = running.torque_nm["input"], running.torque_nm["output"]
+    speed = running.speed_rpm["input"]
+    known = torque_uncertainty(bench, running, "input")
+    given, known = without_tare(bench, given, speed, "input", known)
+    other = torque_uncertainty(bench, running, "output")
+    taken, other = without_tare(bench, taken, speed / reducer.signed_ratio, "output", other)
     result = evaluate_efficiency(
-        running.torque_nm["input"],
-        load,
-        running.speed_rpm["input"],
+        given,
+        -taken,
+        speed,
         reducer.signed_ratio,
         temperature_c=_known(running.temperature_c),
         nominal_torque_nm=-running.nominal_nm,
         nominal_speed_rpm=running.nominal_rpm,
-        input_uncertainty=_torque_uncertainty(bench, running, "input"),
-        output_uncertainty=_torque_uncertainty(bench, running, "output"),
+        input_uncertainty=known,
+        output_uncertainty=other,
     )
-    return Evaluated(result, (*_remarks(bench, running.compensated, SIDES), *_still(running)))
+    remarks = bench_remarks(bench, running.compensated, SIDES)
+    return Evaluated(result, (*remarks, *_tare_remarks(bench), *_still(running)))
 
 
 def _known(temperature_c: FloatArray) -> FloatArray | None:
@@ -319,7 +273,10 @@ def evaluate_angles(
     bench: Bench, reducer: ReducerDescription, turning: TransmissionRecording
 ) -> Evaluated:
     """Evaluate the transmission error of both directions."""
-    known = AngleUncertainty(_encoder_rad(bench, "output"), _encoder_rad(bench, "input"))
+    certified = turning.certified_rad
+    known = AngleUncertainty(
+        *(_encoder_rad(bench, side, certified.get(side)) for side in ("output", "input"))
+    )
     result = evaluate_transmission_error(
         np.concatenate([each.input_angle_rad for each in turning.directions]),
         np.concatenate([each.output_angle_rad for each in turning.directions]),
@@ -331,8 +288,9 @@ def evaluate_angles(
     remarks = [
         f"of the {side} encoder only the resolution counts: its accuracy isn't described"
         for side in SIDES
-        if bench.description.module(side).encoder.accuracy_arcsec is None
+        if bench.description.module(side).encoder.accuracy_arcsec is None and side not in certified
     ]
+    remarks += [f"the {side} encoder is corrected by its certificate" for side in certified]
     return Evaluated(result, (*remarks, *_temperature(turning.temperature_c)))
 
 

@@ -8,11 +8,13 @@ from datetime import datetime
 from math import inf, isfinite
 from typing import Any, Literal
 
+from torquebench.reducers import Finding
 from torquebench.station import RunRecord
 from torquebench.uncertainty import Budget, BudgetLine, Distribution
 
 __all__ = [
     "ReducerTestRecord",
+    "TestFailure",
     "TestName",
     "TestOutcome",
     "TestQuantity",
@@ -79,6 +81,8 @@ class TestOutcome:
         The worst verdict of its quantities; empty where nothing was judged.
     remarks : tuple of str
         What a reader has to know: nominal uncertainties, points that didn't settle.
+    findings : tuple of Finding
+        What is wrong with the data; a severe one forbids a verdict.
     recording : object
         What the plan recorded (a frozen dataclass of arrays).
     result : object
@@ -94,9 +98,37 @@ class TestOutcome:
     quantities: tuple[TestQuantity, ...]
     verdict: TestVerdict
     remarks: tuple[str, ...]
+    findings: tuple[Finding, ...]
     recording: Any
     result: Any
     run: RunRecord
+
+    @property
+    def severe(self) -> bool:
+        """Whether a finding forbids a verdict."""
+        return any(each.severe for each in self.findings)
+
+
+@dataclass(frozen=True)
+class TestFailure:
+    """A part of a full test that has no result.
+
+    Attributes
+    ----------
+    name, title : str
+        Which part.
+    message : str
+        What went wrong, what is allowed, what to do.
+    remedy : str
+        More to do about it; empty where the message says it.
+    """
+
+    __test__ = False
+
+    name: str
+    title: str
+    message: str
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,6 +145,8 @@ class ReducerTestRecord:
         The description of the type as JSON.
     outcomes : tuple of TestOutcome
         In the order in which they ran.
+    failures : tuple of TestFailure
+        Parts of a full test without a result.
     simulated : bool
         Whether every figure has to say "simulated".
     started : datetime
@@ -127,6 +161,7 @@ class ReducerTestRecord:
     serial: str
     reducer: Mapping[str, Any]
     outcomes: tuple[TestOutcome, ...]
+    failures: tuple[TestFailure, ...]
     simulated: bool
     started: datetime
     bench_name: str
@@ -141,8 +176,9 @@ class ReducerTestRecord:
 
     @property
     def failed(self) -> bool:
-        """Whether a limit of the data sheet isn't kept (fail or conditional fail)."""
-        return self.verdict in ("fail", "conditionalFail")
+        """Whether a limit isn't kept, a finding forbids a verdict, or a part has no result."""
+        unkept = self.verdict in ("fail", "conditionalFail")
+        return unkept or bool(self.failures) or any(each.severe for each in self.outcomes)
 
 
 @dataclass(frozen=True)
@@ -166,7 +202,7 @@ class TestRehearsal:
 
     __test__ = False
 
-    name: TestName
+    name: str
     title: str
     duration_s: float
     longest_warm_up_s: float

@@ -7,6 +7,7 @@ from typing import Self
 
 from torquebench.procedures.friction import FrictionSettings
 from torquebench.procedures.reducer_breakaway import BreakawaySettings
+from torquebench.procedures.reducer_empty import EmptyRunSettings
 from torquebench.procedures.reducer_loop import BenchTwistSettings, HysteresisSettings
 from torquebench.procedures.reducer_running import EfficiencySettings, NoLoadSettings
 from torquebench.procedures.reducer_setup import ReducerLimits, WarmUp
@@ -37,6 +38,9 @@ class ReducerTestSettings:
     bench_twist : BenchTwistSettings or None
         How the bench's own twist is measured against the calibrator before torque-angle loops;
         None leaves it out.
+    empty_run : EmptyRunSettings or None
+        How both shafts are turned alone before no-load torque and efficiency, so that what they
+        read then is taken off; None leaves it out.
     twist_arcmin_per_nm : float or None
         The bench's own twist where it is known already, arcmin/(N·m); then it isn't measured.
     """
@@ -48,11 +52,12 @@ class ReducerTestSettings:
     transmission: TransmissionSettings = field(default_factory=TransmissionSettings)
     efficiency: EfficiencySettings = field(default_factory=EfficiencySettings)
     bench_twist: BenchTwistSettings | None = field(default_factory=BenchTwistSettings)
+    empty_run: EmptyRunSettings | None = field(default_factory=EmptyRunSettings)
     twist_arcmin_per_nm: float | None = None
 
     @classmethod
     def short(cls) -> Self:
-        """Return settings for a first look: few points, no warming up, one position."""
+        """Return settings for a first look: few points, no warming up, no empty run."""
         cold = WarmUp(longest_s=0.0)
         sweep = FrictionSettings(speeds_rpm=(100.0, 200.0, 300.0, 500.0, 700.0, 1000.0), repeats=2)
         return cls(
@@ -62,7 +67,12 @@ class ReducerTestSettings:
             hysteresis=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
             transmission=TransmissionSettings(output_rpm=4.0),
             efficiency=EfficiencySettings(
-                torque_shares=(0.25, 0.5, 1.0), speeds_rpm=(300.0, 900.0), warm_up=cold
+                torque_shares=(0.25, 0.5, 1.0),
+                speeds_rpm=(300.0, 900.0),
+                counter_clockwise=False,
+                repeats=1,
+                warm_up=cold,
             ),
             bench_twist=BenchTwistSettings(cycles=1),
+            empty_run=None,
         )

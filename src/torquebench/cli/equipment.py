@@ -33,6 +33,7 @@ class Kind(StrEnum):
     drive = "drive"
     encoder = "encoder"
     bench = "bench"
+    reducer = "reducer"
 
 
 KindArgument = Annotated[Kind, typer.Argument(help="What it is.")]

@@ -54,6 +54,8 @@ def print_record(record: ReducerTestRecord) -> None:
     say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
     for outcome in record.outcomes:
         _print_outcome(outcome)
+    for failure in record.failures:
+        say(f"[red]{escape(failure.title)} has no result[/red]  {escape(failure.message)}")
     if record.verdict:
         style = "red" if record.failed else "green"
         say(f"Against the data sheet: [{style}]{_words(record.verdict)}[/{style}]")
@@ -79,6 +81,9 @@ def _print_outcome(outcome: TestOutcome) -> None:
             cells += [each.limit.removesuffix(f" {each.unit}"), words]
         table.add_row(escape(each.title), *cells)
     out().print(table)
+    for finding in outcome.findings:
+        style = "red" if finding.severe else "yellow"
+        say(f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.sentence)}")
     for remark in outcome.remarks:
         say(f"[dim]{escape(remark)}[/dim]")
     say(f"Run: {outcome.run.run_id}\n")

@@ -9,11 +9,9 @@ from typing import Any
 import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
-from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
-from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.procedures.friction import FrictionPoint, FrictionSettings
 from torquebench.procedures.guarding import (
@@ -28,29 +26,24 @@ from torquebench.procedures.reducer_setup import (
     TURN_RPM,
     ReducerLimits,
     WarmUp,
-    check_followed,
     run_metadata,
     stamp,
-    temperature_c,
     turn_output,
     warm_up,
 )
+from torquebench.procedures.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
     Setup,
     power_off,
-    power_on,
-    set_mode,
     set_up,
     unloaded_after,
 )
-from torquebench.procedures.zeroing import measure_zero, zero
 
 __all__ = [
     "EfficiencySettings",
     "NoLoadSettings",
-    "RunningRecording",
     "efficiency_map",
     "no_load_running",
 ]
@@ -66,12 +59,12 @@ class NoLoadSettings:
     Parameters
     ----------
     sweep : FrictionSettings
-        Speeds, repeats, directions and windows.
+        Speeds, repeats, directions and windows; the mean of both directions is free of the zero.
     warm_up : WarmUp
         Before the first point.
     """
 
-    sweep: FrictionSettings = field(default_factory=FrictionSettings)
+    sweep: FrictionSettings = field(default_factory=lambda: FrictionSettings(window_s=1.0))
     warm_up: WarmUp = field(default_factory=WarmUp)
 
     def within(self, limits: ReducerLimits) -> NoLoadSettings:
@@ -92,7 +85,10 @@ class EfficiencySettings:
     speeds_rpm : tuple of float
         Input speeds, 1/min.
     clockwise, counter_clockwise : bool
-        Directions that are driven.
+        Directions that are driven; in the mean of both an error of the zeros cancels.
+    repeats : int
+        How often the map is gone through, each time after new zeros without load: what a chain
+        gives differently after every loading averages over these only.
     settle_s, window_s : float
         Time before a window, and its shortest length; it is lengthened to whole input turns, s.
     zero_s : float
@@ -104,7 +100,8 @@ class EfficiencySettings:
     torque_shares: tuple[float, ...] = (0.2, 0.25, 0.5, 0.75, 1.0)
     speeds_rpm: tuple[float, ...] = (150.0, 300.0, 600.0, 900.0, 1200.0)
     clockwise: bool = True
-    counter_clockwise: bool = False
+    counter_clockwise: bool = True
+    repeats: int = 3
     settle_s: float = 1.0
     window_s: float = 2.0
     zero_s: float = 1.0
@@ -115,6 +112,8 @@ class EfficiencySettings:
             values = getattr(self, name)
             if not values or min(values) <= 0.0:
                 raise InputError(f"{name} {values}", "at least one value, all above 0")
+        if self.repeats < 1:
+            raise InputError(f"{self.repeats} repeats", "at least 1")
         if not (self.clockwise or self.counter_clockwise):
             raise InputError("no direction", "clockwise, counter-clockwise or both")
 
@@ -122,184 +121,6 @@ class EfficiencySettings:
         """Return the settings without the speeds that the reducer's data sheet doesn't allow."""
         speeds = tuple(s for s in self.speeds_rpm if s <= limits.largest_input_rpm)
         return EfficiencySettings(**{**self.__dict__, "speeds_rpm": speeds})
-
-
-@dataclass(frozen=True, eq=False)
-class RunningRecording:
-    """Steady torques of both sides at each point of a test with turning input.
-
-    Parameters
-    ----------
-    nominal_rpm, nominal_nm : float64[n]
-        Input speed and output torque that were asked for.
-    speed_rpm : mapping of side to float64[n]
-        Mean speeds, clockwise positive, 1/min.
-    torque_nm : mapping of side to float64[n]
-        Torque that the module applies, compensated where `compensated`, and corrected for what
-        the zero drifted between the zeros before and after, N·m.
-    standard_error_nm : mapping of side to float64[n]
-        Standard error of each mean, N·m.
-    model_uncertainty_nm : mapping of side to float64[n]
-        Standard uncertainty of the active model; NaN without one.
-    zero_uncertainty_nm : mapping of side to float
-        Standard uncertainty that the zero leaves, N·m.
-    true_torque_nm : mapping of side to float64[n] or None
-        The twin's; None on a real bench.
-    direction, branch, repeat : int[n]
-        +1 clockwise; +1 while the speed rises; 1, 2, 3.
-    temperature_c : float64[n]
-        Of the reducer; NaN without a probe.
-    time_s : float64[n]
-        Bench time, s.
-    compensated : mapping of side to bool
-    unsettled : int
-        Points that were taken although a reading still drifted.
-    """
-
-    nominal_rpm: FloatArray
-    nominal_nm: FloatArray
-    speed_rpm: dict[Side, FloatArray]
-    torque_nm: dict[Side, FloatArray]
-    standard_error_nm: dict[Side, FloatArray]
-    model_uncertainty_nm: dict[Side, FloatArray]
-    zero_uncertainty_nm: dict[Side, float]
-    true_torque_nm: dict[Side, FloatArray] | None
-    direction: NDArray[np.int64]
-    branch: NDArray[np.int64]
-    repeat: NDArray[np.int64]
-    temperature_c: FloatArray
-    time_s: FloatArray
-    compensated: dict[Side, bool]
-    unsettled: int
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """One point: what is asked for, and where it stands."""
-
-    speed_rpm: float
-    torque_nm: float
-    branch: int
-    repeat: int
-
-
-@dataclass
-class _Table:
-    """Gathers points and the zeros between them."""
-
-    devices: BenchDevices
-    sides: tuple[Side, ...]
-    asked: list[_Asked] = field(default_factory=list)
-    rows: list[dict[Side, Row]] = field(default_factory=list)
-    temperatures: list[float] = field(default_factory=list)
-    zeros: dict[Side, list[tuple[float, float]]] = field(
-        default_factory=lambda: {side: [] for side in SIDES}
-    )
-
-    def zero(self, duration_s: float) -> Plan[None]:
-        """Zero all sides in use; the last of them is driven afterwards, drive on."""
-        for side in self.sides[:-1]:
-            yield from self._zero(side, (yield from _measured_zero(self.devices, side, duration_s)))
-        side = self.sides[-1]
-        found = yield from zero(self.devices, side, duration_s=duration_s)
-        yield from self._zero(side, found.frequency_hz)
-        for other in self.sides[:-1]:
-            yield from set_mode(self.devices, other, "driven")
-            yield from power_on(self.devices, other)
-
-    def _zero(self, side: Side, frequency_hz: float) -> Plan[None]:
-        yield from ()
-        self.zeros[side].append((self.devices.context.clock.now(), frequency_hz))
-
-    def take(self, asked: _Asked, settings: SteadySettings) -> Plan[None]:
-        """Take the steady torques of all sides in use over the same window."""
-        for side in self.sides:
-            yield Msg("prepare", self.devices.module(side).steady, settings, group="reducer")
-        yield Msg("wait", None, group="reducer")
-        for side in self.sides:
-            yield Msg("trigger", self.devices.module(side).steady, group="reducer")
-        yield Msg("wait", None, group="reducer")
-        yield Msg("create", None, name="points")
-        rows: dict[Side, Row] = {}
-        for side in self.sides:
-            steady = self.devices.module(side).steady
-            reading = yield Msg("read", steady)
-            prefix = f"{steady.name}-"
-            rows[side] = {k.removeprefix(prefix): v["value"] for k, v in reading.items()}
-        yield Msg("read", self.devices.point)
-        warm = yield from temperature_c(self.devices)
-        yield Msg("save")
-        check_followed(rows["input"], asked.speed_rpm, 0.0, "input")
-        if "output" in rows:
-            check_followed(rows["output"], 0.0, asked.torque_nm, "output")
-        self.asked.append(asked)
-        self.rows.append(rows)
-        self.temperatures.append(warm)
-
-    # -- what came out ----------------------------------------------------------------------
-
-    def recording(self) -> RunningRecording:
-        known = all("true_torque_nm" in row for rows in self.rows for row in rows.values())
-        model = {
-            side: all("torque_nm" in rows[side] for rows in self.rows) and bool(self.rows)
-            for side in self.sides
-        }
-        torque = {
-            side: self._column(side, "torque_nm" if model[side] else "reading_nm")
-            - self._drift(side)[0]
-            for side in self.sides
-        }
-        empty = np.full(len(self.rows), np.nan)
-        return RunningRecording(
-            nominal_rpm=np.array([each.speed_rpm for each in self.asked]),
-            nominal_nm=np.array([each.torque_nm for each in self.asked]),
-            speed_rpm={side: self._column(side, "speed_rpm") for side in self.sides},
-            torque_nm=torque,
-            standard_error_nm={
-                side: self._column(side, "reading_standard_error_nm") for side in self.sides
-            },
-            model_uncertainty_nm={
-                side: self._column(side, "torque_uncertainty_nm") if model[side] else empty
-                for side in self.sides
-            },
-            zero_uncertainty_nm={side: self._drift(side)[1] for side in self.sides},
-            true_torque_nm={side: self._column(side, "true_torque_nm") for side in self.sides}
-            if known
-            else None,
-            direction=np.array([int(np.sign(each.speed_rpm)) for each in self.asked], np.int64),
-            branch=np.array([each.branch for each in self.asked], dtype=np.int64),
-            repeat=np.array([each.repeat for each in self.asked], dtype=np.int64),
-            temperature_c=np.array(self.temperatures),
-            time_s=self._column("input", "time_s"),
-            compensated=model,
-            unsettled=sum(any(not row["settled"] for row in rows.values()) for rows in self.rows),
-        )
-
-    def _column(self, side: Side, name: str) -> FloatArray:
-        return np.array([rows[side][name] for rows in self.rows], dtype=np.float64)
-
-    def _drift(self, side: Side) -> tuple[FloatArray, float]:
-        """Return what the zero in use was off at each point and its standard uncertainty, N·m.
-
-        The zero goes straight from one zeroing to the next; half of what it moved between two
-        of them, as a rectangle, is what that may be wrong by.
-        """
-        zeros = self.zeros[side]
-        if len(zeros) < 2 or not self.rows:
-            return np.zeros(len(self.rows)), 0.0
-        at, frequency = np.array(zeros).T
-        scale = self.devices.context.description.module(side).transducer
-        per_nm = scale.nominal_sensitivity_hz_per_nm
-        time_s = self._column(side, "time_s")
-        used = frequency[np.clip(np.searchsorted(at, time_s) - 1, 0, None)]
-        drift = (np.interp(time_s, at, frequency) - used) / per_nm
-        moved = float(np.sqrt(np.mean(np.diff(frequency) ** 2))) / per_nm
-        return drift, 0.5 * moved / np.sqrt(3.0)
-
-
-def _measured_zero(devices: BenchDevices, side: Side, duration_s: float) -> Plan[float]:
-    found = yield from measure_zero(devices, side, duration_s=duration_s)
-    return found.frequency_hz
 
 
 def no_load_running(
@@ -322,7 +143,7 @@ def no_load_running(
     settings = settings or NoLoadSettings()
     limits.check_input_speed(settings.sweep.speeds_rpm[-1])
     points = list(settings.sweep.points())
-    table = _Table(devices, ("input",))
+    table = RunningTable(devices, ("input",))
     metadata = run_metadata(
         devices, "no_load_running", limits, len(points), settings=asdict(settings), side="input"
     )
@@ -360,7 +181,7 @@ def _sweep(
     devices: BenchDevices,
     sweep: FrictionSettings,
     points: Sequence[FrictionPoint],
-    table: _Table,
+    table: RunningTable,
 ) -> Plan[None]:
     series = None
     for number, point in enumerate(points):
@@ -379,7 +200,7 @@ def _sweep(
             group=point.repeat,
         )
         yield from move(devices.input.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
-        asked = _Asked(point.speed_rpm, 0.0, point.branch, point.repeat)
+        asked = Asked(point.speed_rpm, 0.0, point.branch, point.repeat)
         yield from table.take(asked, sweep.steady(point.speed_rpm))
     yield from move(devices.input.drive.speed, 0.0)
     yield from table.zero(sweep.zero_s)
@@ -407,7 +228,7 @@ def efficiency_map(
     limits.check_input_speed(max(settings.speeds_rpm))
     limits.check_output_torque(max(settings.torque_shares) * limits.rated_torque_nm)
     points = _grid(limits, settings)
-    table = _Table(devices, ("input", "output"))
+    table = RunningTable(devices, ("input", "output"))
     metadata = run_metadata(
         devices, "efficiency_map", limits, len(points), settings=asdict(settings), side="output"
     )
@@ -431,30 +252,33 @@ def efficiency_map(
     return table.recording()
 
 
-def _grid(limits: ReducerLimits, settings: EfficiencySettings) -> list[_Asked]:
+def _grid(limits: ReducerLimits, settings: EfficiencySettings) -> list[Asked]:
     """All points: a speed's torques rise; the output brakes, so its torque opposes the motion."""
     directions = [1.0] * settings.clockwise + [-1.0] * settings.counter_clockwise
     turn = float(np.sign(limits.ratio))
     return [
-        _Asked(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
-        for repeat, sign in enumerate(directions, start=1)
+        Asked(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
+        for repeat in range(1, settings.repeats + 1)
+        for sign in directions
         for speed in settings.speeds_rpm
         for share in settings.torque_shares
     ]
 
 
 def _load_grid(
-    devices: BenchDevices, settings: EfficiencySettings, points: Sequence[_Asked], table: _Table
+    devices: BenchDevices,
+    settings: EfficiencySettings,
+    points: Sequence[Asked],
+    table: RunningTable,
 ) -> Plan[None]:
     speed_axis, torque_axis = devices.input.drive.speed, devices.output.drive.torque
-    present = None
+    present: tuple[int, float] | None = None
     for number, point in enumerate(points):
-        yield from progress(
-            number, len(points), f"{point.speed_rpm:g} rpm, {abs(point.torque_nm):g} N·m"
-        )
+        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm, {abs(point.torque_nm):g} N·m"
+        yield from progress(number, len(points), text)
         yield from checkpoint()
-        if point.speed_rpm != present:
-            present = point.speed_rpm
+        if (point.repeat, point.speed_rpm) != present:
+            present = (point.repeat, point.speed_rpm)
             yield from _stop(devices)
             yield from table.zero(settings.zero_s)
         yield from stamp(

@@ -304,8 +304,8 @@ class _Stage:
 
     def _speed(self, side: Side, value: float) -> None:
         state, module = self.sides[side], self.description.module(side)
-        if value != 0.0:
-            self._refuse_undriven(side, "speed")
+        if value != 0.0:  # shafts that nothing connects may turn with the clamp open
+            self._refuse_undriven(side, "speed", clamp=self.mounted != "nothing")
         rpm = abs(value) * RPM_PER_RAD_S
         if rpm > module.limits.speed_rpm * (1 + 1e-9):
             raise LimitError(
@@ -314,9 +314,9 @@ class _Stage:
         self.now_s += abs(value - state.speed_rad_s) / module.drive.speed_rate_rad_per_s2
         state.speed_rad_s = value
 
-    def _refuse_undriven(self, side: Side, what: str) -> None:
+    def _refuse_undriven(self, side: Side, what: str, *, clamp: bool = True) -> None:
         state = self.sides[side]
-        if not (self.clamped and state.mode == "driven" and state.enabled):
+        if not ((self.clamped or not clamp) and state.mode == "driven" and state.enabled):
             raise InterlockError(
                 f"{what} at the {side} with the clamp {'closed' if self.clamped else 'open'}, "
                 f"mode {state.mode}, drive {'on' if state.enabled else 'off'}",

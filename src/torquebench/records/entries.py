@@ -36,12 +36,13 @@ EquipmentKind = Literal[
     "drive",
     "encoder",
     "bench",
+    "reducer",
 ]
 
 
 @dataclass(frozen=True)
 class Equipment:
-    """A transducer, standard, counter, drive, encoder or bench.
+    """A transducer, standard, counter, drive, encoder, bench or tested reducer.
 
     Parameters
     ----------

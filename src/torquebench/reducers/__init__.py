@@ -44,13 +44,11 @@ from torquebench.reducers.loop_rules import (
     LostMotionRule,
 )
 from torquebench.reducers.motion import FirstMotion, first_motion
-from torquebench.reducers.no_load import (
-    NoLoadPoint,
-    NoLoadResult,
-    TorqueUncertainty,
-    evaluate_no_load,
-)
+from torquebench.reducers.no_load import NoLoadResult, evaluate_no_load
+from torquebench.reducers.no_load_points import NoLoadPoint
 from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget, refuse
+from torquebench.reducers.tare import Tare, TareValue, fit_tare
+from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.reducers.transmission_error import (
     AngleUncertainty,
     DirectionError,
@@ -98,6 +96,8 @@ __all__ = [
     "ResultQuantity",
     "SpecimenComparison",
     "StiffnessRegions",
+    "Tare",
+    "TareValue",
     "TorqueUncertainty",
     "TransmissionErrorResult",
     "available_reducers",
@@ -112,6 +112,7 @@ __all__ = [
     "evaluate_transmission_error",
     "first_motion",
     "fit_friction",
+    "fit_tare",
     "friction_curve",
     "load_reducer",
     "refuse",

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.motion import first_motion
-from torquebench.reducers.no_load import TorqueUncertainty
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
@@ -17,6 +16,7 @@ from torquebench.reducers.quantities import (
     budget,
     refuse,
 )
+from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
 
 __all__ = ["BreakawayResult", "BreakawayRun", "evaluate_breakaway"]

@@ -1,7 +1,6 @@
 """Efficiency over torque and speed: η = T_o/(R·T_i) when the input drives, with iso-lines."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.efficiency_grid import interpolated, weights_at
-from torquebench.reducers.no_load import TorqueUncertainty
+from torquebench.reducers.efficiency_points import (
+    EfficiencyPoint,
+    Side,
+    SteadyPoints,
+    both_directions,
+    points_of,
+)
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
@@ -17,56 +22,10 @@ from torquebench.reducers.quantities import (
     budget,
     refuse,
 )
+from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
 
 __all__ = ["EfficiencyMap", "EfficiencyPoint", "evaluate_efficiency"]
-
-Side = Literal["input", "output"]
-RAD_S_PER_RPM = 2.0 * np.pi / 60.0
-SAME_POINT = 0.01
-"""Share of the largest torque and speed within which points count as repeats."""
-
-
-@dataclass(frozen=True)
-class EfficiencyPoint:
-    """Efficiency at one torque and one speed.
-
-    Parameters
-    ----------
-    driving : {"input", "output"}
-        Which side drives.
-    speed_rpm : float
-        Input speed, 1/min, clockwise positive.
-    torque_nm : float
-        Output torque, N·m, magnitude.
-    efficiency : Budget
-        In %.
-    loss_w : float
-        Power that is lost, W.
-    points : int
-        How many steady points the mean is of.
-    temperature_c : float
-        Mean; NaN where it wasn't measured.
-    nominal_torque_nm, nominal_speed_rpm : float
-        Set point that the point is named by: torque as a magnitude, speed with its sign; the
-        means where none was given.
-    """
-
-    driving: Side
-    speed_rpm: float
-    torque_nm: float
-    efficiency: Budget
-    loss_w: float
-    points: int
-    temperature_c: float
-    nominal_torque_nm: float
-    nominal_speed_rpm: float
-
-    def input_torque_nm(self, ratio: float) -> float:
-        """Return the magnitude of the input torque, N·m."""
-        share = self.efficiency.value / 100.0
-        ideal = self.torque_nm / abs(ratio)
-        return ideal / share if self.driving == "input" else ideal * share
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,11 +39,14 @@ class EfficiencyMap:
     points : tuple of EfficiencyPoint
         By driving side, speed and torque.
     findings : tuple of Finding
+    means : tuple of EfficiencyPoint
+        Mean of both directions where both were driven: errors of the zeros cancel.
     """
 
     ratio: float
     points: tuple[EfficiencyPoint, ...]
     findings: tuple[Finding, ...]
+    means: tuple[EfficiencyPoint, ...] = ()
 
     def _of(self, driving: Side, direction: float) -> list[EfficiencyPoint]:
         return [
@@ -159,16 +121,7 @@ class EfficiencyMap:
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
-        return tuple(
-            ResultQuantity(
-                f"efficiency_{each.driving}_{each.nominal_torque_nm:.0f}_nm_"
-                f"{each.nominal_speed_rpm:+.0f}_rpm",
-                f"efficiency at {each.nominal_torque_nm:.4g} N·m, {each.nominal_speed_rpm:.0f} rpm"
-                + (", output drives" if each.driving == "output" else ""),
-                each.efficiency,
-            )
-            for each in self.points
-        )
+        return tuple(each.quantity for each in (*self.means, *self.points))
 
 
 def evaluate_efficiency(
@@ -243,10 +196,11 @@ def evaluate_efficiency(
         (set_torque,) = finite_columns(load.size, nominal_torque_nm=nominal_torque_nm)
     if nominal_speed_rpm is not None:
         (set_speed,) = finite_columns(load.size, nominal_speed_rpm=nominal_speed_rpm)
-    targets = _groups(set_torque, set_speed, driving)
     known = (input_uncertainty or TorqueUncertainty(), output_uncertainty or TorqueUncertainty())
-    named = (np.abs(set_torque), set_speed)
-    points = _points(targets, share, drive, load, speed, warmth, ratio, driving, known, named)
+    steady = SteadyPoints(
+        drive, load, speed, warmth, share, driving, np.abs(set_torque), set_speed, float(ratio)
+    )
+    points = points_of(steady, known)
     findings += _findings(points, warmth, largest_temperature_range_k, speed.size)
     for each in points:
         if largest_share is not None:
@@ -255,7 +209,7 @@ def evaluate_efficiency(
                 largest_share,
                 f"efficiency at {each.torque_nm:.4g} N·m, {each.speed_rpm:.0f} rpm",
             )
-    return EfficiencyMap(float(ratio), points, tuple(findings))
+    return EfficiencyMap(float(ratio), points, tuple(findings), both_directions(points))
 
 
 def _sign_findings(driving: NDArray[np.int64]) -> list[Finding]:
@@ -294,88 +248,6 @@ def _check_gain(
             if swapped
             else "check the ratio, the zeros and which column is which",
         )
-
-
-def _groups(
-    torque: NDArray[np.float64], speed: NDArray[np.float64], driving: NDArray[np.int64]
-) -> NDArray[np.intp]:
-    """Return a number for each point by torque, speed and driving side."""
-    keys = [_clustered(torque), _clustered(speed), driving]
-    found = np.unique(np.column_stack(keys), axis=0, return_inverse=True)[1]
-    return np.asarray(found, dtype=np.intp).ravel()
-
-
-def _clustered(values: NDArray[np.float64]) -> NDArray[np.int64]:
-    order = np.argsort(values, kind="stable")
-    gap = np.diff(values[order], prepend=values[order[0]])
-    number = np.empty(values.size, dtype=np.int64)
-    number[order] = np.cumsum(gap > SAME_POINT * np.abs(values).max())
-    return number
-
-
-def _points(
-    group: NDArray[np.intp],
-    share: NDArray[np.float64],
-    drive: NDArray[np.float64],
-    load: NDArray[np.float64],
-    speed: NDArray[np.float64],
-    warmth: NDArray[np.float64],
-    ratio: float,
-    driving: NDArray[np.int64],
-    known: tuple[TorqueUncertainty, TorqueUncertainty],
-    named: tuple[NDArray[np.float64], NDArray[np.float64]],
-) -> tuple[EfficiencyPoint, ...]:
-    used = np.isfinite(share)
-    squares, freedom = 0.0, 0
-    for number in np.unique(group[used]):
-        here = used & (group == number)
-        squares += float(np.sum((share[here] / share[here].mean() - 1.0) ** 2))
-        freedom += int(np.count_nonzero(here)) - 1
-    scatter = float(np.sqrt(squares / freedom)) if freedom else 0.0
-    points = []
-    for number in np.unique(group[used]):
-        here = used & (group == number)
-        value = 100.0 * float(share[here].mean())
-        torque_in = float(np.abs(drive[here]).mean())
-        torque_out = float(np.abs(load[here]).mean())
-        turn = 1.0 if driving[here][0] == 1 else -1.0
-        count = int(np.count_nonzero(here))
-        sign_in, sign_out = np.sign(drive[here][0]), np.sign(load[here][0])
-        parts = [
-            Contribution("input torque scale", value * known[0].relative, sensitivity=-turn),
-            Contribution("output torque scale", value * known[1].relative, sensitivity=turn),
-            Contribution(
-                "input torque zero",
-                value * known[0].zero_nm / torque_in,
-                sensitivity=-turn * sign_in,
-            ),
-            Contribution(
-                "output torque zero",
-                value * known[1].zero_nm / torque_out,
-                sensitivity=turn * sign_out,
-            ),
-        ]
-        if freedom:
-            parts.append(Contribution("repeatability", value * scatter / count**0.5, freedom))
-        omega = RAD_S_PER_RPM * float(np.abs(speed[here]).mean())
-        points.append(
-            EfficiencyPoint(
-                driving="input" if turn > 0 else "output",
-                speed_rpm=float(speed[here].mean()),
-                torque_nm=torque_out,
-                efficiency=budget(value, "%", parts),
-                loss_w=abs(torque_in - torque_out / abs(ratio)) * omega,
-                points=count,
-                temperature_c=float(warmth[here].mean()),
-                nominal_torque_nm=float(named[0][here].mean()),
-                nominal_speed_rpm=float(named[1][here].mean()),
-            )
-        )
-    return tuple(
-        sorted(
-            points, key=lambda each: (each.driving, each.nominal_speed_rpm, each.nominal_torque_nm)
-        )
-    )
 
 
 def _findings(

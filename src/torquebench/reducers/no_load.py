@@ -1,7 +1,6 @@
 """No-load running torque: what keeps the input turning at a speed, output free."""
 
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,79 +8,23 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.friction import FrictionCurve, FrictionResult, evaluate_friction
-from torquebench.reducers.quantities import (
-    Contribution,
-    Finding,
-    ResultQuantity,
-    budget,
-    refuse,
+from torquebench.reducers.no_load_points import (
+    NoLoadPoint,
+    Steps,
+    both_directions,
+    points_of,
+    scatter_findings,
+    scatter_of,
 )
+from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget, refuse
+from torquebench.reducers.tare import Tare
+from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
 
 __all__ = ["NoLoadPoint", "NoLoadResult", "TorqueUncertainty", "evaluate_no_load"]
 
 LEAST_RANGE_K = 1.0
 """Below this change of temperature nothing is said about its effect."""
-
-
-@dataclass(frozen=True)
-class TorqueUncertainty:
-    """Standard uncertainties (k = 1) of a torque.
-
-    Parameters
-    ----------
-    relative : float
-        Of the sensitivity, as a share of reading.
-    zero_nm : float
-        Of the zero that was taken just before, N·m; common to all points.
-    """
-
-    relative: float = 0.0
-    zero_nm: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isfinite(value) and value >= 0.0):
-                raise InputError(f"standard uncertainty {name} = {value}", "finite, 0 or more")
-
-
-@dataclass(frozen=True)
-class NoLoadPoint:
-    """No-load torque at one speed.
-
-    Parameters
-    ----------
-    speed_rpm : float
-        Input speed, clockwise positive.
-    torque : Budget
-        Torque with the sign of the speed, N·m.
-    up_minus_down_nm : float
-        Mean while the speed rises less mean while it falls; NaN where one is missing.
-    temperature_c : float
-        Mean; NaN where it wasn't measured.
-    """
-
-    speed_rpm: float
-    torque: Budget
-    up_minus_down_nm: float
-    temperature_c: float
-
-    @property
-    def key(self) -> str:
-        """Name for programs."""
-        return f"no_load_{self.speed_rpm:+.0f}_rpm"
-
-    def magnitude(self) -> Budget:
-        """Return the torque that opposes the motion: positive where friction is."""
-        torque = self.torque
-        sign = -1.0 if self.speed_rpm < 0 else 1.0
-        return Budget(
-            sign * torque.value,
-            torque.standard_uncertainty,
-            torque.degrees_of_freedom,
-            torque.lines,
-            torque.unit,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +35,9 @@ class NoLoadResult:
     ----------
     points : tuple of NoLoadPoint
         At rising speed, negative speeds first.
+    means : tuple of NoLoadPoint
+        Mean of both directions where both were driven, at rising speed: an error of the zero, and
+        what the speed does to it, cancel.
     friction : FrictionResult
         Curve, and Coulomb, viscous and Stribeck parts in each direction.
     temperature_coefficient : Budget or None
@@ -103,6 +49,7 @@ class NoLoadResult:
     """
 
     points: tuple[NoLoadPoint, ...]
+    means: tuple[NoLoadPoint, ...]
     friction: FrictionResult
     temperature_coefficient: Budget | None
     speed_rpm: NDArray[np.float64]
@@ -115,8 +62,8 @@ class NoLoadResult:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         rows = [
-            ResultQuantity(each.key, f"no-load torque at {each.speed_rpm:.0f} rpm", each.torque)
-            for each in self.points
+            ResultQuantity(each.key, each.title, each.torque)
+            for each in (*self.means, *self.points)
         ]
         rows += self.friction.quantities()
         if self.temperature_coefficient is not None:
@@ -134,10 +81,13 @@ def evaluate_no_load(
     speed_rpm: ArrayLike,
     torque_nm: ArrayLike,
     *,
+    nominal_rpm: ArrayLike | None = None,
     repeat: ArrayLike | None = None,
     branch: ArrayLike | None = None,
+    series: ArrayLike | None = None,
     temperature_c: ArrayLike | None = None,
     uncertainty: TorqueUncertainty | None = None,
+    tare: Tare | None = None,
     tolerance_rpm: float | None = None,
     largest_temperature_range_k: float = 2.0,
     reference_temperature_c: float | None = None,
@@ -145,21 +95,30 @@ def evaluate_no_load(
 ) -> NoLoadResult:
     """Evaluate steady no-load torques over speed.
 
-    The uncertainty of a mean has a part from the scatter within repeats and one from what all
-    speeds of a repeat share (warming up, a new zero): a two-way analysis of variance. What
-    accelerates and decelerates the inertia cancels in the mean of rising and falling speeds.
+    The uncertainty of a mean has a part from the scatter within a series and one from what all
+    speeds of a series share (a new zero, how the chain seats after it, warming up): a two-way
+    analysis of variance. What accelerates and decelerates the inertia cancels in the mean of
+    rising and falling speeds; an error of the zero cancels in the mean of both directions.
 
     Parameters
     ----------
     speed_rpm, torque_nm : array of float, shape (n,)
         Mean of each steady point: input speed (clockwise positive) and torque with its sign.
+    nominal_rpm : array of float, shape (n,), optional
+        Speed that was asked for, by which points are put together and named; by default points
+        within `tolerance_rpm` are one step.
     repeat : array of int, shape (n,), optional
         Number of the repeat; all 1 by default.
     branch : array of int, shape (n,), optional
         +1 while the speed's magnitude rises, -1 while it falls, 0 unknown.
+    series : array of int, shape (n,), optional
+        Points with one zero before them; by default one direction of one repeat.
     temperature_c : array of float, shape (n,), optional
         Of the reducer.
     uncertainty : TorqueUncertainty, optional
+    tare : Tare, optional
+        Of an empty run, to be taken off; then its uncertainty takes the place of what speed and
+        drag may do.
     tolerance_rpm : float, optional
         Largest gap between points of one speed; by default 0.2 % of the largest.
     largest_temperature_range_k : float
@@ -184,45 +143,78 @@ def evaluate_no_load(
     [0.11, 0.13, 0.15, 0.17]
     """
     speed, torque = finite_columns(1, speed_rpm=speed_rpm, torque_nm=torque_nm)
-    series = labels(repeat, speed.size, 1.0, "repeat")
+    number = labels(repeat, speed.size, 1.0, "repeat")
     turn = labels(branch, speed.size, 0.0, "branch")
+    zeroed = labels(series, speed.size, 0.0, "series")
+    if series is None:
+        zeroed = np.unique(np.column_stack([number, np.sign(speed)]), axis=0, return_inverse=True)[
+            1
+        ].astype(np.float64)
     warmth = np.full(speed.size, np.nan)
     if temperature_c is not None:
         (warmth,) = finite_columns(speed.size, temperature_c=temperature_c)
+    if nominal_rpm is not None:
+        (nominal,) = finite_columns(speed.size, nominal_rpm=nominal_rpm)
+        speed = _mean_of_step(speed, nominal)
+    if tare is not None:
+        torque = torque - np.array([tare.at(each).torque_nm for each in speed])
     known = uncertainty or TorqueUncertainty()
-    findings: list[Finding] = []
     first = evaluate_friction(speed, torque, turn, tolerance_rpm=tolerance_rpm)
     coefficient = _coefficient(first.curve, speed, torque, warmth)
-    findings += _temperature_findings(warmth, largest_temperature_range_k, coefficient)
+    findings = _temperature_findings(warmth, largest_temperature_range_k, coefficient)
     correction = 0.0
     if reference_temperature_c is not None:
-        if coefficient is None:
-            raise InputError(
-                "no visible effect of the temperature",
-                f"temperatures over {LEAST_RANGE_K:g} K or more at repeated speeds",
-                "leave the reference temperature out",
-            )
-        distance = warmth - reference_temperature_c
-        torque = torque * np.exp(-0.01 * coefficient.value * distance)
-        correction = 0.01 * coefficient.standard_uncertainty * abs(float(distance.mean()))
+        torque, correction = _at_temperature(torque, warmth, reference_temperature_c, coefficient)
+    common = float(np.hypot(known.zero_nm, np.hypot(known.model_nm, known.drag_nm)))
     friction = evaluate_friction(
-        speed, torque, turn, tolerance_rpm=tolerance_rpm, systematic_uncertainty_nm=known.zero_nm
+        speed, torque, turn, tolerance_rpm=tolerance_rpm, systematic_uncertainty_nm=common
     )
-    points, more = _points(friction, speed, torque, series, turn, warmth, known, correction)
-    for point in points:
+    names = speed if nominal_rpm is None else nominal
+    steps = Steps(
+        friction.curve, _nearest(friction.curve, speed), names, torque, zeroed, turn, warmth
+    )
+    scatter = scatter_of(steps, friction)
+    points = points_of(steps, scatter, known, tare, correction)
+    means = both_directions(points, 0.02 * float(np.max(np.abs(speed))))
+    for point in means or points:
         if largest_share is not None:
-            refuse(point.torque, largest_share, f"no-load torque at {point.speed_rpm:.0f} rpm")
+            refuse(point.torque, largest_share, point.title)
     return NoLoadResult(
         points=points,
+        means=means,
         friction=friction,
         temperature_coefficient=coefficient,
         speed_rpm=speed,
         torque_nm=torque,
         temperature_c=warmth,
-        repeat=series.astype(np.int64),
+        repeat=number.astype(np.int64),
         branch=turn.astype(np.int64),
-        findings=(*findings, *more),
+        findings=(*findings, *scatter_findings(scatter)),
     )
+
+
+def _mean_of_step(speed: NDArray[np.float64], nominal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean speed of each point's step."""
+    step = np.unique(nominal, return_inverse=True)[1]
+    return np.asarray((np.bincount(step, weights=speed) / np.bincount(step))[step])
+
+
+def _at_temperature(
+    torque: NDArray[np.float64],
+    warmth: NDArray[np.float64],
+    reference_c: float,
+    coefficient: Budget | None,
+) -> tuple[NDArray[np.float64], float]:
+    """Return torques at a temperature, and the relative uncertainty of bringing them there."""
+    if coefficient is None:
+        raise InputError(
+            "no visible effect of the temperature",
+            f"temperatures over {LEAST_RANGE_K:g} K or more at repeated speeds",
+            "leave the reference temperature out",
+        )
+    distance = warmth - reference_c
+    relative = 0.01 * coefficient.standard_uncertainty * abs(float(distance.mean()))
+    return torque * np.exp(-0.01 * coefficient.value * distance), relative
 
 
 def _nearest(curve: FrictionCurve, speed: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -269,118 +261,3 @@ def _coefficient(
     rest = relative - slope * deviation
     error = float(np.sqrt(np.sum(rest**2) / freedom / squares))
     return budget(100.0 * slope, "%/K", [Contribution("scatter", 100.0 * error, freedom)])
-
-
-def _points(
-    friction: FrictionResult,
-    speed: NDArray[np.float64],
-    torque: NDArray[np.float64],
-    series: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    warmth: NDArray[np.float64],
-    known: TorqueUncertainty,
-    correction: float,
-) -> tuple[tuple[NoLoadPoint, ...], list[Finding]]:
-    curve = friction.curve
-    index = _nearest(curve, speed)
-    scatter = _scatter(friction, index, torque, series, turn)
-    findings: list[Finding] = []
-    if not scatter.repeated:
-        findings.append(
-            Finding(
-                "no repeats",
-                "every speed was measured once: the scatter is that about the fitted friction",
-                "measure up and down and repeat the sweep, three times by preference",
-            )
-        )
-    if scatter.freedom == 0:
-        findings.append(
-            Finding(
-                "no scatter",
-                "too few points to say anything about repeatability",
-                "measure at more speeds, or repeat the sweep",
-                severe=True,
-            )
-        )
-    points = []
-    for place, centre in enumerate(curve.speed_rpm):
-        here = index == place
-        mean = _balanced_mean(torque[here], turn[here])
-        contributions = [
-            Contribution("torque zero", known.zero_nm),
-            Contribution("torque scale", known.relative * abs(mean), sensitivity=np.sign(mean)),
-            Contribution("temperature correction", correction * abs(mean)),
-        ]
-        if scatter.freedom:
-            error = scatter.within / np.sqrt(np.count_nonzero(here))
-            contributions.append(Contribution("repeatability", float(error), scatter.freedom))
-        if scatter.between > 0.0:
-            contributions.append(
-                Contribution(
-                    "between repeats",
-                    scatter.between / scatter.repeats**0.5 * abs(mean),
-                    scatter.repeats - 1,
-                )
-            )
-        points.append(
-            NoLoadPoint(
-                speed_rpm=float(centre),
-                torque=budget(mean, "N·m", contributions),
-                up_minus_down_nm=float(curve.up_minus_down_nm[place]),
-                temperature_c=float(np.mean(warmth[here])),
-            )
-        )
-    return tuple(points), findings
-
-
-def _balanced_mean(torque: NDArray[np.float64], turn: NDArray[np.float64]) -> float:
-    """Mean of the means of rising and falling speed, so that the inertia's torque cancels."""
-    if np.any(turn > 0) and np.any(turn < 0):
-        return 0.5 * float(torque[turn > 0].mean() + torque[turn < 0].mean())
-    return float(torque.mean())
-
-
-@dataclass(frozen=True)
-class _Scatter:
-    within: float
-    freedom: int
-    between: float
-    repeats: int
-    repeated: bool
-
-
-def _scatter(
-    friction: FrictionResult,
-    index: NDArray[np.intp],
-    torque: NDArray[np.float64],
-    series: NDArray[np.float64],
-    turn: NDArray[np.float64],
-) -> _Scatter:
-    """Scatter within repeats in N·m, and relative scatter between repeats.
-
-    Model: torque = speed and branch + (1 + relative effect of the repeat) + scatter.
-    """
-    cells = np.unique(np.column_stack([index, np.sign(turn)]), axis=0, return_inverse=True)[1]
-    cells = cells.ravel()
-    count = np.bincount(cells)
-    mean = np.bincount(cells, weights=torque) / count
-    names, repeat = np.unique(series, return_inverse=True)
-    rest = torque - mean[cells]
-    freedom = torque.size - count.size
-    if freedom < 1:
-        for fit in (friction.clockwise, friction.counter_clockwise):
-            if fit is not None:
-                return _Scatter(fit.residual_nm, fit.degrees_of_freedom, 0.0, 1, repeated=False)
-        return _Scatter(0.0, 0, 0.0, 1, repeated=False)
-    if names.size < 2 or freedom - (names.size - 1) < 1:
-        return _Scatter(float(np.sqrt(np.sum(rest**2) / freedom)), freedom, 0.0, 1, repeated=True)
-    level = mean[cells]
-    weight = np.bincount(repeat, weights=level**2)
-    effect = np.bincount(repeat, weights=level * rest) / weight
-    within_rest = rest - effect[repeat] * level
-    freedom -= names.size - 1
-    within = float(np.sum(within_rest**2) / freedom)
-    variance = float(np.var(effect, ddof=1)) - within * float(np.mean(1.0 / weight))
-    return _Scatter(
-        float(np.sqrt(within)), freedom, float(np.sqrt(max(variance, 0.0))), names.size, True
-    )

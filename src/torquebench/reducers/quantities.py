@@ -55,8 +55,13 @@ class Finding:
     remedy: str
     severe: bool = False
 
+    @property
+    def sentence(self) -> str:
+        """What was found and what to do about it, without the name."""
+        return f"{self.message}; {self.remedy}"
+
     def __str__(self) -> str:
-        return f"{self.name}: {self.message}; {self.remedy}"
+        return f"{self.name}: {self.sentence}"
 
 
 @dataclass(frozen=True)

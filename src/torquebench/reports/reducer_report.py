@@ -99,7 +99,8 @@ def _section(outcome: TestOutcome) -> Section:
         "U: expanded uncertainty, 95.45 % coverage.",
     )
     remarks = tuple(("Remark", remark) for remark in outcome.remarks)
-    facts = Facts((*remarks, ("Record", outcome.run.run_id)))
+    findings = tuple((f"Finding: {each.name}", each.sentence) for each in outcome.findings)
+    facts = Facts((*findings, *remarks, ("Record", outcome.run.run_id)))
     return Section(outcome.title, "", (*_figures(outcome), table, facts))
 
 

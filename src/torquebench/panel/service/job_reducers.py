@@ -106,7 +106,7 @@ def _outcome(outcome: TestOutcome) -> dict[str, Any]:
         "name": outcome.name,
         "title": outcome.title,
         "verdict": outcome.verdict,
-        "remarks": outcome.remarks,
+        "remarks": (*outcome.remarks, *map(str, outcome.findings)),
         "run_id": outcome.run.run_id,
         "quantities": [
             {each.name: getattr(quantity, each.name) for each in fields(quantity)}

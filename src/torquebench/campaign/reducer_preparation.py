@@ -1,0 +1,112 @@
+"""What a bench measures of itself before a reducer test: its twist, and what empty shafts read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.roles import Side
+from torquebench.campaign.reducer_evaluation import twist_compliance
+from torquebench.campaign.reducer_settings import ReducerTestSettings
+from torquebench.campaign.reducer_uncertainty import TwistCompliance, tares_of
+from torquebench.procedures import Plan
+from torquebench.procedures.reducer_empty import empty_run
+from torquebench.procedures.reducer_loop import bench_twist
+from torquebench.procedures.reducer_setup import ReducerLimits
+from torquebench.reducers import Tare
+
+__all__ = ["Known", "Preparation", "preparations"]
+
+ARCMIN = np.pi / 180.0 / 60.0
+RUNNING = frozenset({"no-load", "efficiency"})
+
+
+@dataclass
+class Known:
+    """What the bench knows of itself.
+
+    Parameters
+    ----------
+    twist : TwistCompliance
+    tares : mapping of side to Tare
+    """
+
+    twist: TwistCompliance
+    tares: dict[Side, Tare]
+
+    @classmethod
+    def stated(cls, settings: ReducerTestSettings) -> Known:
+        """Return what was stated beforehand."""
+        known = settings.twist_arcmin_per_nm
+        if known is None:
+            return cls(TwistCompliance(), {})
+        twist = TwistCompliance(known * ARCMIN, 0.02 * abs(known) * ARCMIN, "as stated, ± 2 %")
+        return cls(twist, {})
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """A run before the tests, with something else mounted than the reducer.
+
+    Parameters
+    ----------
+    name, title : str
+    plan : callable
+        Makes its plan.
+    learn : callable
+        Enters what the run has found.
+    """
+
+    name: str
+    title: str
+    plan: Callable[[BenchDevices], Plan[Any]]
+    learn: Callable[[Known, Any], None]
+
+
+def preparations(
+    tests: Collection[str], limits: ReducerLimits, settings: ReducerTestSettings
+) -> list[Preparation]:
+    """Return what has to be measured before some tests; one mounting after the other.
+
+    Parameters
+    ----------
+    tests : collection of str
+        Names of the tests that follow.
+    limits : ReducerLimits
+    settings : ReducerTestSettings
+    """
+    found = []
+    twist = settings.bench_twist
+    if "hysteresis" in tests and twist is not None and settings.twist_arcmin_per_nm is None:
+
+        def twisted(known: Known, recording: Any) -> None:
+            known.twist = twist_compliance(recording)
+
+        found.append(
+            Preparation(
+                "bench-twist",
+                "Twist of the bench itself",
+                lambda devices: bench_twist(devices, twist, ("output",)),
+                twisted,
+            )
+        )
+    empty = settings.empty_run
+    if empty is not None and RUNNING & set(tests):
+        within = empty.within(limits)
+
+        def emptied(known: Known, recording: Any) -> None:
+            known.tares = tares_of(recording, limits.ratio)
+
+        found.append(
+            Preparation(
+                "empty-run",
+                "Empty run, nothing mounted",
+                lambda devices: empty_run(devices, limits, within),
+                emptied,
+            )
+        )
+    return found

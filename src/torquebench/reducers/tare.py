@@ -1,0 +1,156 @@
+"""What a turning chain reads with nothing mounted, to be taken off what it reads with a reducer."""
+
+from dataclasses import dataclass
+from math import inf, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.reducers.columns import finite_columns, labels
+
+__all__ = ["TRANSFER_SHARE", "Tare", "TareValue", "fit_tare"]
+
+TRANSFER_SHARE = 0.2
+"""Half width by which bearings may drag differently with a reducer mounted, as a share of their
+drag: they then carry what misalignment presses on them."""
+REACH = 1.05
+"""How far beyond its fastest speed an empty run may be used."""
+HIGHEST_DEGREE = 2
+
+
+@dataclass(frozen=True)
+class TareValue:
+    """What an empty run gives at one speed.
+
+    Parameters
+    ----------
+    torque_nm : float
+        To be taken off, N·m.
+    scatter_nm, degrees_of_freedom : float
+        Its standard uncertainty from the repeats, N·m.
+    drag_nm : float
+        The part that turns its sign with the speed, N·m.
+    """
+
+    torque_nm: float
+    scatter_nm: float
+    degrees_of_freedom: float
+    drag_nm: float
+
+    @property
+    def transfer_nm(self) -> float:
+        """Standard uncertainty of taking it from an empty run to a mounted reducer, N·m."""
+        return TRANSFER_SHARE * abs(self.drag_nm) / sqrt(3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Tare:
+    """Torque of an empty run over speed: a polynomial of the speed in each direction.
+
+    Parameters
+    ----------
+    coefficients : mapping of int to array of float, shape (repeats, degree + 1)
+        By direction (+1, -1): of the powers of the speed's magnitude in 1/min, for each repeat.
+    fastest_rpm : float
+    zero_nm : float
+        Standard uncertainty of the zeros of the empty run, N·m.
+    residual_nm : float
+        Scatter about the polynomials, N·m.
+    """
+
+    coefficients: dict[int, NDArray[np.float64]]
+    fastest_rpm: float
+    zero_nm: float
+    residual_nm: float
+
+    def at(self, speed_rpm: float) -> TareValue:
+        """Return what is to be taken off at a speed.
+
+        Raises
+        ------
+        InputError
+            Beyond the fastest speed of the empty run, or in a direction that it hasn't.
+        """
+        if abs(speed_rpm) > REACH * self.fastest_rpm:
+            raise InputError(
+                f"an empty run up to {self.fastest_rpm:g} rpm for a test at {abs(speed_rpm):g} rpm",
+                "an empty run up to the speed of the test",
+                "repeat it with higher speeds",
+            )
+        direction = 1 if speed_rpm >= 0.0 else -1
+        if direction not in self.coefficients:
+            raise InputError(
+                "an empty run in the other direction only",
+                "both directions of the test",
+                "repeat it in both directions",
+            )
+        values = {
+            sign: np.polynomial.polynomial.polyval(abs(speed_rpm), found.T)
+            for sign, found in self.coefficients.items()
+        }
+        mean = {sign: float(each.mean()) for sign, each in values.items()}
+        squares = sum(float(np.sum((each - each.mean()) ** 2)) for each in values.values())
+        freedom = sum(each.size - 1 for each in values.values())
+        count = values[direction].size
+        single = sqrt(squares / freedom) if freedom else self.residual_nm
+        return TareValue(
+            torque_nm=mean[direction],
+            scatter_nm=single / sqrt(count),
+            degrees_of_freedom=float(freedom) if freedom else inf,
+            drag_nm=0.5 * (mean[1] - mean[-1]) if len(mean) == 2 else mean[direction],
+        )
+
+
+def fit_tare(
+    speed_rpm: ArrayLike,
+    torque_nm: ArrayLike,
+    *,
+    repeat: ArrayLike | None = None,
+    zero_nm: float = 0.0,
+) -> Tare:
+    """Fit what an empty run has read.
+
+    Parameters
+    ----------
+    speed_rpm, torque_nm : array of float, shape (n,)
+        Steady points with nothing mounted: speed (clockwise positive) and torque.
+    repeat : array of int, shape (n,), optional
+        Number of the repeat; its scatter is the tare's uncertainty.
+    zero_nm : float
+        Standard uncertainty of the zeros, N·m.
+
+    Raises
+    ------
+    InputError
+        Where the columns can't be used, or a point is at rest.
+
+    Examples
+    --------
+    >>> speed = np.tile([200.0, 600.0, 1000.0, -200.0, -600.0, -1000.0], 2)
+    >>> torque = 0.002 * np.sign(speed) + 3e-6 * np.abs(speed)
+    >>> tare = fit_tare(speed, torque, repeat=np.repeat([1, 2], 6))
+    >>> round(tare.at(800.0).torque_nm, 6), round(tare.at(-800.0).drag_nm, 6)
+    (0.0044, 0.002)
+    """
+    speed, torque = finite_columns(1, speed_rpm=speed_rpm, torque_nm=torque_nm)
+    series = labels(repeat, speed.size, 1.0, "repeat")
+    if np.any(speed == 0.0):
+        raise InputError("a point of the empty run at 0 rpm", "points at which the shaft turns")
+    found: dict[int, NDArray[np.float64]] = {}
+    rest: list[NDArray[np.float64]] = []
+    for sign in (1, -1):
+        mine = np.sign(speed) == sign
+        if not mine.any():
+            continue
+        rows = []
+        for number in np.unique(series[mine]):
+            here = mine & (series == number)
+            size = np.abs(speed[here])
+            degree = min(HIGHEST_DEGREE, np.unique(np.round(size)).size - 1)
+            line = np.polynomial.polynomial.polyfit(size, torque[here], degree)
+            rest.append(torque[here] - np.polynomial.polynomial.polyval(size, line))
+            rows.append(np.pad(line, (0, HIGHEST_DEGREE - degree)))
+        found[sign] = np.array(rows)
+    residual = float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
+    return Tare(found, float(np.max(np.abs(speed))), float(zero_nm), residual)

@@ -1,0 +1,43 @@
+"""What is known of a torque before a test repeats it: standard uncertainties of the chain."""
+
+from dataclasses import dataclass
+from math import isfinite
+
+from torquebench.errors import InputError
+
+__all__ = ["TorqueUncertainty"]
+
+
+@dataclass(frozen=True)
+class TorqueUncertainty:
+    """Standard uncertainties (k = 1) of a torque.
+
+    Parameters
+    ----------
+    relative : float
+        Of the sensitivity, as a share of reading.
+    zero_nm : float
+        Of the zero that was taken just before, N·m; the same in both directions, so that it
+        cancels in their mean.
+    model_nm : float
+        Of the compensation, N·m; what it gets wrong may turn its sign with the torque.
+    speed_nm_per_rpm : float
+        What a speed may move the zero by, N·m per 1/min; cancels in the mean of both directions.
+    drag_nm : float
+        Of bearings that turn with the shaft between transducer and flange, N·m; it turns its sign
+        with the speed.
+    repeatability_nm : float
+        Of one loading, N·m; counts only where a test doesn't show it by repeats.
+    """
+
+    relative: float = 0.0
+    zero_nm: float = 0.0
+    model_nm: float = 0.0
+    speed_nm_per_rpm: float = 0.0
+    drag_nm: float = 0.0
+    repeatability_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (isfinite(value) and value >= 0.0):
+                raise InputError(f"standard uncertainty {name} = {value}", "finite, 0 or more")
