@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from benchmarks.fault_procedures import Procedure
 from torquebench.bench.drivers.base import (
     CounterBlock,
     Drive,
@@ -184,15 +185,15 @@ class Kind:
     breaking: Callable[[FaultyBench, Side, np.random.Generator], None]
     needs_power: bool = True
 
-    def fits(self, procedure: str, standard: bool) -> bool:
+    def fits(self, procedure: Procedure) -> bool:
         """Whether it can happen in a procedure: a zero has no power, a reducer no standard."""
-        if self.needs_power and procedure == "zero":
+        if self.needs_power and not procedure.loads:
             return False
-        if self.name == "encoder slips":  # where the angle is watched or measured
-            return not procedure.startswith(("friction", "no-load"))
-        if self.name == "drive turns too fast":  # one waits for that, the other is locked
-            return procedure not in ("starting torque", "hysteresis loops")
-        return standard or not self.name.startswith("standard")
+        if self.name == "encoder slips":
+            return procedure.angles
+        if self.name == "drive turns too fast":
+            return not procedure.waits_for_motion
+        return procedure.standard or not self.name.startswith("standard")
 
 
 def _signal(kind: str, channel: str, amount: float | None = None) -> Callable[..., None]:

@@ -1,7 +1,7 @@
 """Faults on the wire: the bench of examples/networked.toml over real sockets, broken on command.
 
-Every simulated instrument is late, silent, cut short, garbled, gone, frozen or lies while a zero,
-a calibration or a verification runs; `benchmarks.faults` calls it and counts what is left.
+Every simulated instrument is late, silent, cut short, garbled, gone, frozen or lies while some
+procedure runs that needs it; `benchmarks.faults` calls it and counts what is left.
 """
 
 from __future__ import annotations
@@ -12,24 +12,35 @@ import tempfile
 import threading
 import time
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.faults import PROCEDURES, TRIES, Outcome, Procedure, checked, line_of
+from benchmarks.fault_judging import (
+    Outcome,
+    differing,
+    ended_badly,
+    line_of,
+    record_of,
+    slipped,
+    status_of,
+)
+from benchmarks.fault_procedures import PROCEDURES, Procedure
+from benchmarks.fault_report import Kept
+from benchmarks.faults import TRIES
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
-from torquebench.errors import TorquebenchError
-from torquebench.procedures import rehearse
-from torquebench.records import RunFolder
+from torquebench.campaign.reducer_results import ReducerTestRecord
+from torquebench.procedures.reducer_turning import TransmissionRecording
 from torquebench.simulators import KINDS, MisbehaviourKind, Simulators
 from torquebench.station import Station
 
-__all__ = ["WireFault", "network_campaign", "networked", "wire_faults"]
+__all__ = ["WireFault", "network_campaign", "networked", "numbered_wire", "wire_faults"]
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "networked.toml"
 ENDPOINTS = ("counter", "input_drive", "output_drive", "reference", "temperature", "modes", "clamp")
@@ -38,6 +49,11 @@ SET_UP_ONLY = ("modes", "clamp")
 MAY_DO_NO_HARM: tuple[MisbehaviourKind, ...] = ("freeze", "lie")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
 AT_REST_S = 15.0
+"""How long both drives may take to go off, s of wall time, with every time-out on the way."""
+SAFE_S = 2.0
+"""Longest time until both drives are off, s of bench time: the drive's own watchdog included."""
+SLOW = ("calibrate output staircase", "calibrate output small-torques")
+"""Left out: over sockets they take long to compute."""
 DELAY_S = 3.0
 """A late answer comes after every time-out."""
 TIMEOUT_S = {"counter": 2.0}
@@ -69,15 +85,14 @@ class WireFault:
         """Whether an answer is missing or unreadable."""
         return self.kind not in MAY_DO_NO_HARM
 
-    def fits(self, procedure: str, side: Side) -> bool:
+    def fits(self, procedure: Procedure) -> bool:
         """Whether a procedure needs this instrument."""
-        if self.endpoint in ("counter", "temperature", *SET_UP_ONLY):
-            return procedure.startswith(("calibrate", "verify")) or (
-                procedure == "zero" and self.endpoint == "counter"
-            )
-        if not procedure.startswith(("calibrate", "verify")):
-            return False
-        return self.endpoint == "reference" or self.endpoint == f"{side}_drive"
+        if self.endpoint == "counter":
+            return True
+        if self.endpoint == "reference":
+            return procedure.standard
+        drive = self.endpoint.removesuffix("_drive")
+        return procedure.loads and (drive == self.endpoint or drive == procedure.side)
 
 
 def wire_faults() -> list[WireFault]:
@@ -196,62 +211,99 @@ def one_wire_fault(
 ) -> Outcome:
     """Run a procedure over the sockets, spoil the answers meanwhile, and look what is left."""
     with opened(seed, data) as (station, simulators):
-        lasts_s = rehearse(station.devices, procedure.plan(station)).duration_s
-        due_s = moment(fault, simulators.plant.now_s, lasts_s, draw)
-        powered = procedure.name != "zero" and fault.endpoint not in SET_UP_ONLY
+        due_s = moment(fault, simulators.plant.now_s, procedure.lasts_s(station), draw)
+        powered = procedure.loads and fault.endpoint not in SET_UP_ONLY
         error: BaseException | None = None
+        result: object = None
         with Breaker(simulators, fault, procedure.side, due_s, powered=powered) as breaker:
             try:
-                station.run(procedure.plan(station), kind="fault")
+                result = procedure.go(station)
             except Exception as raised:
                 error = raised
             station.supervisor.wait_safe(AT_REST_S)
         alarms = station.supervisor.history
         if breaker.broken_s is None:
-            return Outcome(fault.name, procedure.name, "too late", "", float("nan"), 0, ())
-        run = station.registry.runs(limit=1)[0]
-        folder = RunFolder.open(run.folder)
-        points, wrong = checked(folder, station.description, stopped=error is not None)
+            return Outcome(fault.name, procedure.name, "too late", "", float("nan"), 0)
+        points, wrong = record_of(station, error)
         problems = [*_problems(fault, breaker, error, alarms), *wrong]
-        if error is not None and run.status != "failed":
-            problems.append(f"the run is {run.status}")
-    status = "harmless" if error is None else "stopped" if alarms else "refused"
-    named = alarms[0].name if alarms else type(error).__name__ if error is not None else ""
-    safe_s = breaker.wall_s if error is not None and breaker.was_on else float("nan")
-    return Outcome(fault.name, procedure.name, status, named, safe_s, points, tuple(problems))
+        if isinstance(result, TransmissionRecording):
+            problems += slipped(result)
+        if isinstance(result, ReducerTestRecord):
+            undisturbed = procedure.go(station)
+            assert isinstance(undisturbed, ReducerTestRecord)
+            problems += differing(result, undisturbed)
+    status, named = status_of(error, alarms)
+    timed = error is not None and breaker.was_on and breaker.safe_s is not None
+    return Outcome(
+        fault.name,
+        procedure.name,
+        status,
+        named,
+        (breaker.safe_s or 0.0) - breaker.broken_s if timed else float("nan"),
+        points,
+        tuple(problems),
+        wall_s=breaker.wall_s if timed else float("nan"),
+    )
 
 
 def _problems(
     fault: WireFault, breaker: Breaker, error: BaseException | None, alarms: Sequence[Alarm]
-) -> list[str]:
+) -> Iterator[str]:
     """Say what is wrong with the way it ended, the record apart."""
-    found = []
-    if not breaker.at_rest():
-        found.append("a drive isn't off")
-    if error is not None and not isinstance(error, TorquebenchError):
-        found.append(f"unforeseen {type(error).__name__}: {error}")
+    yield from ended_badly(error, alarms, breaker.at_rest(), disk=False)
     if fault.must_be_noticed and error is None:
-        found.append("nobody noticed it")
+        yield "nobody noticed it"
     if error is not None and breaker.was_on and not alarms:
-        found.append(f"no alarm, only {type(error).__name__}: {error}")
-    return found
+        yield f"no alarm, only {type(error).__name__}: {error}"
+    if error is not None and breaker.was_on and breaker.safe_s is not None:
+        bench_s = breaker.safe_s - (breaker.broken_s or 0.0)
+        if bench_s > SAFE_S:
+            yield f"safe only after {bench_s:.2f} s of bench time"
+
+
+def drawn_wires(number: int, seed: int) -> list[tuple[WireFault, list[Procedure]]]:
+    """Take wire faults in turn, each with the procedures that fit it, rarest first."""
+    draw = np.random.default_rng(seed)
+    counts: Counter[str] = Counter()
+    plan = []
+    quick = [each for each in PROCEDURES if each.name not in SLOW]
+    for fault in wire_faults()[:number]:
+        fitting = [each for each in quick if fault.fits(each)]
+        order = draw.permutation(len(fitting))
+        fitting = sorted((fitting[place] for place in order), key=lambda each: counts[each.name])
+        counts[fitting[0].name] += 1
+        plan.append((fault, fitting))
+    return plan
+
+
+def numbered_wire(index: int, seed: int) -> Outcome:
+    """Go through one fault on the wire; with another procedure where it came after the end."""
+    fault, fitting = drawn_wires(index + 1, seed)[-1]
+    draw = np.random.default_rng([seed, index])
+    with tempfile.TemporaryDirectory() as scratch:
+        for attempt in range(TRIES):
+            procedure, folder = fitting[attempt % len(fitting)], Path(scratch, str(attempt))
+            outcome = one_wire_fault(fault, procedure, seed + index, folder, draw)
+            if outcome.status != "too late":
+                break
+    return replace(outcome, index=index, seed=seed)
 
 
 def network_campaign(
-    number: int, seed: int, *, told: Callable[[str], None] = lambda _line: None
+    number: int,
+    seed: int,
+    *,
+    kept: Kept | None = None,
+    told: Callable[[str], None] = lambda _line: None,
 ) -> list[Outcome]:
     """Go through so many faults on the wire; each gets a bench of its own."""
-    draw = np.random.default_rng(seed)
+    kept = kept or Kept(None)
     outcomes = []
-    with tempfile.TemporaryDirectory() as scratch:
-        for index, fault in enumerate(wire_faults()[:number]):
-            fitting = [each for each in PROCEDURES if fault.fits(each.name, each.side)]
-            for attempt in range(TRIES):  # until it comes before the procedure's end
-                procedure = fitting[int(draw.integers(len(fitting)))]
-                folder = Path(scratch, f"{index}-{attempt}")
-                outcome = one_wire_fault(fault, procedure, seed + index, folder, draw)
-                if outcome.status != "too late":
-                    break
-            outcomes.append(outcome)
-            told(line_of(outcome))
+    for index in range(min(number, len(wire_faults()))):
+
+        def run(index: int = index) -> Outcome:
+            return numbered_wire(index, seed)
+
+        outcomes.append(kept.go("sockets", seed, index, run))
+        told(line_of(outcomes[-1]))
     return outcomes

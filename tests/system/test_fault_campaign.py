@@ -1,10 +1,26 @@
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from benchmarks import faults
 from benchmarks.fault_bench import KINDS
-from benchmarks.network_faults import WireFault, one_wire_fault, wire_faults
+from benchmarks.fault_judging import Outcome, differing
+from benchmarks.fault_procedures import PROCEDURES
+from benchmarks.fault_report import Kept, section, summary
+from benchmarks.network_faults import (
+    AT_REST_S,
+    SAFE_S,
+    WireFault,
+    drawn_wires,
+    one_wire_fault,
+    wire_faults,
+)
+
+from torquebench.campaign.reducer_results import TestQuantity
 
 SAMPLE = (
     "transducer silent",
@@ -13,41 +29,87 @@ SAMPLE = (
     "drive doesn't answer",
     "drive pulls too much",
     "watchdog isn't fed",
+    "probes lost",
     "disk full for samples",
     "counter lost",
 )
+PROFILES = ("rapid-in-situ", "staircase", "reversing", "small-torques", "adaptive")
 
 
 def test_there_are_enough_kinds_and_every_procedure_gets_some() -> None:
     assert len({kind.name for kind in KINDS}) >= 15
     assert faults.FULL >= 200
-    draw = np.random.default_rng(1)
-    drawn = {faults.fitting_procedure(kind, draw).name for kind in KINDS for _ in range(40)}
-    assert drawn == {procedure.name for procedure in faults.PROCEDURES}
+    plan = faults.drawn(faults.FULL, seed=1)
+    counts = Counter(procedure.name for _, procedure in plan)
+    assert set(counts) == {procedure.name for procedure in PROCEDURES}
+    assert min(counts.values()) >= 5
+    assert plan[:50] == faults.drawn(50, seed=1), "a fault is repeated by its number"
+    names = " ".join(counts)
+    assert all(profile in names for profile in PROFILES)
 
 
 def test_a_sample_of_the_campaign_leaves_nothing_wrong(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     kinds = tuple(kind for kind in KINDS if kind.name in SAMPLE)
     assert len(kinds) == len(SAMPLE)
     monkeypatch.setattr(faults, "KINDS", kinds)
-    outcomes = faults.campaign(len(kinds), seed=5)
+    file = tmp_path / "kept.jsonl"
+    outcomes = faults.campaign(len(kinds), seed=5, kept=Kept(file))
     assert [outcome.problems for outcome in outcomes] == [()] * len(kinds)
     assert sum(outcome.status == "stopped" for outcome in outcomes) >= 5
+    again = faults.campaign(len(kinds), seed=5, kept=Kept(file))  # nothing is run again
+    assert [replace(each, safe_s=0.0, wall_s=0.0) for each in again] == [
+        replace(each, safe_s=0.0, wall_s=0.0) for each in outcomes
+    ]
+    assert len(file.read_text().splitlines()) == len(kinds)
+    told = section({"simulated bench": outcomes}, "a machine.")
+    assert "| together | 9 | 9 |" in told
+    assert "faults survived 9 of 9" in "\n".join(summary(outcomes, "here"))
+
+
+def test_what_was_not_survived_is_said_with_its_number() -> None:
+    outcome = Outcome("probes lost", "zero", "stopped", "x", 0.2, 3, ("a drive isn't off",), seed=4)
+    assert "Not survived: probes lost in zero (seed 4, number 0)" in section(
+        {"here": [outcome]}, ""
+    )
+    assert "faults survived 0 of 1" in "\n".join(summary([outcome], "here"))
+
+
+def a_record(value: float) -> Any:
+    quantity = TestQuantity("backlash", "Backlash", value, 0.1, "arcmin")
+    return SimpleNamespace(outcomes=[SimpleNamespace(name="hysteresis", quantities=[quantity])])
+
+
+def test_a_result_is_wrong_where_both_uncertainties_do_not_explain_it() -> None:
+    assert list(differing(a_record(1.0), a_record(1.19))) == []
+    assert "undisturbed 1.21" in next(differing(a_record(1.0), a_record(1.21)))
 
 
 def test_every_instrument_on_the_wire_gets_every_kind() -> None:
     drawn = wire_faults()
     assert len({fault.name for fault in drawn}) == len(drawn) == faults.FULL_WIRE
     assert len({fault.endpoint for fault in drawn[: faults.QUICK_WIRE]}) == faults.QUICK_WIRE
-    for fault in drawn:
-        assert any(fault.fits(each.name, each.side) for each in faults.PROCEDURES)
+    assert all(fitting for _, fitting in drawn_wires(faults.FULL_WIRE, seed=1))
 
 
-def test_a_standard_that_no_longer_answers_leaves_nothing_wrong(tmp_path: Path) -> None:
-    verify = next(each for each in faults.PROCEDURES if each.name == "verify output")
-    fault = WireFault("reference", "drop")
-    outcome = one_wire_fault(fault, verify, 1, tmp_path, np.random.default_rng(1))
+def procedure(name: str) -> faults.Procedure:
+    return next(each for each in PROCEDURES if each.name == name)
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "alarm"),
+    [
+        (WireFault("reference", "drop"), "verify output", "instrument failed: acquisition"),
+        (WireFault("input_drive", "delay"), "verify input", "drive fault: input"),
+        (WireFault("output_drive", "disconnect"), "verify output", "drive fault: output"),
+    ],
+)
+def test_an_instrument_that_does_not_answer_leaves_nothing_wrong(
+    tmp_path: Path, fault: WireFault, name: str, alarm: str
+) -> None:
+    outcome = one_wire_fault(fault, procedure(name), 1, tmp_path, np.random.default_rng(1))
     assert outcome.problems == ()
-    assert (outcome.status, outcome.alarm) == ("stopped", "instrument failed: acquisition")
+    assert (outcome.status, outcome.alarm) == ("stopped", alarm)
+    assert outcome.safe_s <= SAFE_S
+    assert outcome.wall_s <= AT_REST_S

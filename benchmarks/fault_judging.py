@@ -1,0 +1,181 @@
+"""What must hold after a fault: drives off, a name for it, a readable record, no wrong number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from benchmarks.fault_procedures import REDUCER
+from torquebench.bench.audit import AUDIT_FILE, read_audit
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.safety import Alarm, AlarmKind
+from torquebench.campaign.reducer_results import ReducerTestRecord
+from torquebench.errors import RecordError, TorquebenchError
+from torquebench.procedures.reducer_turning import TransmissionRecording
+from torquebench.records import RunFolder
+from torquebench.station import Station
+
+__all__ = [
+    "Outcome",
+    "checked",
+    "differing",
+    "ended_badly",
+    "line_of",
+    "record_of",
+    "slipped",
+    "status_of",
+]
+
+READING_PERCENT = 2.0
+"""How far a reading may be from the truth without compensation, % of range (a drift of the zero
+before it was measured included)."""
+STANDARD_PERCENT = 0.15
+ANGLE_DEG = 0.1
+"""How far both angles of a reducer may be apart over a revolution, degrees of the output."""
+Status = Literal["stopped", "refused", "harmless", "recovered", "too late"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one fault.
+
+    Parameters
+    ----------
+    kind, procedure : str
+    status : {"stopped", "refused", "harmless", "recovered", "too late"}
+        By an alarm, by the procedure itself, or nothing was wrong; found at the next start; or it
+        never came, since the procedure had ended.
+    alarm : str
+        Name of the alarm, or of the error.
+    safe_s : float
+        Bench time from the fault to both drives off, s; NaN where none was on.
+    points : int
+        Points that were acknowledged and kept.
+    problems : tuple of str
+        What went wrong; empty when the fault was survived.
+    wall_s : float
+        As `safe_s`, wall time; NaN where bench time isn't a clock's.
+    index, seed : int
+        With which it can be repeated alone.
+    """
+
+    kind: str
+    procedure: str
+    status: Status
+    alarm: str
+    safe_s: float
+    points: int
+    problems: tuple[str, ...] = ()
+    wall_s: float = float("nan")
+    index: int = 0
+    seed: int = 0
+
+
+def line_of(outcome: Outcome) -> str:
+    """Return an outcome in one line."""
+    mark = "FAILED " + "; ".join(outcome.problems) if outcome.problems else outcome.status
+    return f"{outcome.index:3d} {outcome.kind:29s} {outcome.procedure:29s} {mark} {outcome.alarm}"
+
+
+def status_of(error: BaseException | None, alarms: Sequence[Alarm]) -> tuple[Status, str]:
+    """Return how a procedure ended, and the name of why."""
+    if error is None:
+        return "harmless", alarms[0].name if alarms else ""
+    return ("stopped", alarms[0].name) if alarms else ("refused", type(error).__name__)
+
+
+def ended_badly(
+    error: BaseException | None, alarms: Sequence[Alarm], at_rest: bool, *, disk: bool
+) -> Iterator[str]:
+    """Say what is wrong with the way a procedure ended, its record apart."""
+    if not at_rest:
+        yield "a drive isn't off"
+    if error is not None and not isinstance(error, TorquebenchError):
+        yield f"unforeseen {type(error).__name__}: {error}"
+    if not disk and any(alarm.kind is AlarmKind.JOURNAL for alarm in alarms):
+        yield "the journal failed too"
+
+
+def record_of(station: Station, error: BaseException | None) -> tuple[int, list[str]]:
+    """Count the points of the newest run, and say what is wrong with its record."""
+    run = station.registry.runs(limit=1)[0]
+    points, problems = checked(
+        RunFolder.open(run.folder), station.description, stopped=error is not None
+    )
+    if error is not None and run.status != "failed":
+        problems.append(f"the run is {run.status}")
+    return points, problems
+
+
+def checked(
+    folder: RunFolder, description: BenchDescription, *, stopped: bool
+) -> tuple[int, list[str]]:
+    """Count the points of a record, and say what is wrong with it.
+
+    The last point of a run that was stopped doesn't count: what stopped it may have begun while
+    it was taken, and a calibration that goes on takes it again.
+    """
+    problems = []
+    try:
+        folder.verify()
+    except RecordError as changed:
+        problems.append(f"record: {changed}")
+    if not any(read_audit(folder.path / AUDIT_FILE)):
+        problems.append("no audit log")
+    streams = {d["uid"]: str(d["name"]) for _, d in folder.documents("descriptor")}
+    events = [(streams[event["descriptor"]], event) for _, event in folder.documents("event")]
+    points = [event for stream, event in events if stream == "points"]
+    zeros = [event for stream, event in events if stream.startswith("zero_")]
+    for event in [*zeros, *(points[:-1] if stopped else points)]:
+        for side in ("input", "output"):
+            found = {
+                key.removeprefix(f"{side}-steady-"): value
+                for key, value in event["data"].items()
+                if key.startswith(f"{side}-steady-")
+            }
+            range_nm = description.module(side).range_nm
+            problems += _wrong_values(side, found, range_nm)
+    return len(points), problems
+
+
+def _wrong_values(side: str, found: dict[str, Any], range_nm: float) -> Iterator[str]:
+    """Say which values of a point are too far from the truth."""
+    true = found.get("true_torque_nm")
+    if true is None:
+        return
+    for field, allowed in (("reading_nm", READING_PERCENT), ("standard_nm", STANDARD_PERCENT)):
+        value = found.get(field)
+        if value is not None and not abs(value - true) <= allowed / 100.0 * range_nm:
+            yield f"{side} {field} {value:.6g} N·m, true {true:.6g} N·m"
+
+
+def slipped(recording: TransmissionRecording) -> Iterator[str]:
+    """Say in which direction the angles are further apart than the twin's reducer has them."""
+    for each in recording.directions:
+        apart = np.ptp(each.output_angle_rad - each.input_angle_rad / REDUCER.ratio)
+        if apart > np.radians(ANGLE_DEG):
+            yield f"direction {each.direction}: angles {np.degrees(apart):.2f}° apart"
+
+
+def differing(found: ReducerTestRecord, undisturbed: ReducerTestRecord) -> Iterator[str]:
+    """Say which results differ by more than both their expanded uncertainties."""
+    before = {
+        (outcome.name, each.key): each
+        for outcome in undisturbed.outcomes
+        for each in outcome.quantities
+    }
+    for outcome in found.outcomes:
+        for each in outcome.quantities:
+            other = before.get((outcome.name, each.key))
+            if other is None:
+                yield f"{each.key} isn't in the undisturbed result"
+            elif not abs(each.value - other.value) <= (
+                each.expanded_uncertainty + other.expanded_uncertainty
+            ):
+                yield (
+                    f"{each.key} {each.value:.5g} ± {each.expanded_uncertainty:.2g} {each.unit}, "
+                    f"undisturbed {other.value:.5g} ± {other.expanded_uncertainty:.2g}"
+                )

@@ -1,0 +1,135 @@
+"""The fault campaign's outcomes: kept in a file, told on the terminal, written into the docs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.fault_judging import Outcome, line_of
+
+__all__ = ["Kept", "section", "summary"]
+
+PERCENTILES = (50.0, 90.0, 99.0, 100.0)
+
+
+class Kept:
+    """Outcomes in a file of JSON lines, so that a campaign can go on where it was interrupted.
+
+    Parameters
+    ----------
+    path : pathlib.Path or None
+        None keeps them in memory only.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.outcomes: dict[tuple[str, int, int], Outcome] = {}
+        if path is not None and path.exists():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                part, values = json.loads(line)
+                outcome = Outcome(**values | {"problems": tuple(values["problems"])})
+                self.outcomes[part, outcome.seed, outcome.index] = outcome
+
+    def go(self, part: str, seed: int, index: int, run: Callable[[], Outcome]) -> Outcome:
+        """Return what became of a fault, now or in an earlier slice."""
+        known = self.outcomes.get((part, seed, index))
+        if known is not None:
+            return known
+        outcome = self.outcomes[part, seed, index] = run()
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([part, asdict(outcome)]) + "\n")
+        return outcome
+
+
+def _times(outcomes: Sequence[Outcome], name: str) -> str:
+    """Return percentiles of a time, and of how many."""
+    times = np.array([getattr(each, name) for each in outcomes])
+    times = times[np.isfinite(times)]
+    if not times.size:
+        return "–"
+    shares = np.percentile(times, PERCENTILES)
+    return ", ".join(f"{share:.2f}" for share in shares) + f" ({times.size})"
+
+
+def summary(outcomes: Sequence[Outcome], name: str) -> Iterator[str]:
+    """Say in lines what was survived."""
+    failed = [outcome for outcome in outcomes if outcome.problems]
+    kinds = len({outcome.kind for outcome in outcomes})
+    procedures = len({outcome.procedure for outcome in outcomes})
+    yield (
+        f"\nfaults survived {len(outcomes) - len(failed)} of {len(outcomes)}, {kinds} kinds, "
+        f"{procedures} procedures, {name}"
+    )
+    status = Counter(outcome.status for outcome in outcomes)
+    yield "  " + ", ".join(f"{count} {how}" for how, count in status.most_common())
+    yield f"  to both drives off, p50 p90 p99 max, s of bench time: {_times(outcomes, 'safe_s')}"
+    if any(math.isfinite(outcome.wall_s) for outcome in outcomes):
+        yield f"  the same, s of wall time: {_times(outcomes, 'wall_s')}"
+    yield f"  acknowledged points kept: {sum(each.points for each in outcomes)}"
+    yield "  alarms: " + ", ".join(sorted({each.alarm for each in outcomes if each.alarm}))
+    for each in failed:
+        yield "  " + line_of(each)
+
+
+def section(parts: dict[str, Sequence[Outcome]], remark: str) -> str:
+    """Return the campaign's section of the docs, as Markdown.
+
+    Parameters
+    ----------
+    parts : dict
+        Outcomes by what they were measured on.
+    remark : str
+        On which machine, at which load.
+    """
+    every = [outcome for outcomes in parts.values() for outcome in outcomes]
+    lines = [
+        f"Simulated throughout; {remark} Times are from the fault to both drives off: median, "
+        "90 %, 99 %, longest (number of faults with power on).",
+        "",
+        "| | faults | kinds | procedures | survived | stopped | refused | recovered | harmless "
+        "| bench time, s | wall time, s | points kept |",
+        "| --- " * 12 + "|",
+    ]
+    for name, outcomes in (*parts.items(), ("together", every)):
+        status = Counter(outcome.status for outcome in outcomes)
+        cells = [
+            name,
+            len(outcomes),
+            len({each.kind for each in outcomes}),
+            len({each.procedure for each in outcomes}),
+            sum(not each.problems for each in outcomes),
+            *(status[how] for how in ("stopped", "refused", "recovered", "harmless")),
+            _times(outcomes, "safe_s"),
+            _times(outcomes, "wall_s"),
+            sum(each.points for each in outcomes),
+        ]
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    lines += ["", "| kind | faults | survived | alarms and refusals | bench time, s |"]
+    lines.append("| --- " * 5 + "|")
+    lines += list(_by_kind(every))
+    for each in every:
+        if each.problems:
+            lines.append(f"\nNot survived: {each.kind} in {each.procedure} (seed {each.seed}, "
+                         f"number {each.index}): {'; '.join(each.problems)}.")  # fmt: skip
+    return "\n".join(lines)
+
+
+def _by_kind(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    kinds: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in outcomes:
+        kind = outcome.kind
+        if kind.startswith("wire: "):  # by what is done to the wire, whatever hangs on it
+            kind = f"wire: {kind.split()[-1]}"
+        kinds[kind].append(outcome)
+    for kind, found in kinds.items():
+        names = Counter(each.alarm.split(":")[0] or each.status for each in found)
+        told = ", ".join(f"{name} {count}" for name, count in names.most_common())
+        survived = sum(not each.problems for each in found)
+        yield f"| {kind} | {len(found)} | {survived} | {told} | {_times(found, 'safe_s')} |"
