@@ -1,6 +1,6 @@
 """The bench's twin: commands in, blocks of edges and counts out, with known true torque."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -273,28 +273,33 @@ class BenchTwin:
         self._faults.append(make_fault(channel, kind, start, stop, amount))
 
     # Time ----------------------------------------------------------------------------------
-    def advance(self, duration_s: float) -> TwinBlock:
-        """Run the bench and deliver everything that its counters, encoders and probes saw."""
+    def advance(
+        self, duration_s: float, drive: Callable[[float], float] | None = None
+    ) -> TwinBlock:
+        """Run the bench and deliver everything that its counters, encoders and probes saw.
+
+        Parameters
+        ----------
+        duration_s : float
+            How long.
+        drive : callable, optional
+            Gives commands while the block runs: called with the time that is left, s, it returns
+            when it wants to be called again. As many shorter blocks give the same, with more work.
+        """
         if not duration_s > 0.0:
             raise InputError(f"duration {duration_s} s", "a duration above 0 s")
         start_tick = self._tick
-        self._tick += max(1, round(duration_s * self._timebase_hz))
+        stop_tick = start_tick + max(1, round(duration_s * self._timebase_hz))
         first = self._steps
-        steps = -(-self._tick // self._step_ticks) - first
-        self._steps += steps
+        steps = -(-stop_tick // self._step_ticks) - first
         recording = simulation.record(steps)
-        if steps:
-            simulation.simulate(
-                first,
-                steps,
-                self._constants,
-                (self._references[0].constants, self._references[1].constants),
-                self._tables,
-                self._orders,
-                self._state,
-                self._process,
-                recording,
-            )
+        while self._tick < stop_tick:
+            left = stop_tick - self._tick
+            if drive is not None:
+                wish_s = drive(left / self._timebase_hz)
+                left = min(left, max(1, round(wish_s * self._timebase_hz)))
+            self._tick += left
+            self._run(recording, first)
         edges = {channel: self._edges(channel, first, recording) for channel in self._active}
         ticks = np.arange(first, first + steps, dtype=np.int64) * self._step_ticks
         temperature = dict(zip(heat.PLACES, self._state.temperature_c.tolist(), strict=True))
@@ -370,6 +375,25 @@ class BenchTwin:
         )
 
     # Inside --------------------------------------------------------------------------------
+    def _run(self, recording: simulation.Recording, first: int) -> None:
+        """Simulate up to the present tick, into the recording that began with a step."""
+        steps = -(-self._tick // self._step_ticks) - self._steps
+        if steps == 0:
+            return
+        simulation.simulate(
+            self._steps,
+            steps,
+            self._constants,
+            (self._references[0].constants, self._references[1].constants),
+            self._tables,
+            self._orders,
+            self._state,
+            self._process,
+            recording,
+            self._steps - first,
+        )
+        self._steps += steps
+
     def _reference_set(self, what: Mounting) -> tuple[ReferenceParameters, ReferenceParameters]:
         first, second = self._sides
         if what == "verification_standard":

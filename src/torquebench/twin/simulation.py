@@ -211,14 +211,15 @@ def simulate(
     state: State,
     generator: np.random.Generator,
     recording: Recording,
+    offset: int,
 ) -> None:
-    """Run the bench for some steps; changes the state and fills the recording."""
+    """Run the bench for some steps; changes the state and fills the recording from a place on."""
     motor, added, speed = np.zeros(2), np.zeros(2), np.zeros(2)
     normal = np.zeros(_DRAWS)
     for step in range(steps):
         for k in range(_DRAWS):
             normal[k] = generator.standard_normal()
-        _record_state(constants, state, recording, step)
+        _record_state(constants, state, recording, offset + step)
         time_s = (first_step + step) * STEP_S
         for side in range(2):
             speed[side] = state.shafts[side, mechanism.MOTOR_SPEED]
@@ -253,7 +254,7 @@ def simulate(
         )
         state.reducer[red.LOSS_J] = 0.0
         _signals(constants, references, tables, state, orders.plant[1] == 1, normal)
-    recording.frequency_hz[:, steps] = state.lagged_hz
+    recording.frequency_hz[:, offset + steps] = state.lagged_hz
 
 
 @njit(cache=True)

@@ -519,3 +519,36 @@ def test_a_shaft_that_turns_alone_drags_by_its_bearings_as_with_something_mounte
     twin.set_mode("input", "free")
     twin.advance(10.0)
     assert abs(twin._state.shafts[0, FLANGE_SPEED]) < 0.1
+
+
+def test_commands_during_a_block_are_those_between_shorter_blocks():
+    """One block with a schedule gives the edges and counts of as many short ones."""
+
+    def loaded():
+        twin = BenchTwin(TwinParameters.draw("nominal", 6), seed=3)
+        twin.mount("reducer")
+        twin.set_clamped(True)
+        twin.set_mode("input", "locked")
+        twin.set_mode("output", "driven")
+        twin.enable("output", True)
+        return twin
+
+    twin, levels = loaded(), list(np.linspace(1.0, 20.0, 20))
+    short = []
+    for level in levels:
+        twin.command_torque("output", float(level))
+        short.append(twin.advance(0.01))
+    twin, left, asked = loaded(), list(levels), []
+
+    def drive(remaining_s):
+        asked.append(remaining_s)
+        twin.command_torque("output", float(left.pop(0)))
+        return 0.01
+
+    long = twin.advance(0.2, drive)
+    assert asked == pytest.approx(np.arange(20, 0, -1) * 0.01)
+    for name, edges in long.edges.items():
+        np.testing.assert_array_equal(edges, np.concatenate([each.edges[name] for each in short]))
+    for side, samples in long.angles.items():
+        counts = np.concatenate([each.angles[side].counts for each in short])
+        np.testing.assert_array_equal(samples.counts, counts)

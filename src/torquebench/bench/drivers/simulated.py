@@ -7,7 +7,7 @@ them is the same code for both. Drives ramp by themselves and have their own wat
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -211,17 +211,9 @@ class SimulatedBench:
             if self._closed:
                 raise BenchError("the simulated counter is closed", "an open bench")
             start_s = self._twin.time_s
-            parts: list[TwinBlock] = []
-            remaining = duration_s
-            while remaining > 1e-9:
-                self._watch(self._twin.time_s)
-                ramping = any(axes.moving for axes in self._axes.values())
-                step = min(RAMP_STEP_S, remaining) if ramping else remaining
-                self._drive(step)
-                parts.append(self._twin.advance(step))
-                remaining -= step
-            self._keep(parts)
-            block = _joined(parts, start_s, self._twin.time_s)
+            ran = self._twin.advance(duration_s, self._conduct)
+            self._keep(ran)
+            block = _counted(ran, start_s, self._twin.time_s)
             if self.readout is not None:
                 block = self.readout.take(block)
             return block
@@ -229,6 +221,14 @@ class SimulatedBench:
     def close(self) -> None:
         """Release the bench."""
         self._closed = True
+
+    def _conduct(self, remaining_s: float) -> float:
+        """Set the drives' present set points; return for how long they hold."""
+        self._watch(self._twin.time_s)
+        ramping = any(axes.moving for axes in self._axes.values())
+        step_s = min(RAMP_STEP_S, remaining_s) if ramping else remaining_s
+        self._drive(step_s)
+        return step_s
 
     def _watch(self, now_s: float) -> None:
         for side, axes in self._axes.items():
@@ -244,11 +244,10 @@ class SimulatedBench:
             if axes.speed.step(step_s):
                 self._twin.command_speed(side, axes.speed.present)
 
-    def _keep(self, parts: Sequence[TwinBlock]) -> None:
-        self._temperatures = {name: float(t) for name, t in parts[-1].temperatures.items()}
-        for part in parts:
-            torque = part.truth.torque_nm
-            self._truth.append(part.truth.time_s, torque["input"], torque["output"])
+    def _keep(self, block: TwinBlock) -> None:
+        self._temperatures = {name: float(t) for name, t in block.temperatures.items()}
+        torque = block.truth.torque_nm
+        self._truth.append(block.truth.time_s, torque["input"], torque["output"])
 
     # -- drives (called by SimulatedDrive) --------------------------------------------------
 
@@ -440,23 +439,13 @@ def open_simulated(description: BenchDescription) -> DriverSet:
     )
 
 
-def _joined(parts: Sequence[TwinBlock], start_s: float, stop_s: float) -> CounterBlock:
-    first, last = parts[0], parts[-1]
-    edges = {}
-    for channel in first.edges:
-        ticks = [part.edges[channel] for part in parts]
-        edges[str(channel)] = EdgeBlock(
-            ticks[0] if len(ticks) == 1 else np.concatenate(ticks),
-            first.start_tick,
-            last.stop_tick,
-            first.timebase_hz,
-        )
-    angles: dict[Side, AngleSamples] = {}
-    for side in SIDES:
-        samples = [part.angles[side] for part in parts]
-        angles[side] = AngleSamples(
-            np.concatenate([sample.time_s for sample in samples]),
-            np.concatenate([sample.counts for sample in samples]),
-            samples[0].counts_per_revolution,
-        )
+def _counted(ran: TwinBlock, start_s: float, stop_s: float) -> CounterBlock:
+    edges = {
+        str(channel): EdgeBlock(ticks, ran.start_tick, ran.stop_tick, ran.timebase_hz)
+        for channel, ticks in ran.edges.items()
+    }
+    angles: dict[Side, AngleSamples] = {
+        side: AngleSamples(samples.time_s, samples.counts, samples.counts_per_revolution)
+        for side, samples in ran.angles.items()
+    }
     return CounterBlock(start_s, stop_s, edges, angles)
