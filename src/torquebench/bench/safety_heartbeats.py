@@ -63,6 +63,10 @@ class Heartbeats:
         self.present = who
         self._present_until = time.monotonic() + self._presence_s
 
+    def present_s(self) -> float:
+        """How long the last confirmation still counts, wall s; 0 where none does."""
+        return max(0.0, self._present_until - time.monotonic())
+
     def absent_s(self) -> float:
         """How long nobody has confirmed to be there beyond what is allowed, wall s; 0 if fine."""
         if self._presence_s <= 0.0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,17 +162,16 @@ class Chart:
                 "lineStyle": {"type": "dashed", "width": 1.5, ":color": _colour("--bad")},
                 "data": [{"yAxis": limit} for limit in self._limits],
             }
+            series.append(self._unseen(lines[0]))
         return series
+
+    def _unseen(self, line: Line) -> dict[str, Any]:
+        """Return points nobody sees at the limits: an axis follows points, not limits."""
+        where = 0 if self._names else _number(line.x[0])
+        points = [[where, limit] for limit in self._limits] if len(line.y) else []
+        return {"type": "scatter", "data": points, "symbolSize": 0, "silent": True}
 
     def show(self, lines: Sequence[Line]) -> None:
         """Show other lines."""
         self.element.options["series"] = self._lines(lines)
         self.element.update()
-
-
-def titled(items: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> list[Line]:
-    """Make a line of each named pair of columns, in the colours' order."""
-    return [
-        Line(title, x, y, COLOURS[place % len(COLOURS)])
-        for place, (title, (x, y)) in enumerate(items.items())
-    ]

@@ -97,7 +97,7 @@ class CalibratePage:
     def _render(self) -> None:
         text = self.text
         self._steps.clear()
-        reached = STEPS.index(self.course.reached)
+        reached = max(STEPS.index(self.course.reached), STEPS.index(self.step))
         with self._steps:
             for place, step in enumerate(STEPS):
                 done = "done" if place < reached else ""

@@ -73,12 +73,15 @@ class PrepareStep:
         snapshot = self._page.visitor.service.snapshot()
         holder = snapshot.commanded_by
         mine = self._page.visitor.commands
-        checks = (
+        checks: tuple[tuple[bool, str], ...] = (
             (snapshot.connection == "live", "readings"),
             (not snapshot.stopped, "alarm"),
             (mine or holder is None, "command"),
             (snapshot.job_id is None, "idle"),
         )
+        service = self._page.visitor.service
+        if service.presence_wanted:
+            checks += ((mine and service.presence_left_s > 0.0, "presence"),)
         if checks == self._checked:
             return
         self._checked = checks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -146,6 +147,11 @@ class _Frame:
         self._alarm.set_visibility(False)
         self._lost = words("div", "", "note bad", role="alert")
         self._lost.set_visibility(False)
+        self._presence = box("div", "note spread presence")
+        with self._presence:
+            self._presence_text = words("div", "", role="timer")
+            button(self.text("presence.button"), self._present, "primary", picture="person_pin")
+        self._presence.set_visibility(False)
 
     def refresh(self) -> None:
         """Show the bench's state where it has changed."""
@@ -155,6 +161,11 @@ class _Frame:
         except NotSignedInError:
             ui.navigate.to(f"/sign-in?reason=expired&next={self._path}")
             return
+        self._presence.set_visibility(service.presence_wanted and commands)
+        if service.presence_wanted and commands:
+            left = math.ceil(service.presence_left_s)
+            said = "presence.left" if left else "presence.none"
+            self._presence_text.set_text(text(said, seconds=left))
         snapshot = service.snapshot()
         latched = _latched(service) if snapshot.stopped else None
         found = (
@@ -186,6 +197,11 @@ class _Frame:
         if snapshot.connection != "live":
             said = f"frame.connection_{snapshot.connection}"
             self._lost.set_text(text(said, problem=text.core(snapshot.connection_problem)))
+
+    def _present(self) -> None:
+        visitor = self.visitor
+        visitor.attempt(lambda: visitor.service.confirm_presence(visitor.actor))
+        self.refresh()
 
     def _take_command(self) -> None:
         visitor, text = self.visitor, self.text

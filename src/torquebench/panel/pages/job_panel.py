@@ -110,8 +110,6 @@ class JobPanel:
                 tag(text(f"job.state_{job.state}"), kind, picture)
             if job.open and self._visitor.commands:
                 with box("div", "line"):
-                    if self._visitor.service.presence_wanted:
-                        button(text("job.present"), self._present, picture="person_pin")
                     if job.can_pause and job.state == "running":
                         button(text("job.pause"), self._pause, picture="pause")
                     if job.state in ("paused", "pausing"):
@@ -166,10 +164,6 @@ class JobPanel:
     def _answer(self, number: int, done: bool) -> None:
         visitor = self._visitor
         visitor.attempt(lambda: visitor.service.jobs.answer(visitor.actor, number, done=done))
-
-    def _present(self) -> None:
-        visitor = self._visitor
-        visitor.attempt(lambda: visitor.service.confirm_presence(visitor.actor))
 
     def _pause(self) -> None:
         visitor = self._visitor

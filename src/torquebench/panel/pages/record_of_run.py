@@ -132,7 +132,8 @@ class RunPanel:
                     numbers["reading_nm"], numbers["standard_nm"], strict=True
                 )
             ]
-        self._plot(numbers)
+        if len(next(iter(numbers.values()))) > 1:
+            self._plot(numbers)
         names = list(numbers)[:7]
         rows = [
             tuple(f"{numbers[name][row]:.6g}" for name in names)

@@ -28,11 +28,7 @@ from torquebench.panel.service.jobs import JobDesk, JobKind, Workplace
 from torquebench.panel.service.lease import CommandLease
 from torquebench.panel.service.live import STALE_AFTER_S, Connection, LiveHub
 from torquebench.panel.service.people import People
-from torquebench.panel.service.recalling import (
-    InterruptedView,
-    interrupted_calibration,
-    recalled,
-)
+from torquebench.panel.service.recalling import InterruptedView, interrupted_calibration, recall
 from torquebench.panel.service.records_desk import RecordsDesk
 from torquebench.panel.service.settings import SettingsDesk
 from torquebench.panel.service.snapshot import (
@@ -377,12 +373,7 @@ class BenchService:
         RecordError
             It isn't registered, or its records were changed.
         """
-        measured, verified = recalled(self.station, calibration_id)
-        side = measured.details["side"]
-        view = self.jobs.recall(actor, "calibrate", {"side": side}, measured)
-        if verified is not None:
-            self.jobs.recall(actor, "verify", {"calibration_id": calibration_id}, verified)
-        return view
+        return recall(self.jobs, self.station, actor, calibration_id)
 
     def sign_off(
         self,
@@ -456,6 +447,11 @@ class BenchService:
     def presence_wanted(self) -> bool:
         """Whether the bench asks for somebody beside it while a drive has power."""
         return bool(self.station.description.safety.presence_s)
+
+    @property
+    def presence_left_s(self) -> float:
+        """How long the last confirmation still counts, s; 0 where none does."""
+        return self.station.supervisor.heartbeats.present_s()
 
     def confirm_presence(self, actor: Actor) -> None:
         """Note that whoever commands is at the bench; see `[safety] presence_s`.

@@ -10,6 +10,7 @@ from torquebench.campaign.fitting import FittedModel, model_title
 from torquebench.campaign.resuming import find_interrupted, read_interrupted
 from torquebench.compensation import CompensationModel, load_model
 from torquebench.errors import TorquebenchError
+from torquebench.panel.service.actors import Actor
 from torquebench.panel.service.calibration_results import (
     calibration_data,
     calibration_result,
@@ -17,12 +18,13 @@ from torquebench.panel.service.calibration_results import (
     verification_result,
 )
 from torquebench.panel.service.job_calibrations import VerifyRequest
-from torquebench.panel.service.job_values import JobResult
+from torquebench.panel.service.job_values import JobResult, JobView
+from torquebench.panel.service.jobs import JobDesk
 from torquebench.records import Registry, RunFolder
 from torquebench.reports.certificate import run_data
 from torquebench.station import Station
 
-__all__ = ["InterruptedView", "interrupted_calibration", "recalled"]
+__all__ = ["InterruptedView", "interrupted_calibration", "recall"]
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,15 @@ def interrupted_calibration(registry: Registry, run_id: str = "") -> Interrupted
 
 def _calibrates(kind: str) -> bool:
     return kind.startswith("calibrate-")
+
+
+def recall(jobs: JobDesk, station: Station, actor: Actor, calibration_id: int) -> JobView:
+    """List what a registered calibration's jobs found as if they had just been done."""
+    measured, verified = recalled(station, calibration_id)
+    view = jobs.recall(actor, "calibrate", {"side": measured.details["side"]}, measured)
+    if verified is not None:
+        jobs.recall(actor, "verify", {"calibration_id": calibration_id}, verified)
+    return view
 
 
 def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResult | None]:
