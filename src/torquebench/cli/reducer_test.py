@@ -47,7 +47,7 @@ MORE = """
 
     Torques are compensated by the active models; without one, the result says so. Every part is
     a run of its own; its results.json holds all numbers. Leaves with 1 where a limit of the data
-    sheet isn't kept, with 2 on bad input.
+    sheet isn't kept, data forbid a verdict or a part failed, with 2 on bad input.
 """
 
 ReducerOption = Annotated[
@@ -73,7 +73,16 @@ DryRunOption = Annotated[
     bool, typer.Option("--dry-run", help="Check limits and durations; nothing moves.")
 ]
 ReportOption = Annotated[
-    Path | None, typer.Option("--report", help="Write a report with figures (.html).")
+    list[Path] | None,
+    typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+]
+TareOption = Annotated[
+    bool,
+    typer.Option(
+        "--tare/--no-tare",
+        help="Before no-load torque and efficiency: an empty run, with nothing mounted, whose "
+        "torque is taken off. Left out by --short.",
+    ),
 ]
 YesOption = Annotated[
     bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
@@ -114,6 +123,7 @@ def _command(name: str) -> Callable[..., None]:
         short: ShortOption = False,
         twist: TwistOption = None,
         no_twist: NoTwistOption = False,
+        tare: TareOption = True,
         dry_run: DryRunOption = False,
         report: ReportOption = None,
         bench: BenchOption = None,
@@ -125,15 +135,14 @@ def _command(name: str) -> Callable[..., None]:
 
         described = default_bench() if bench is None else load_bench(bench)
         kind, described = _mounted(described, reducer, serial)
-        wanted = _Wanted(name, kind, _settings(short, twist, no_twist), serial)
+        wanted = _Wanted(name, kind, _settings(short, twist, no_twist, tare), serial)
+        _check_reports(report or [])
         if dry_run:
             _dry_run(described, wanted)
             return
-        if report is not None:
-            check_output(report)
         _confirm(described, kind, yes)
         record = _run(described, wanted, data, yes=yes, real_time=real_time)
-        _finish(record, report)
+        _finish(record, report or [])
 
     return command
 
@@ -146,15 +155,25 @@ class _Wanted:
     serial: str
 
 
-def _settings(short: bool, twist: float | None, no_twist: bool) -> ReducerTestSettings:
+def _settings(short: bool, twist: float | None, no_twist: bool, tare: bool) -> ReducerTestSettings:
     from torquebench.campaign.reducer_settings import ReducerTestSettings
 
     settings = ReducerTestSettings.short() if short else ReducerTestSettings()
+    if not tare:
+        settings = replace(settings, empty_run=None)
     if twist is not None and no_twist:
         raise InputError("--twist and --no-twist", "one of both")
     if no_twist:
         return replace(settings, bench_twist=None)
     return settings if twist is None else replace(settings, twist_arcmin_per_nm=twist)
+
+
+def _check_reports(reports: list[Path]) -> None:
+    from torquebench.reports.page_pdf import check_suffix
+
+    for report in reports:
+        check_suffix(report)
+        check_output(report)
 
 
 def _mounted(
@@ -238,6 +257,7 @@ def _run(
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.reducer_tests import run_reducer_test
     from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
     from torquebench.cli.recovered import tell_recovered
@@ -253,7 +273,12 @@ def _run(
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
         try:
-            with progress, interrupts.watching(), answering(desk, progress, yes=yes):
+            with (
+                progress,
+                attending(station, progress),
+                interrupts.watching(),
+                answering(desk, progress, yes=yes),
+            ):
                 return run_reducer_test(
                     station,
                     wanted.name,
@@ -280,14 +305,16 @@ def _compensate(station: Station) -> None:
             note(f"{side}: compensated by model-{active.model_id} ({active.kind})")
 
 
-def _finish(record: ReducerTestRecord, report: Path | None) -> None:
+def _finish(record: ReducerTestRecord, reports: list[Path]) -> None:
     from torquebench.cli.reducer_test_tables import print_record
 
     print_record(record)
-    if report is not None:
-        from torquebench.reports.page import write_page
+    if reports:
+        from torquebench.reports.page_pdf import write_report
         from torquebench.reports.reducer_report import reducer_page
 
-        say(f"Report: {write_page(reducer_page(record), report)}")
+        page = reducer_page(record)
+        for report in reports:
+            say(f"Report: {write_report(page, report)}")
     if record.failed:
         raise typer.Exit(CHECK_FAILED)

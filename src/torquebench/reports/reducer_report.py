@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from torquebench.campaign.reducer_results import ReducerTestRecord, TestOutcome
+from torquebench.campaign.reducer_results import ReducerTestRecord, TestFailure, TestOutcome
 from torquebench.reducers import (
     BreakawayResult,
     EfficiencyMap,
@@ -42,7 +42,11 @@ def reducer_page(record: ReducerTestRecord) -> Page:
     return Page(
         title=f"Reducer test: {record.reducer_name}{specimen}",
         subtitle=f"{record.bench_name} · {record.started:%Y-%m-%d %H:%M} UTC",
-        sections=[_summary(record), *(_section(each) for each in record.outcomes)],
+        sections=[
+            _summary(record),
+            *(_failure(each) for each in record.failures),
+            *(_section(each) for each in record.outcomes),
+        ],
         simulated=record.simulated,
     )
 
@@ -61,7 +65,7 @@ def _summary(record: ReducerTestRecord) -> Section:
             ("Operator", record.operator),
             ("Duration", f"{record.bench_seconds:.0f} s of bench time"),
             ("Software", f"torquebench {record.software_version}"),
-            ("Verdict", _words(record.verdict) if record.verdict else "nothing was judged"),
+            ("Verdict", _verdict(record)),
         )
     )
     judged = [
@@ -80,6 +84,21 @@ def _summary(record: ReducerTestRecord) -> Section:
         caption = "Against the data sheet, with a guard band of U (95.45 % coverage)."
         blocks.append(Table(("quantity", "value", "U", "limit", "verdict"), judged, caption))
     return Section("Summary", "", blocks)
+
+
+def _verdict(record: ReducerTestRecord) -> str:
+    words = [_words(record.verdict) if record.verdict else "nothing was judged"]
+    if record.failures:
+        words.append("without result: " + ", ".join(each.title for each in record.failures))
+    severe = [each.title for each in record.outcomes if each.severe]
+    if severe:
+        words.append("not to be used for a verdict: " + ", ".join(severe))
+    return "; ".join(words)
+
+
+def _failure(failure: TestFailure) -> Section:
+    what = Facts((("Failure", failure.message),))
+    return Section(f"{failure.title}: no result", "", (what,))
 
 
 def _section(outcome: TestOutcome) -> Section:
