@@ -192,6 +192,7 @@ def run_calibrations(
     from torquebench.campaign.measuring import RunAbortedError, measure_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
     from torquebench.cli.recovered import tell_recovered
@@ -219,7 +220,12 @@ def run_calibrations(
                 return measure_calibration(station, side, profile, progress=progress, on_pause=ask)
 
             try:
-                with progress, interrupts.watching(), answering(desk, progress, yes=yes):
+                with (
+                    progress,
+                    attending(station, progress),
+                    interrupts.watching(),
+                    answering(desk, progress, yes=yes),
+                ):
                     outcome = _one_side(station, measure, profile, model or RECOMMENDED, progress)
             except RunAbortedError as aborted:
                 raise interrupts.reported(aborted) from None

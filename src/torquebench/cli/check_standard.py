@@ -57,6 +57,7 @@ def check(
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.cli.calibrate import confirm_start
     from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
     from torquebench.cli.recovered import tell_recovered
@@ -74,7 +75,12 @@ def check(
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
         try:
-            with progress, interrupts.watching(), answering(desk, progress, yes=yes):
+            with (
+                progress,
+                attending(station, progress),
+                interrupts.watching(),
+                answering(desk, progress, yes=yes),
+            ):
                 result = check_module(
                     station,
                     side.value,

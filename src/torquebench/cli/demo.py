@@ -104,6 +104,7 @@ def _tell(
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.story import tell_story
     from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
@@ -114,7 +115,7 @@ def _tell(
         tell_recovered(station)
         interrupts = BenchInterrupts(station, progress, may_pause=False)
         try:
-            with progress, interrupts.watching():
+            with progress, attending(station, progress), interrupts.watching():
                 return tell_story(station, settings, progress)
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None

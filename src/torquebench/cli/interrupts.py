@@ -75,6 +75,7 @@ class BenchInterrupts:
     def ask(self, _station: Station) -> Literal["resume", "abort"]:
         """Ask whether a paused run goes on; no answer at all aborts."""
         self._progress.pause()
+        answer = ""
         try:
             while True:
                 sys.stderr.write("Paused without torque. [r]esume or [a]bort? ")
@@ -86,7 +87,7 @@ class BenchInterrupts:
                 if not answer or answer.strip().lower() in ("a", "abort"):
                     return "abort"
         finally:
-            self._progress.resume()
+            self._progress.resume(answered=bool(answer))
 
     def reported(self, aborted: RunAbortedError) -> typer.Exit:
         """Say what is left of an aborted run, and return the end of the command."""

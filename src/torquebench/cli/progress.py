@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from rich.console import Console
 from rich.progress import (
@@ -18,15 +18,30 @@ from rich.progress import Progress as Bars
 
 from torquebench.cli.console import stderr_console
 
-__all__ = ["TerminalProgress"]
+__all__ = ["Attendance", "TerminalProgress"]
 
 TITLE_COLUMNS = 38
+
+
+class Attendance(Protocol):
+    """Whoever takes keys while no question is asked; see `cli.presence`."""
+
+    def pause(self) -> None:
+        """Leave the keys to a question."""
+
+    def resume(self, *, answered: bool) -> None:
+        """Take the keys again."""
 
 
 class TerminalProgress:
     """Show the stages of a campaign on standard error, within 80 columns.
 
     Use it as a context manager: leaving it, also by an error, gives the terminal back.
+
+    Attributes
+    ----------
+    attendance : Attendance or None
+        Told when a question begins and ends.
     """
 
     def __init__(self, console: Console | None = None) -> None:
@@ -39,6 +54,7 @@ class TerminalProgress:
             console=self._console,
             disable=not self._console.is_terminal,
         )
+        self.attendance: Attendance | None = None
         self._task: TaskID | None = None
         self._title = ""
         self._total: int | None = None
@@ -93,9 +109,13 @@ class TerminalProgress:
         self._console.print(text, style="dim")
 
     def pause(self) -> None:
-        """Stop redrawing, so that a question can be asked."""
+        """Stop redrawing and leave the keys alone, so that a question can be asked."""
+        if self.attendance is not None:
+            self.attendance.pause()
         self._bars.stop()
 
-    def resume(self) -> None:
-        """Go on redrawing."""
+    def resume(self, *, answered: bool = False) -> None:
+        """Go on redrawing; say whether somebody has answered at this terminal."""
         self._bars.start()
+        if self.attendance is not None:
+            self.attendance.resume(answered=answered)

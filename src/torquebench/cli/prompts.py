@@ -48,6 +48,7 @@ def _ask_at_terminal(desk: PromptDesk, prompt: Prompt, progress: TerminalProgres
     from torquebench.campaign.measuring import operator_name
 
     progress.pause()
+    answered = False
     try:
         sys.stderr.write(f"{prompt.text} [d]one or [a]bort? ")
         sys.stderr.flush()
@@ -55,6 +56,7 @@ def _ask_at_terminal(desk: PromptDesk, prompt: Prompt, progress: TerminalProgres
             if sys.platform != "win32" and not select.select([sys.stdin], [], [], POLL_S)[0]:
                 continue
             answer = sys.stdin.readline()
+            answered = bool(answer)
             word = answer.strip().lower()
             if word in ("d", "done", "y", "yes"):
                 desk.answer(prompt.number, done=True, who=operator_name())
@@ -66,4 +68,4 @@ def _ask_at_terminal(desk: PromptDesk, prompt: Prompt, progress: TerminalProgres
             sys.stderr.flush()
         sys.stderr.write("answered elsewhere\n")
     finally:
-        progress.resume()
+        progress.resume(answered=answered)
