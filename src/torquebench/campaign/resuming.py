@@ -67,18 +67,15 @@ class InterruptedCalibration:
 
         Placed points of an adaptive calibration are known one by one: each lies on a branch that
         was gone through up to it, and none depends on the points after it. So it goes on with a
-        new series of points that are placed by all points so far.
+        new series of points that are placed by all points so far. Where every point was taken
+        it is a series behind the last one.
         """
         every = sorted({step.series for step in self.steps if step.recorded})
         rest = self._rest(every)
-        if not rest and self.profile.adaptive is not None:
-            rest = [1 + max(step.series for step, _ in self.points)]
         if not rest:
-            raise InputError(
-                f"run {self.run_ids[-1]} has all its {len(every)} series",
-                "an interrupted series",
-                "nothing is left to measure: calibrate again",
-            )
+            rest = [1 + max(step.series for step, _ in self.points)]
+            if self.profile.adaptive is None:  # nothing but the end of the run was missed
+                return rest[0]
         clause = self.profile.interruption
         if clause is None or clause.resume == "series":
             return rest[0]
@@ -93,7 +90,7 @@ class InterruptedCalibration:
     def remaining(self) -> tuple[Step, ...]:
         """Steps of the profile that are still to be loaded: preloads and zero again, then those.
 
-        Where an adaptive calibration goes on with placing points, only what prepares the bench.
+        Only what prepares the bench where all of them were loaded, as before placing points.
         """
         first = self.series
         if any(step.recorded and step.series == first for step in self.steps):

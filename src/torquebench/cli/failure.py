@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable
 
 from torquebench.errors import (
@@ -17,6 +18,8 @@ CHECK_FAILED = 1
 """A verification out of tolerance, or a bench that failed while it worked."""
 UNUSABLE_INPUT = 2
 """The same code that the option parser gives for an unknown option."""
+DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+"""A full or broken disk is nothing that the user has handed in."""
 INTERRUPTED = 130
 """Ctrl-C, as shells count it (128 + SIGINT)."""
 
@@ -63,7 +66,7 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
         if debug():
             raise
         write_error(_file_error(error))
-        return UNUSABLE_INPUT
+        return CHECK_FAILED if error.errno in DISK_FAILED else UNUSABLE_INPUT
     except Exception as error:
         if debug():
             raise

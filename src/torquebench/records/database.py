@@ -65,6 +65,7 @@ class Database:
             raise RecordError(
                 f"the registry {self.name} can't be opened: {_cause(error)}",
                 "a database that can be read and written",
+                "make room on its disk, or look whether it runs and may be written",
             ) from error
         except RecordError:
             self._engine.dispose()
@@ -172,6 +173,7 @@ class Database:
             raise RecordError(
                 f"the registry {self.name} failed: {_cause(error)}",
                 "a database that can be read and written",
+                "make room on its disk, or look whether it runs; what it has is unchanged",
             ) from error
 
     def head(self) -> ChainHead:

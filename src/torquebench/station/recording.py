@@ -93,12 +93,24 @@ class Recording:
                 lost = None
             self._audit.write("run ends", status=status, reason=reason)
             self._audit.end_run()
-            self._registry.finish_run(self.writer.seal(status, reason))
+            self._registry.finish_run(self._sealed(status, reason))
             if lost is not None:
                 raise lost
         finally:
             self._audit.end_run()
             self._hold.release()
+
+    def _sealed(self, status: RunEnd, reason: str) -> RunFolder:
+        """Seal the folder; what can't be sealed now is sealed at the next start."""
+        try:
+            return self.writer.seal(status, reason)
+        except OSError as error:
+            raise RecordError(
+                f"{self.writer.path} can't be sealed ({error.strerror or error})",
+                "room and a working disk",
+                "make room on the disk; everything measured is kept, and is sealed at the next "
+                "start",
+            ) from error
 
     def _flush(self) -> RecordError | None:
         """Wait until every block is kept; trip and return the error where that fails."""
