@@ -11,6 +11,8 @@ __all__ = ["MOST_CONNECTIONS", "PatientProtocol"]
 
 HEAD_S = 10.0
 """How long a request's head may take to come whole, s."""
+LARGEST_HEAD = 64 * 1024
+"""How long it may be, bytes: the parser has no limit of its own."""
 MOST_CONNECTIONS = 300
 """At one time, of everybody: the bench's own files need descriptors too."""
 
@@ -21,6 +23,7 @@ class PatientProtocol(_Base):
     """uvicorn's protocol, with a limit to its patience: it has none for a head that trickles."""
 
     _patience: asyncio.TimerHandle | None = None
+    _head = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:
         """Take a connection, unless there are too many."""
@@ -33,9 +36,16 @@ class PatientProtocol(_Base):
     def data_received(self, data: bytes) -> None:
         """Take bytes; a request that isn't whole yet doesn't get new time by each of them."""
         super().data_received(data)
-        if self.cycle is not None and not self.cycle.response_complete:
+        if self.transport.is_closing() or self.transport.get_protocol() is not self:
+            return
+        if self._answering:
             self._served()
-        elif self._patience is None and not self.transport.is_closing():
+            return
+        if self.cycle is None or not self.cycle.more_body:  # else a body that nobody wants
+            self._head += len(data)
+        if self._head > LARGEST_HEAD:
+            self.transport.abort()
+        elif self._patience is None:
             self._wait()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -47,13 +57,16 @@ class PatientProtocol(_Base):
         self._patience = self.loop.call_later(HEAD_S, self._give_up)
 
     def _served(self) -> None:
+        self._head = 0
         if self._patience is not None:
             self._patience.cancel()
             self._patience = None
 
     def _give_up(self) -> None:
         self._patience = None
-        upgraded = self.transport.get_protocol() is not self
-        answering = self.cycle is not None and not self.cycle.response_complete
-        if not (upgraded or answering):
+        if self.transport.get_protocol() is self and not self._answering:
             self.transport.close()
+
+    @property
+    def _answering(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
 
 import torquebench
 from torquebench.panel.api import bench_routes, job_routes, people_routes, record_routes, stream
-from torquebench.panel.api.problems import PROBLEMS, ProblemDetails, add_handlers
+from torquebench.panel.api.describing import describe
+from torquebench.panel.api.problems import PROBLEMS, add_handlers
 from torquebench.panel.service import BenchService
 
 __all__ = ["API_PATH", "create_api"]
@@ -47,15 +47,7 @@ def create_api(service: BenchService) -> FastAPI:
 
     def described() -> dict[str, Any]:
         if api.openapi_schema is None:
-            found = get_openapi(
-                title=api.title,
-                version=api.version,
-                description=api.description,
-                routes=api.routes,
-                servers=api.servers,
-            )
-            found["components"]["schemas"]["ProblemDetails"] = ProblemDetails.model_json_schema()
-            api.openapi_schema = found
+            api.openapi_schema = describe(api)
         return api.openapi_schema
 
     api.openapi = described  # type: ignore[method-assign]

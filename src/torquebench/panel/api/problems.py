@@ -156,8 +156,16 @@ def _methods(request: Request) -> list[str]:
     return sorted({method for each in best for method in each.methods or ()})
 
 
+def _unforeseen(_request: Request, error: Exception) -> Response:
+    """Say that it is our mistake; what it was stands on the server's console alone."""
+    return problem_response(
+        500, "Unforeseen", type(error).__name__, remedy="report it with the server's output"
+    )
+
+
 def add_handlers(app: FastAPI) -> None:
     """Have every error answered as problem details."""
     app.add_exception_handler(TorquebenchError, _refused)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(Exception, _unforeseen)

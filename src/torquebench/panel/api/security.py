@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from collections.abc import Iterable
 from urllib.parse import urlsplit
 
@@ -13,6 +15,8 @@ from torquebench.panel.api.problems import problem_response
 __all__ = ["LARGEST_BODY", "Guard"]
 
 LARGEST_BODY = 1024 * 1024
+BODY_S = 30.0
+"""How long a body may take to come whole, s."""
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"
 PAGE_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
@@ -67,7 +71,7 @@ class Guard:
     def _foreign(self, scope: Scope, headers: Headers) -> str:
         """Return why this comes from a place that isn't trusted; empty where it is."""
         host = headers.get("host", "")
-        if self._hosts and _name(f"//{host}") not in self._hosts:
+        if self._hosts and ("@" in host or _name(f"//{host}") not in self._hosts):
             return f"the host name {host[:80]!r} isn't this server's"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE_METHODS):
@@ -106,14 +110,21 @@ def _name(url: str) -> str:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Count a body that doesn't say its length, and cut the connection where it is too long."""
-    taken = 0
+    """Cut the connection of a body that is too long or takes too long to come."""
+    taken, whole = 0, False
+    until = time.monotonic() + BODY_S
 
     async def receiving() -> Message:
-        nonlocal taken
-        message = await receive()
+        nonlocal taken, whole
+        if whole:  # what comes now is the end of the connection
+            return await receive()
+        try:
+            message = await asyncio.wait_for(receive(), max(0.0, until - time.monotonic()))
+        except TimeoutError:
+            return {"type": "http.disconnect"}
         if message["type"] == "http.request":
             taken += len(message.get("body", b""))
+            whole = not message.get("more_body", False)
             if taken > LARGEST_BODY:
                 return {"type": "http.disconnect"}
         return message

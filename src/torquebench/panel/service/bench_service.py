@@ -20,6 +20,7 @@ from torquebench.errors import InputError, InterlockError, ModelMismatchError, R
 from torquebench.panel.service.actors import Actor, require
 from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.clients import Clients
+from torquebench.panel.service.fields import plain
 from torquebench.panel.service.job_calibrations import CALIBRATION_KINDS
 from torquebench.panel.service.job_checks import CERTIFICATE_KIND, CHECK_KINDS
 from torquebench.panel.service.job_reducers import REDUCER_KINDS
@@ -78,6 +79,7 @@ class BenchService:
         self._closed = threading.Event()
         self._later = ThreadPoolExecutor(1, "torquebench-panel-log")
         self._stoppers = ThreadPoolExecutor(2, "torquebench-stop", prefer_this_thread)
+        self._stoppers.submit(int)  # the first stop needs no new thread
         self._unloading: threading.Thread | None = None
         self._log_fails = False
         self._store = store
@@ -470,7 +472,7 @@ class BenchService:
         This is no emergency stop in the sense of machine safety: that one is a red button.
         """
         started = time.perf_counter()
-        said = reason.strip()[:200] or "stop button"
+        said = plain(reason, 200) or "stop button"
         alarm = self.station.emergency_stop(f"{said}, by {actor.label}")
         seconds = time.perf_counter() - started
         # The alarm itself is in the audit log by now; who asked must not wait for the disk.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Difference", "differences", "flat", "nested"]
+__all__ = ["Difference", "depth", "differences", "flat", "merged", "nested"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,41 @@ def flat(document: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             found[f"{prefix}{key}"] = value
     return found
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a nested document with some of its values replaced or added.
+
+    Examples
+    --------
+    >>> merged({"input": {"limits": {"torque_nm": 60, "speed_rpm": 9}}},
+    ...        {"input": {"limits": {"torque_nm": 55}}})
+    {'input': {'limits': {'torque_nm': 55, 'speed_rpm': 9}}}
+    """
+    found = dict(base)
+    for key, value in changes.items():
+        before = found.get(key)
+        both = isinstance(before, Mapping) and isinstance(value, Mapping)
+        found[key] = merged(before, value) if both else value  # type: ignore[arg-type]
+    return found
+
+
+def depth(value: Any) -> int:
+    """Return how many levels of tables and lists lie within each other.
+
+    Examples
+    --------
+    >>> depth(1), depth({"a": [{"b": 1}]})
+    (0, 3)
+    """
+    deepest, waiting = 0, [(value, 0)]
+    while waiting:
+        each, level = waiting.pop()
+        deepest = max(deepest, level)
+        parts = each.values() if isinstance(each, Mapping) else each
+        if isinstance(each, Mapping | list):
+            waiting += [(part, level + 1) for part in parts]
+    return deepest
 
 
 def nested(leaves: Mapping[str, Any]) -> dict[str, Any]:

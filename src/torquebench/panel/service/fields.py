@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import AwareDatetime, BeforeValidator, Field, Strict, ValidationError
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, Strict, ValidationError
 
-__all__ = ["WHOLE", "Flag", "Identifier", "Moment", "Number", "ProfileName", "words_of"]
+__all__ = ["WHOLE", "Flag", "Identifier", "Moment", "Number", "ProfileName", "plain", "words_of"]
 
 
 def _whole(value: Any) -> Any:
@@ -24,13 +25,22 @@ def _in_words(moment: Any) -> Any:
     return moment
 
 
+def _of_our_time(moment: datetime) -> datetime:
+    """Refuse years that no database turns into another time zone."""
+    if not 1900 <= moment.year <= 2900:
+        raise ValueError("a moment between 1900 and 2900")
+    return moment
+
+
 Flag: TypeAlias = Annotated[bool, Strict()]
 Number: TypeAlias = Annotated[float, Strict()]
 WHOLE = BeforeValidator(_whole)
 """Put it last: constraints before it stay in the schema."""
 Identifier: TypeAlias = Annotated[int, Field(ge=1, le=2**53), WHOLE]
 """Number of a record."""
-Moment: TypeAlias = Annotated[AwareDatetime, BeforeValidator(_in_words)]
+Moment: TypeAlias = Annotated[
+    AwareDatetime, BeforeValidator(_in_words), AfterValidator(_of_our_time)
+]
 """With its time zone, in words."""
 ProfileName: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")
@@ -43,3 +53,14 @@ def words_of(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     place = ".".join(str(part) for part in first["loc"]) or "the request"
     return f"{place}: {first['msg']}"
+
+
+def plain(text: str, longest: int) -> str:
+    r"""Return a text of one line without anything that a terminal or a log would obey.
+
+    Examples
+    --------
+    >>> plain("smoke\x1b[2J\nand fire", 200)
+    'smoke [2J and fire'
+    """
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:longest]

@@ -149,12 +149,15 @@ def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile
         raise InputError(
             f"profile {profile.name} for a calibration", "a profile of steps", "take another one"
         )
-    _refuse_long(profile, place.station.description.module(request.side).range_nm)
+    range_nm = place.station.description.module(request.side).range_nm
+    _refuse_long(profile, range_nm, request.repeats or 1)
     return profile
 
 
-def _refuse_long(profile: Profile, range_nm: float) -> None:
-    steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
+def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
+    steps = repeats * len(profile.loading.percents())
+    if steps <= MOST_STEPS:  # else laying them out would take long already
+        steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
     if steps > MOST_STEPS:
         raise InputError(
             f"a staircase of {steps} steps", f"at most {MOST_STEPS}", "wider steps or fewer repeats"

@@ -16,7 +16,7 @@ from torquebench.campaign.measuring import RunAbortedError, acting_as
 from torquebench.errors import InputError
 from torquebench.panel.aside import AsideEndedError
 from torquebench.panel.service.actors import Actor, Role, require
-from torquebench.panel.service.fields import words_of
+from torquebench.panel.service.fields import plain, words_of
 from torquebench.panel.service.job import Job
 from torquebench.panel.service.job_values import (
     JobPoint,
@@ -394,6 +394,7 @@ class JobDesk:
     def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:
         """End a job with zero torque; raises like `pause`."""
         job = self._commanded(actor, job_id)
+        reason = plain(reason, 200)
         self._abort(job, reason or f"aborted by {actor.label}")
         self._note(actor, "aborted a job", job_id=job_id, reason=reason)
         return self._view(job)

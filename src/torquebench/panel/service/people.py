@@ -28,7 +28,7 @@ from torquebench.panel.service.store import PanelStore, note, sessions, users, u
 
 __all__ = ["People", "User"]
 
-NAME = re.compile(r"[^\W_](?:[\w .'-]{0,62}[\w.])?")
+NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
 SETUP = "set-up"
 
 

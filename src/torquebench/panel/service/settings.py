@@ -21,7 +21,15 @@ from torquebench.bench.description_errors import parse_toml, validated
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
 from torquebench.panel.service.actors import Actor, Role, require
-from torquebench.panel.service.differences import Difference, differences, flat, nested
+from torquebench.panel.service.differences import (
+    Difference,
+    depth,
+    differences,
+    flat,
+    merged,
+    nested,
+)
+from torquebench.panel.service.fields import plain
 from torquebench.panel.service.problems import BusyError, NotFoundError
 from torquebench.panel.service.store import PanelStore, changes, note, utc_text
 from torquebench.records import json_text
@@ -37,6 +45,8 @@ __all__ = [
 ]
 
 LARGEST_UPLOAD = 64 * 1024
+DEEPEST = 12
+"""Levels of a document; none of ours has half as many."""
 NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
 BENCH = "bench"
 
@@ -208,7 +218,7 @@ class SettingsDesk:
         return validated(BenchDescription, document, "the bench with the panel's changes")
 
     def _overlaid(self, leaves: Mapping[str, Any]) -> dict[str, Any]:
-        return nested(flat(self._base_document) | dict(leaves))
+        return merged(self._base_document, nested(leaves))
 
     # -- changing ---------------------------------------------------------------------------
 
@@ -228,7 +238,7 @@ class SettingsDesk:
         InputError
             A wrong value, with key and what is allowed; or nothing that may be changed here.
         """
-        before, after = self._checked(section, name, document)
+        before, after, _ = self._checked(section, name, document)
         return SettingsChange(
             0, None, "", section, name, "", differences(before, after), reopens=section == BENCH
         )
@@ -248,7 +258,8 @@ class SettingsDesk:
         Parameters
         ----------
         version : int, optional
-            That of the item which was edited: refuses when somebody else was faster.
+            That of the item which was edited: refuses when somebody else was faster. Without it,
+            only who is faster between the check and the writing is.
 
         Raises
         ------
@@ -260,20 +271,24 @@ class SettingsDesk:
             Somebody else has changed it meanwhile.
         """
         require(actor, _section(section).role)
-        before, after = self._checked(section, name, document)
+        before, after, seen = self._checked(section, name, document)
+        version = seen if version is None else version
         return self._enter(actor, section, name, (before, after), reason, version)
 
     def _checked(
         self, section: str, name: str, document: Mapping[str, Any] | None
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Return a document as it is and as it would be."""
+    ) -> tuple[dict[str, Any], dict[str, Any], int]:
+        """Return a document as it is and as it would be, and the version that was looked at."""
         found = _section(section)
+        if depth(document) > DEEPEST:
+            raise InputError("tables within tables within tables", f"{DEEPEST} levels at most")
         if section != BENCH and name in _builtin(found.name):
             raise InputError(
                 f"{name} comes with the software", "an own name", "copy it under a new name"
             )
         if section != BENCH and not NAME.fullmatch(name):
             raise InputError(f"name {name[:80]!r}", "2 to 64 of a-z 0-9 . -")
+        version = self._version(section, name)  # first: whoever is faster from here on is noticed
         try:
             before = dict(self.get(section, name).document)
         except NotFoundError:
@@ -283,14 +298,19 @@ class SettingsDesk:
         if document is None:
             if section == BENCH:
                 raise InputError("the bench can't be deleted", "a changed description")
-            return before, {}
+            return before, {}, version
         if section == BENCH:
-            document = nested(flat(before) | flat(document))
+            document = merged(before, document)
             _refuse_fixed(differences(before, document))
         model = validated(found.model, document, f"{section} {name}")
         if section != BENCH and getattr(model, "name", name) != name:
             raise InputError(f"name {getattr(model, 'name', '')!r} in the document", repr(name))
-        return before, model.model_dump(mode="json")
+        return before, model.model_dump(mode="json"), version
+
+    def _version(self, section: str, name: str) -> int:
+        with self._store.transaction(reading=True) as connection:
+            last = _last(connection, section, name)
+        return 0 if last is None else int(last.id)
 
     def _enter(
         self,
@@ -299,7 +319,7 @@ class SettingsDesk:
         name: str,
         documents: tuple[dict[str, Any], dict[str, Any]],
         reason: str,
-        version: int | None,
+        version: int,
         undoes: int | None = None,
     ) -> SettingsChange:
         before, after = documents
@@ -309,7 +329,7 @@ class SettingsDesk:
         kept = self._kept(section, after)
         with self._store.transaction() as connection:
             last = _last(connection, section, name)
-            if version is not None and version != (0 if last is None else last.id):
+            if version != (0 if last is None else last.id):
                 raise BusyError(
                     f"{name} was changed by {'somebody' if last is None else last.who} meanwhile",
                     f"version {0 if last is None else last.id}",
@@ -322,7 +342,7 @@ class SettingsDesk:
                     who=actor.label,
                     section=section,
                     name=name,
-                    reason=reason[:500],
+                    reason=plain(reason, 500),
                     before=json_text(before or None),
                     after=json_text(kept),
                     undoes=undoes,
@@ -380,12 +400,15 @@ class SettingsDesk:
         BusyError
             One of its keys was changed again since.
         """
+        require(actor, "metrologist")
         with self._store.transaction(reading=True) as connection:
             row = connection.execute(select(changes).where(changes.c.id == number)).one_or_none()
         if row is None:
             raise NotFoundError(f"no change {number}", "a number of the history")
         require(actor, _section(row.section).role)
-        made = differences(*self._documents(row))
+        old, new = self._documents(row)
+        made, old_leaves = differences(old, new), flat(old)
+        version = self._version(row.section, row.name)
         try:
             current = dict(self.get(row.section, row.name).document)
         except NotFoundError:
@@ -399,15 +422,12 @@ class SettingsDesk:
                 "change it by hand, or undo the later change first",
             )
         for each in made:
-            if each.before is None:
-                leaves.pop(each.key, None)
-            else:
-                leaves[each.key] = each.before
+            leaves.pop(each.key, None)
+        leaves |= {each.key: old_leaves[each.key] for each in made if each.key in old_leaves}
         document = nested(leaves) if leaves else None
-        documents = self._checked(row.section, row.name, document)
-        return self._enter(
-            actor, row.section, row.name, documents, reason or f"undo {number}", None, number
-        )
+        before, after, _ = self._checked(row.section, row.name, document)
+        said = reason or f"undo {number}"
+        return self._enter(actor, row.section, row.name, (before, after), said, version, number)
 
     def _documents(self, row: Row[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         before = json.loads(row.before) or {}

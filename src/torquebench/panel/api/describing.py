@@ -1,0 +1,239 @@
+"""The API's OpenAPI description: what the code says of its values, with units, roles, examples."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from torquebench.panel.api.problems import ProblemDetails
+from torquebench.panel.service import JOB_KINDS, Role
+
+__all__ = ["EXAMPLES", "describe"]
+
+UNITS = {
+    "_nm": "N·m",
+    "_percent_fs": "% of full scale",
+    "_percent_reading": "% of reading",
+    "_percent": "%",
+    "_rpm": "rpm",
+    "_deg": "°",
+    "_c": "°C",
+    "_s": "s",
+    "_hz": "Hz",
+}
+"""By the end of a name; the longest that fits counts."""
+
+ROLES: dict[str, Role] = {
+    "activate": "metrologist",
+    "deactivate": "metrologist",
+    "reopen": "administrator",
+    "users": "administrator",
+    "add_user": "administrator",
+    "change_user": "administrator",
+    "clients": "administrator",
+    "add_client": "administrator",
+    "revoke_client": "administrator",
+    "log": "metrologist",
+    "sign_off": "metrologist",
+    "certificate": "metrologist",
+    "enter_table": "metrologist",
+    "change": "metrologist",
+    "delete": "metrologist",
+    "undo": "metrologist",
+    **{f"start_{kind.name.replace('-', '_')}": kind.role for kind in JOB_KINDS.values()},
+}
+"""Which role an operation wants at least; anybody who is signed in may do the others."""
+WORDS = {
+    "active": "Whether it is in use.",
+    "allowed": "What would have been allowed, with its limit and unit.",
+    "bench": "Name of the bench.",
+    "bench_clear": "Confirms that nobody is at the bench and that it may be loaded.",
+    "branch": "1 where |torque| grows, -1 where it falls, 0 where that is unknown.",
+    "calibration_id": "Number of a registered calibration.",
+    "certificate": "Number of a certificate.",
+    "content": "CSV text with a header line.",
+    "counter_identity": "Which counter timed the chain.",
+    "created": "When, UTC.",
+    "due": "Last day on which it counts.",
+    "finished": "When it ended, UTC; null while it is open.",
+    "found": "What was found, with its value and unit.",
+    "high": "Highest value within each row, by signal.",
+    "job_id": "Identifier of a job.",
+    "kind": "Which kind, for programs.",
+    "languages": "Of the certificate.",
+    "low": "Lowest value within each row, by signal.",
+    "measured_by": "Who measured it.",
+    "metrics": "How well it fits, as it was when it was fitted.",
+    "model_id": "Number of a registered model.",
+    "model_ids": "Numbers of the models by their names.",
+    "models": "Kinds of models, such as hybrid, spline or polynomial-2.",
+    "operator": "Who did it.",
+    "password": "Of the person; it is kept nowhere but as an argon2id hash.",
+    "performed": "When it was measured.",
+    "points": "How many points.",
+    "profile": "Name of a calibration profile.",
+    "quick": "Fewer points: a look, no verdict for a data sheet.",
+    "reason": "Why, in words; it is kept.",
+    "reducer": "Name of a reducer's description.",
+    "remark": "In words; it is kept.",
+    "remarks": "What else is to be known, in words.",
+    "remedy": "What to do about it.",
+    "repeats": "How often the staircase is gone through.",
+    "rising_only": "Whether only rising torque is measured.",
+    "role": "operator, metrologist or administrator; each may do what those before it may.",
+    "run_id": "Identifier of a run.",
+    "run_ids": "Identifiers of runs.",
+    "series": "Which loading series a point belongs to.",
+    "serial": "Serial number of the specimen.",
+    "side": "Which module of the bench: input or output.",
+    "sides": "Which modules of the bench.",
+    "simulated": "Whether its figures come from a simulated bench: then say so.",
+    "started": "When, UTC.",
+    "started_by": "Who started it.",
+    "summary": "Its main figures.",
+    "title": "In words, for people.",
+    "token": "A secret, shown this once.",
+    "transducer_serial": "Serial number of the transducer.",
+    "unit": "Of its values.",
+    "version": "That of the document which was edited; refused where somebody was faster.",
+}
+"""What names mean wherever nothing more exact is said."""
+
+WITH_PASSWORD = frozenset({"set_up", "sign_in", "change_password", "sign_off", "certificate"})
+OPEN = frozenset({"set_up", "sign_in"})
+
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "CalibrateRequest": {
+        "side": "output",
+        "profile": "rapid-in-situ",
+        "step_percent": 10.0,
+        "models": ["hybrid", "polynomial-2"],
+        "bench_clear": True,
+    },
+    "ResumeRequest": {"run_id": "20260302T101530Z-calibrate-output-1a2b", "bench_clear": True},
+    "CompareRequest": {"calibration_id": 7},
+    "FitRequest": {"calibration_id": 7, "model": "spline"},
+    "VerifyRequest": {"calibration_id": 7, "groups": 10, "points": 20, "bench_clear": True},
+    "ZeroRequest": {"sides": ["input", "output"]},
+    "CheckRequest": {"side": "output", "tolerance_percent_fs": 0.1, "bench_clear": True},
+    "ReducerTestRequest": {
+        "test": "hysteresis",
+        "reducer": "standard",
+        "serial": "RV80-0042",
+        "bench_clear": True,
+    },
+    "StopBody": {"reason": "a noise from the clamp"},
+    "AbortBody": {"reason": "the wrong reducer is mounted"},
+    "LeaseBody": {"force": False},
+    "AnswerBody": {"done": True},
+    "ClientBody": {"name": "plant-historian", "role": "operator"},
+    "UserBody": {"name": "Ana Kim", "role": "metrologist", "password": "three long words"},
+    "DocumentBody": {
+        "document": {"output": {"limits": {"torque_nm": 2100.0}}},
+        "reason": "a stiffer coupling",
+        "version": 3,
+    },
+    "TableRequest": {
+        "content": "reading_nm,standard_nm,branch\n0.02,0,up\n400.31,400,up\n0.05,0,down\n",
+        "profile": "staircase",
+        "reference_uncertainty_percent": 0.02,
+        "resolution_nm": 0.01,
+        "performed": "2026-03-02T10:00:00Z",
+        "range_nm": 2000.0,
+    },
+}
+EXAMPLES["EnterTableRequest"] = EXAMPLES["TableRequest"] | {
+    "called": "output-2026.csv",
+    "transducer_serial": "4711",
+    "indicator": "DMP41 / 815",
+    "measured_by": "A. Kim",
+    "reference_serial": "R-9",
+}
+
+_SECTION = re.compile(r"\n\s*(Parameters|Attributes)\n\s*-+\n")
+_NEXT = re.compile(r"\n\s*(Parameters|Attributes|Returns|Raises|Examples|Notes)\n\s*-+\n")
+
+
+def describe(api: FastAPI) -> dict[str, Any]:
+    """Return the OpenAPI description of the API."""
+    found = get_openapi(
+        title=api.title,
+        version=api.version,
+        description=api.description,
+        routes=api.routes,
+        servers=api.servers,
+    )
+    schemas: dict[str, Any] = found["components"]["schemas"]
+    schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
+    for name, schema in schemas.items():
+        _describe_schema(schema)
+        if name in EXAMPLES:
+            schema["examples"] = [EXAMPLES[name]]
+    for path in found["paths"].values():
+        for operation in path.values():
+            _describe_operation(operation)
+    return found
+
+
+def _describe_operation(operation: dict[str, Any]) -> None:
+    name = operation["operationId"]
+    words = operation.get("description", "")
+    if name not in OPEN:
+        role = ROLES.get(name, "operator")
+        operation["x-role"] = role
+        operation["description"] = f"{words}\n\nRole: {role} or above.".strip()
+    answers = operation["responses"]
+    if name not in WITH_PASSWORD:
+        del answers["429"]
+    if "requestBody" not in operation:
+        del answers["400"], answers["413"]
+
+
+def _describe_schema(schema: dict[str, Any]) -> None:
+    words = schema.get("description", "")
+    said = dict(_said(words))
+    if words:
+        schema["description"] = _SECTION.split(words)[0].strip()
+    for name, value in schema.get("properties", {}).items():
+        if name in said and "description" not in value:
+            value["description"] = said[name]
+        unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+        if unit:
+            value["x-unit"] = unit
+            value.setdefault("description", f"In {unit}.")
+        if name in WORDS:
+            value.setdefault("description", WORDS[name])
+
+
+def _said(words: str) -> Iterator[tuple[str, str]]:
+    """Yield what a docstring of this project says of each parameter.
+
+    Examples
+    --------
+    >>> words = '''One.
+    ...
+    ... Parameters
+    ... ----------
+    ... first, second : float
+    ...     What they are, N·m;
+    ...     and why.
+    ... '''
+    >>> dict(_said(words))
+    {'first': 'What they are, N·m; and why.', 'second': 'What they are, N·m; and why.'}
+    """
+    parts = _SECTION.split(words)
+    for section in parts[2::2]:
+        names: list[str] = []
+        lines: list[str] = []
+        for line in [*_NEXT.split(section)[0].splitlines(), "end :"]:
+            head = re.fullmatch(r"\s*([a-z_]+(?:, [a-z_]+)*) :.*", line)
+            if head is None:
+                lines.append(line.strip())
+                continue
+            text = " ".join(each for each in lines if each)
+            yield from ((name, text) for name in names if text)
+            names, lines = head[1].split(", "), []

@@ -1,0 +1,62 @@
+"""The OpenAPI description: every operation and every number says what it is, examples hold."""
+
+import re
+from types import SimpleNamespace
+from typing import Any, cast
+
+import jsonschema  # type: ignore[import-untyped]
+import pytest
+
+from torquebench.panel.api import create_api
+from torquebench.panel.api.describing import EXAMPLES, ROLES
+from torquebench.panel.service import BenchService
+
+
+@pytest.fixture(scope="module")
+def described() -> dict[str, Any]:
+    return create_api(cast(BenchService, SimpleNamespace())).openapi()
+
+
+def operations(described: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    found = [each for path in described["paths"].values() for each in path.values()]
+    return {each["operationId"]: each for each in found}
+
+
+def test_every_operation_says_what_it_does_who_may_and_what_it_refuses(
+    described: dict[str, Any],
+) -> None:
+    found = operations(described)
+    assert set(ROLES) <= set(found)
+    for name, operation in found.items():
+        assert operation["description"].strip(), name
+        assert "422" in operation["responses"], name
+        if name not in ("set_up", "sign_in"):
+            assert operation["x-role"] in operation["description"], name
+            assert operation["security"] == [{"bearer": []}], name
+        assert ("413" in operation["responses"]) == ("requestBody" in operation), name
+
+
+def test_every_quantity_has_its_unit(described: dict[str, Any]) -> None:
+    schemas = described["components"]["schemas"]
+    numbers = {
+        name: value
+        for schema in schemas.values()
+        for name, value in schema.get("properties", {}).items()
+        if re.search(r"_(nm|rpm|percent|deg|s)$", name)
+    }
+    assert {"error_nm", "limit_rpm", "bench_time_s", "step_percent"} <= set(numbers)
+    assert [name for name, value in numbers.items() if not value.get("x-unit")] == []
+    assert numbers["error_nm"]["x-unit"] == "N·m"
+
+
+def test_no_docstring_leaks_its_markup(described: dict[str, Any]) -> None:
+    for name, schema in described["components"]["schemas"].items():
+        assert "-----" not in schema.get("description", ""), name
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_every_example_may_be_sent(described: dict[str, Any], name: str) -> None:
+    schemas = described["components"]["schemas"]
+    assert schemas[name]["examples"] == [EXAMPLES[name]]
+    whole = {"components": {"schemas": schemas}, "$ref": f"#/components/schemas/{name}"}
+    jsonschema.Draft202012Validator(whole).validate(EXAMPLES[name])
