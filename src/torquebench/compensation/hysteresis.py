@@ -12,11 +12,15 @@ passed through at the same reading, so that on the calibrated loop the branch-aw
 curves come out, between them a mixture, and beyond them (a reversal through zero, which a series in
 one direction never sees) the loop's own amplitude. The operators keep order: an unknown initial
 state is carried as an interval, which closes as the history becomes known.
+
+A calibrated loop tells little of the plays' weights, and nothing of a loop that it never went
+round. The place within the loop is therefore also computed with equal weights, and what both differ
+by is uncertain; beyond the loop everything is, amplitude and its standard uncertainty together.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -89,6 +93,8 @@ class HysteresisOperator:
         Turning points of the calibration's path; the last pass over a reading counts.
     full_scale_nm : float
         Calibrated range.
+    amplitude_std_nm : float
+        Standard uncertainty of the amplitude.
     """
 
     widths_nm: FloatArray
@@ -96,6 +102,7 @@ class HysteresisOperator:
     amplitude_nm: float
     path_nm: FloatArray
     full_scale_nm: float
+    amplitude_std_nm: float = 0.0
 
     def __post_init__(self) -> None:
         widths, weights = np.asarray(self.widths_nm), np.asarray(self.weights)
@@ -160,7 +167,10 @@ class HysteresisOperator:
                 for play in range(generic.widths_nm.size)
             ]
         )
-        return generic._weighted(parts, rising - falling)
+        std = 0.0
+        if table.uncertainty_curve is not None and table.curve.branch_aware:
+            std = float(np.mean(table.standard_uncertainty(grid, np.ones(grid.size))))
+        return replace(generic._weighted(parts, rising - falling), amplitude_std_nm=std)
 
     def tracker(self) -> BranchTracker:
         """Return a tracker that knows nothing of the past yet."""
@@ -315,9 +325,10 @@ class LiveTorque:
     coordinate : float64 array of shape (n,)
         Place in the calibrated loop: +1 rising curve, -1 falling curve.
     half_width_nm : float64 array of shape (n,)
-        Half the interval of torques that the unknown part of the past allows, and half of what
-        lies beyond the calibrated loop; 0 on and within the loop when the past is known. Its
-        standard uncertainty is that of a rectangular distribution.
+        Half the interval of torques that the unknown part of the past allows, with what other
+        weights of the plays change within the calibrated loop and what may lie beyond it (root sum
+        of squares); 0 on the loop when the past is known. Its standard uncertainty is that of a
+        rectangular distribution.
     fault : bool array of shape (n,)
         True where the reading is outside the calibrated range.
     standard_uncertainty_nm : float64 array of shape (n,)
@@ -349,6 +360,8 @@ class HistoryCompensator:
         self.table = table
         self.operator = HysteresisOperator.from_table(table) if operator is None else operator
         self.tracker = self.operator.tracker()
+        self._even = HysteresisOperator.generic(table.full_scale_nm, self.operator.path_nm)
+        self._even_tracker = self._even.tracker()
 
     def push(self, reading_nm: ArrayLike) -> LiveTorque:
         """Compensate the next readings of the stream.
@@ -363,19 +376,23 @@ class HistoryCompensator:
         LiveTorque
         """
         reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        return self._at(reading, *self.tracker.push(reading))
+        return self._at(reading, self.tracker, self._even_tracker)
 
     def peek(self, reading_nm: float) -> LiveTorque:
         """Compensate a reading in N·m, such as the last ones' mean, without moving on."""
         reading = np.array([reading_nm])
-        return self._at(reading, *self.tracker.copy().push(reading))
+        return self._at(reading, self.tracker.copy(), self._even_tracker.copy())
 
     def forget(self) -> None:
         """Take the past as unknown, as after a gap in the readings or a fault."""
         self.tracker.forget()
+        self._even_tracker.forget()
 
-    def _at(self, reading: FloatArray, low: FloatArray, high: FloatArray) -> LiveTorque:
-        """Compensate readings between two bounds of the state."""
+    def _at(self, reading: FloatArray, tracker: BranchTracker, even: BranchTracker) -> LiveTorque:
+        """Move on along the readings and compensate between the bounds of the state."""
+        low, high = tracker.push(reading)
+        falling, rising = self.operator.reference(reading)
+        others = _places(*even.push(reading), *self._even.reference(reading))
         count = reading.size
         upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
         both, branch = np.concatenate((reading, reading)), np.concatenate((upward, -upward))
@@ -384,37 +401,52 @@ class HistoryCompensator:
         if self.table.uncertainty_curve is not None:
             std = self.table.standard_uncertainty(both, branch)
         result = np.empty((4, count))
-        falling, rising = self.operator.reference(reading)
-        _mix(low, high, falling, rising, torque, std, self.operator.amplitude_nm, result)
+        amplitude = (self.operator.amplitude_nm, self.operator.amplitude_std_nm)
+        _mix(low, high, falling, rising, torque, std, amplitude, others, result)
         return LiveTorque(result[0], result[1], result[2], fault[:count], result[3])
 
 
 _NO_UNCERTAINTY = np.zeros(0)
 
 
+def _places(
+    low: FloatArray, high: FloatArray, falling: FloatArray, rising: FloatArray
+) -> FloatArray:
+    """Return the middle place in the loop, 0 on the falling curve and 1 on the rising one."""
+    state = np.clip([low, high], falling, rising)
+    return np.asarray(np.mean((state - falling) / np.maximum(rising - falling, 1e-9), axis=0))
+
+
 @njit(cache=True)
-def _mix(low, high, falling, rising, torque, std, amplitude, result):  # type: ignore[no-untyped-def]
+def _mix(  # type: ignore[no-untyped-def]
+    low, high, falling, rising, torque, std, amplitude, others, result
+):
     """Fill torque, place, half-width and standard uncertainty between the bounds of the state.
 
-    `torque` and `std` hold the rising curve's values first and the falling one's after them.
+    `torque` and `std` hold the rising curve's values first and the falling one's after them,
+    `amplitude` the loop's and its standard uncertainty, and `others` the places in the loop with
+    equal weights.
     """
     count = low.size
     bound = np.empty(2)
     place = np.empty(2)
     for k in range(count):
         width = max(rising[k] - falling[k], 1e-9)
-        outside = 0.0
+        farthest = 0.0
         for side in range(2):
             state = low[k] if side == 0 else high[k]
             inside = max(falling[k], min(rising[k], state))
             share = (inside - falling[k]) / width
-            beyond = amplitude * (state - inside)
+            beyond = amplitude[0] * (state - inside)
             bound[side] = torque[count + k] + share * (torque[k] - torque[count + k]) + beyond
             place[side] = 2.0 * share - 1.0
-            outside += beyond
+            farthest = max(farthest, abs(state - inside))
         result[0, k] = 0.5 * (bound[0] + bound[1])
         result[1, k] = 0.5 * (place[0] + place[1])
-        half_width = 0.5 * abs(bound[1] - bound[0]) + 0.25 * abs(outside)
+        by_past = 0.5 * abs(bound[1] - bound[0])
+        by_weights = (0.5 + 0.5 * result[1, k] - others[k]) * (torque[k] - torque[count + k])
+        by_amplitude = (abs(amplitude[0]) + amplitude[1]) * farthest
+        half_width = np.sqrt(by_past**2 + by_weights**2 + by_amplitude**2)
         variance = half_width * half_width / 3.0
         if std.size > 0:
             share = 0.5 * (1.0 + result[1, k])

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torquebench.compensation import features, make_model
@@ -62,7 +62,7 @@ def _work_path(seed=4):
     return np.concatenate(legs)
 
 
-def _calibrated(chain, reversing):
+def _calibrated(chain, reversing, noise_fs=2e-5, uncertainty=False):
     """Calibrate up and down in both directions and fit the recommended model."""
     up = np.linspace(0.0, 1.0, 16)[1:]
     loop = np.concatenate([up, up[-2::-1], [0.0]])
@@ -73,11 +73,11 @@ def _calibrated(chain, reversing):
     negative = chain.drive(-loop)
     standard = _FS * np.concatenate([loop, -loop])
     branch = np.tile(np.repeat([1.0, -1.0], 15), 2)
-    noise = 2e-5 * np.random.default_rng(1).standard_normal(standard.size)
+    noise = noise_fs * np.random.default_rng(1).standard_normal(standard.size)
     reading = _FS * (np.concatenate([positive, negative]) + noise)
     X = features(reading, branch, np.repeat([1.0, 2.0], loop.size))
     model = make_model("hybrid", range_nm=_FS).fit(X, standard)
-    return compile_table(model, uncertainty=False)
+    return compile_table(model, uncertainty=uncertainty)
 
 
 def _rms(error):
@@ -136,8 +136,51 @@ def test_unknown_history_widens_by_half_the_loop_and_holds_the_truth():
     settled = HistoryCompensator(table, operator)
     settled.push([_FS, -_FS, _FS, -_FS])
     assert settled.push([middle]).half_width_nm[0] < 0.02 * loop
-    settled.tracker.forget()
+    settled.forget()
     assert settled.push([middle]).half_width_nm[0] == pytest.approx(first.half_width_nm[0])
+
+
+@pytest.fixture(scope="module", params=itertools.product((False, True), sorted(_DENSITIES)))
+def stated(request):
+    """A chain, its table with uncertainty, and the plays that follow from the table."""
+    reversing, density = request.param
+    table = _calibrated(RelayChain(_DENSITIES[density]), reversing, 1e-4, uncertainty=True)
+    path = reversing_path(_FS) if reversing else one_sided_path(_FS)
+    return _DENSITIES[density], table, HysteresisOperator.from_table(table, path)
+
+
+def _walk(stated, past, turns):
+    """Errors along a walk in standard uncertainties, and where the past was known."""
+    density, table, operator = stated
+    chain = RelayChain(density)
+    chain.drive([0.0, *past])
+    share = np.concatenate([np.linspace(a, b, 25)[1:] for a, b in itertools.pairwise(turns)])
+    reading = _FS * chain.drive(share)
+    live = HistoryCompensator(table, operator).push(reading)
+    low, high = operator.tracker().push(reading)
+    error = np.abs(live.torque_nm - _FS * share) / live.standard_uncertainty_nm
+    return error, high - low < 0.02
+
+
+def test_intervals_hold_on_walks_with_inner_loops_whether_the_past_is_known_or_not(stated):
+    known, unknown = [], []
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        turns = generator.uniform(-0.95, 0.95, 25)
+        error, settled = _walk(stated, generator.uniform(-1.0, 1.0, 6), turns)
+        known.extend(error[settled] <= 1.96)
+        unknown.extend(error[~settled] <= 1.96)
+    assert len(known) > 100
+    assert np.mean(known) > 0.9
+    assert np.mean(unknown) > 0.85
+
+
+@settings(max_examples=15)
+@given(turns=st.lists(st.floats(-0.95, 0.95), min_size=3, max_size=12))
+def test_after_full_cycles_no_walk_leads_far_out_of_the_intervals(stated, turns):
+    error, settled = _walk(stated, [], [0.0, 1.0, -1.0, 1.0, -1.0, *turns])
+    assert np.all(settled[96:])
+    assert np.max(error[96:]) < 5.0
 
 
 @given(
