@@ -57,10 +57,7 @@ def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
             "run it at a terminal or from the panel; where something else keeps people away from "
             "the bench, set safety.presence_s = 0 in its description",
         )
-    attendance = _Attendance(station, progress, period_s)
-    progress.say(f"This bench asks whether you are there: a key every {period_s:g} s at least.")
-    progress.say("Press a key to begin.")
-    with attendance.taking_keys():
+    with _Attendance(station, progress, period_s).taking_keys():
         yield
 
 
@@ -87,6 +84,10 @@ class _Attendance:
         """Wait for the first key, then take them until the block ends."""
         try:
             self._keys.take()
+            self._progress.say(
+                f"This bench asks whether you are there: a key every {self._period_s:g} s at least."
+            )
+            self._progress.say("Press a key to begin.")
             while not self._keys.pressed(POLL_S):
                 if self._keys.gone:
                     raise InterlockError("the terminal has gone", "somebody at a terminal")

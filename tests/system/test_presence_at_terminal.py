@@ -1,0 +1,46 @@
+"""A bench that asks for the operator's presence: keys at the terminal, nothing without one."""
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from tests.system.command_line import at_terminal, run
+
+from torquebench.bench.description import DEFAULT_BENCH
+
+PERIOD_S = 9
+OPTIONS = ("calibrate", "input", "--step-percent", 50, "--data", "data", "--bench", "bench.toml")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
+    assert "[safety]" not in text
+    asking = f"{text}\n[safety]\npresence_s = {PERIOD_S}\n"
+    (tmp_path / "bench.toml").write_text(asking, encoding="utf-8")
+    return tmp_path
+
+
+def test_keys_keep_the_run_going_and_are_not_echoed(folder: Path) -> None:
+    dialogue = [("Press a key to begin.", "x")] + [("Are you there?", "y")] * 99
+    code, shown = at_terminal(*OPTIONS, "--real-time", cwd=folder, dialogue=dialogue)
+    assert code == 0, shown
+    assert "In use: model-1" in shown
+    assert not {"x", "y"} & set(shown.replace("\r", "").split("\n"))
+
+
+def test_whoever_goes_away_finds_the_bench_without_power(folder: Path) -> None:
+    dialogue = [("Press a key to begin.", "x")]
+    code, shown = at_terminal(*OPTIONS, "--real-time", cwd=folder, dialogue=dialogue)
+    assert code == 1, shown
+    assert f"nobody has confirmed to be at the bench for {PERIOD_S} s" in " ".join(shown.split())
+    log = run("records", "audit", "latest", "--alarms", "--data", "data", cwd=folder)
+    assert "operator missing" in log.stdout
+
+
+def test_without_a_terminal_nobody_is_there(folder: Path) -> None:
+    refused = run(*OPTIONS, cwd=folder)
+    assert refused.returncode == 2
+    words = " ".join(refused.stderr.split())
+    assert f"presence every {PERIOD_S} s and there is no terminal" in words
+    assert "set safety.presence_s = 0" in words
