@@ -115,8 +115,9 @@ def checked(
 ) -> tuple[int, list[str]]:
     """Count the points of a record, and say what is wrong with it.
 
-    The last point of a run that was stopped doesn't count: what stopped it may have begun while
-    it was taken, and a calibration that goes on takes it again.
+    The last value of a run that was stopped, point or zero, doesn't count: what stopped it may
+    have begun while it was taken. A calibration that goes on takes such a point again, and a zero
+    that was refused is no zero.
     """
     problems = []
     try:
@@ -128,8 +129,8 @@ def checked(
     streams = {d["uid"]: str(d["name"]) for _, d in folder.documents("descriptor")}
     events = [(streams[event["descriptor"]], event) for _, event in folder.documents("event")]
     points = [event for stream, event in events if stream == "points"]
-    zeros = [event for stream, event in events if stream.startswith("zero_")]
-    for event in [*zeros, *(points[:-1] if stopped else points)]:
+    kept = [event for stream, event in events if stream == "points" or stream.startswith("zero_")]
+    for event in kept[:-1] if stopped else kept:
         for side in ("input", "output"):
             found = {
                 key.removeprefix(f"{side}-steady-"): value
