@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import socket
 import time
 from typing import Annotated, Any, Protocol
@@ -19,6 +20,8 @@ __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 NO_NUMBER = 9.91e37
 """What SCPI instruments send where they have no number (SCPI-1999, 7.2.1.5)."""
 LONGEST_ANSWER = 16_000_000
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+"""Decimal numeric response data (IEEE 488.2, 8.7.2 to 8.7.4), and a little more."""
 
 ScpiAddress = Annotated[
     str, Field(min_length=3, max_length=200, description="host:port or a VISA resource")
@@ -203,10 +206,10 @@ def numbers(answer: str, name: str) -> list[float]:
     """
     if not answer:
         return []
-    try:
-        values = [float(part) for part in answer.split(",")]
-    except ValueError as error:
+    parts = [part.strip() for part in answer.split(",")]
+    if not all(_NUMBER.fullmatch(part) for part in parts):
         raise BenchError(
             f"{name} answers {answer[:40]!r}", "numbers", "check the instrument and its cable"
-        ) from error
+        )
+    values = [float(part) for part in parts]
     return [float("nan") if abs(value) >= NO_NUMBER else value for value in values]
