@@ -1,4 +1,5 @@
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -166,3 +167,79 @@ def test_roles_and_versions_are_minded(desk: SettingsDesk) -> None:
 def test_an_unusable_upload_is_refused(content: bytes) -> None:
     with pytest.raises(InputError):
         read_upload(content)
+
+
+def test_a_value_that_was_unset_is_unset_again(desk: SettingsDesk) -> None:
+    before = desk.bench()
+    assert before.input.limits.angle_deg is None
+    made = desk.change(ADA, "bench", "bench", {"input": {"limits": {"angle_deg": 90.0}}})
+    assert desk.bench().input.limits.angle_deg == 90.0
+    desk.undo(ADA, made.number)
+    assert desk.bench() == before
+
+
+def test_an_undo_is_undone_like_any_change(desk: SettingsDesk) -> None:
+    made = desk.change(ADA, "bench", "bench", LIMIT)
+    undone = desk.undo(ADA, made.number)
+    again = desk.undo(ADA, undone.number)
+    assert desk.bench().output.limits.torque_nm == 2200.0
+    assert again.undoes == undone.number
+    with pytest.raises(BusyError):
+        desk.undo(ADA, undone.number)
+
+
+def test_of_many_editors_at_once_nobody_overwrites_what_he_has_not_seen(desk: SettingsDesk) -> None:
+    limits = [2001.0 + number for number in range(12)]
+
+    def change(limit: float) -> bool:
+        try:
+            desk.change(ADA, "bench", "bench", {"output": {"limits": {"torque_nm": limit}}})
+        except BusyError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(len(limits)) as crowd:
+        made = list(crowd.map(change, limits))
+    changes = desk.history("bench")[::-1]
+    assert len(changes) == sum(made) >= 1
+    seen = 2400.0
+    for each in changes:
+        (found,) = each.differences
+        assert found.before == seen
+        seen = found.after
+    assert desk.bench().output.limits.torque_nm == seen
+
+
+def _deep(levels: int) -> dict[str, object]:
+    found: dict[str, object] = {}
+    for _ in range(levels):
+        found = {"a": found}
+    return found
+
+
+@pytest.mark.parametrize("section", ["bench", "profiles"])
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"output": {"limits": {"torque_nm": {"a": 1}}}},
+        {"output": {"limits": 5}},
+        {"output": None},
+        {"output.limits.torque_nm": 2200.0},
+        {"": {"": 1}},
+        _deep(100_000),
+        {"output": [[[[]]]] * 3},
+    ],
+    ids=range(7),
+)
+def test_a_document_of_another_shape_is_refused(
+    desk: SettingsDesk, section: str, document: dict[str, object]
+) -> None:
+    name = "bench" if section == "bench" else "own"
+    with pytest.raises(InputError):
+        desk.change(ADA, section, name, document)
+    assert desk.history() == []
+
+
+def test_who_may_change_nothing_learns_nothing_of_changes(desk: SettingsDesk) -> None:
+    with pytest.raises(PermissionDeniedError):
+        desk.undo(Actor("Olga", "operator", "3"), 999)
