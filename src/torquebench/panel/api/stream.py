@@ -8,8 +8,8 @@ headers with a WebSocket, and a token in an address ends up in logs: hence the f
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
-import time
 from typing import Annotated
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
@@ -25,8 +25,9 @@ __all__ = ["StreamRequest", "router"]
 router = APIRouter()
 
 FIRST_MESSAGE_S = 5.0
-LOOK_AGAIN_S = 5.0
-"""How often a token is looked at again: it may have been revoked."""
+CLOSING_S = 1.0
+SLOWEST_S = 20.0
+"""How long a watcher may take nothing before it is left: one message waits for it, no more."""
 REFUSED = 1008
 
 
@@ -51,7 +52,8 @@ async def stream(websocket: WebSocket) -> None:
         await _send(websocket, service, request)
     except (TimeoutError, ValidationError, TorquebenchError, ValueError, KeyError) as error:
         reason = error.found if isinstance(error, TorquebenchError) else "an unusable message"
-        await websocket.close(REFUSED, reason[:100])
+        with contextlib.suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
+            await asyncio.wait_for(websocket.close(REFUSED, reason[:100]), CLOSING_S)
     except (WebSocketDisconnect, RuntimeError):  # it has left, perhaps while something was sent
         return
 
@@ -64,16 +66,14 @@ async def _first(websocket: WebSocket) -> StreamRequest:
 async def _send(websocket: WebSocket, service: BenchService, request: StreamRequest) -> None:
     left = asyncio.ensure_future(_until_left(websocket))
     try:
-        sequence, looked = request.since, 0.0
+        sequence = request.since
         while not left.done():
-            now = time.monotonic()
-            if now - looked > LOOK_AGAIN_S:
-                await asyncio.to_thread(caller_of, service, request.token, touch=False)
-                looked = now
+            caller_of(service, request.token, touch=False)  # it may have been revoked
             found = service.live.since(sequence, request.signals)
             if found.time_s.size or found.sequence != sequence:
                 sequence = found.sequence
-                await websocket.send_text(json.dumps(live_rows(found).model_dump()))
+                message = json.dumps(live_rows(found).model_dump())
+                await asyncio.wait_for(websocket.send_text(message), SLOWEST_S)
             await asyncio.sleep(1.0 / request.rate)
     finally:
         left.cancel()
