@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 from dataclasses import dataclass
 
@@ -79,8 +78,11 @@ def _recovered(registry: Registry, run: RunSummary) -> RecoveredRun | None:
         if not folder.sealed:
             report = folder.recover()
             torn_bytes = report.torn_document_bytes + report.torn_raw_bytes + report.torn_edge_bytes
-        with contextlib.suppress(RecordError):  # another process was quicker
+        try:
             registry.finish_run(folder)
+        except RecordError:
+            if any(each.run_id == run.run_id for each in registry.unfinished_runs()):
+                raise  # no other process was quicker: it can't be entered
         return RecoveredRun(run.run_id, run.kind, run.side, _points(folder), torn_bytes)
     except (RecordError, OSError) as error:
         logger.warning("run %s can't be recovered: %s", run.run_id, error)
