@@ -21,7 +21,7 @@ from torquebench.campaign.reducer_uncertainty import (
     torque_uncertainty,
     without_tare,
 )
-from torquebench.procedures.reducer_breakaway import BreakawayRecording
+from torquebench.procedures.reducer_breakaway import Breakaway, BreakawayRecording
 from torquebench.procedures.reducer_loop import BenchTwistRecording, LoopRecording
 from torquebench.procedures.reducer_turning import TransmissionRecording
 from torquebench.procedures.running_table import RunningRecording
@@ -46,6 +46,10 @@ FloatArray = NDArray[np.float64]
 PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
 """What elastic contacts, backlash and wind-up may move before a side counts as turning."""
 LARGE = 0.5
+TAKEN_AWAY = 0.85
+"""Share of the largest torque of a ramp below which its drive has let go."""
+TWIST_LEVELS = 10
+"""Levels of torque on each side at which the twist is compared with a straight line."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ def twist_compliance(recording: BenchTwistRecording) -> TwistCompliance:
 
     The slope of angle over torque by least squares; rising and falling legs count alike, so that
     what the shaft holds back by its own hysteresis cancels. Its uncertainty is the scatter of
-    the slopes of single legs.
+    the slopes of single legs, and what the angle does beside a straight line.
     """
     output = recording.recordings["output"]
     torque, angle = output.output_torque_nm, output.output_angle_rad
@@ -73,6 +77,13 @@ def twist_compliance(recording: BenchTwistRecording) -> TwistCompliance:
         if np.count_nonzero(direction == sign) > 8
     ]
     spread = float(np.ptp(singles)) / np.sqrt(12.0) if len(singles) == 2 else 0.05 * abs(slope)
+    level = np.round(torque / np.max(np.abs(torque)) * TWIST_LEVELS).astype(np.int64)
+    level -= level.min()
+    count = np.maximum(np.bincount(level), 1)
+    bent = (
+        np.bincount(level, weights=angle - angle.mean() - slope * (torque - torque.mean())) / count
+    )
+    spread = float(np.hypot(spread, bent.std() / (0.5 * np.max(np.abs(torque)))))
     return TwistCompliance(slope, spread, f"measured against {recording.standard_serial}")
 
 
@@ -163,7 +174,7 @@ def evaluate_ramps(
 ) -> Evaluated:
     """Evaluate starting or back-driving torque from ramps."""
     side = ramps.side
-    parts = [_rising(each.recording, side, each.direction) for each in ramps.ramps]
+    parts = [_rising(each, side) for each in ramps.ramps]
     sizes = [part[0].size for part in parts]
     time_s, angle, torque, model = (np.concatenate(column) for column in zip(*parts, strict=True))
     nominal = nominal_nm(bench, side)
@@ -187,12 +198,15 @@ def evaluate_ramps(
     return Evaluated(result, (*remarks, *_temperature(ramps.temperature_c)))
 
 
-def _rising(
-    recording: SynchronousRecording, side: Side, direction: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Cut a ramp where the torque begins to be taken away again."""
-    torque = recording.torque_nm(side)
-    stop = int(np.argmax(torque * direction)) + 1
+def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Cut a ramp where the torque is taken away again.
+
+    Once it turns, the torque hardly rises any more: its largest sample is anywhere there.
+    """
+    recording = ramp.recording
+    torque = recording.torque_nm(side) - ramp.standing_nm
+    pressed = torque * ramp.direction
+    stop = int(np.flatnonzero(pressed >= TAKEN_AWAY * np.max(pressed))[-1]) + 1
     model = recording.input_uncertainty_nm if side == "input" else recording.output_uncertainty_nm
     return (
         recording.time_s[:stop],

@@ -117,11 +117,14 @@ class Breakaway:
         +1 clockwise.
     recording : SynchronousRecording
         From before the ramp until after the motion.
+    standing_nm : float
+        Compensated torque of a reading of 0, to be taken off, N·m.
     """
 
     position_deg: float
     direction: int
     recording: SynchronousRecording
+    standing_nm: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,12 +237,22 @@ class _Finder:
             while recording is None:
                 yield from checkpoint()
                 yield from zero(self.devices, self.side, duration_s=self.settings.zero_s)
+                standing = self._standing()
                 yield from stamp(
                     self.devices, series=sign, step=index, branch=sign, position_deg=position_deg
                 )
                 recording = yield from self._ramp(sign)
-            self.found.append(Breakaway(position_deg, sign, recording))
+            self.found.append(Breakaway(position_deg, sign, recording, standing))
         yield from power_off(self.devices)
+
+    def _standing(self) -> float:
+        """Return the compensated torque at the zero that was just taken, N·m."""
+        context = self.devices.context
+        active = context.acquisition.compensation(self.side)
+        if active is None:
+            return 0.0
+        probe = context.description.module(self.side).temperature_probe
+        return active.value(0.0, 0.0, context.acquisition.temperature_c(probe))[0]
 
     def _ramp(self, sign: int) -> Plan[SynchronousRecording | None]:
         """Ramp up, look for motion, unload; None where a pause came in between."""

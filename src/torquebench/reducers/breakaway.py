@@ -26,6 +26,8 @@ COMMON = ("torque scale", "first motion")
 BreakawayKind = Literal["starting", "back-driving"]
 MEDIAN_EFFICIENCY = np.sqrt(np.pi / 2.0)
 """Standard error of a median of normal values, in standard errors of their mean."""
+LEAST_MOVING = 8
+"""Samples between the start and the threshold from which on their torque is looked at."""
 SATURATED_SHARE = 0.2
 """A drive saturates where the torque stands still over more than this share of a ramp."""
 
@@ -180,20 +182,29 @@ def _run_of(
         found = f"run {label:g}: {problem.found}"
         raise InputError(found, problem.allowed, problem.remedy) from problem
     before = slice(max(0, motion.index - max(8, motion.index // 4)), motion.index + 1)
-    span = time[before] - motion.time_s
-    if span.size >= 3 and np.ptp(span) > 0.0:
-        (rate, level), rest = np.polyfit(span, torque[before], 1), 0.0
-        rest = float(np.std(torque[before] - rate * span - level, ddof=2))
-        basis = np.column_stack([span, np.ones_like(span)])
-        error = rest * float(np.sqrt(np.linalg.inv(basis.T @ basis)[1, 1]))
-    else:
-        rate, level, error = 0.0, float(torque[before].mean()), 0.0
+    level, error, rate = _line_at(time[before] - motion.time_s, torque[before])
+    # Once it turns, the inertia before the transducer takes up what the drive adds: the torque
+    # hardly rises any more, so that what it is then depends little on when it began.
+    after = slice(motion.index, motion.crossing + 1)
+    if motion.crossing - motion.index >= LEAST_MOVING:
+        level, error, _ = _line_at(time[after] - motion.time_s, torque[after])
     spread = float(np.hypot(error, rate * motion.standard_uncertainty_s))
     ramp_range = abs(float(level) - float(torque[0]))
     tail = torque[: motion.index + 1]
     still = np.mean(np.abs(tail - tail[-1]) < 0.02 * ramp_range) if ramp_range > 0 else 0.0
     run = BreakawayRun(label, position, float(level), spread, motion.time_s, motion.noise_rad)
     return run, bool(still > SATURATED_SHARE)
+
+
+def _line_at(span: NDArray[np.float64], torque: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return a line's value at 0, its standard error, and its slope."""
+    if span.size < 3 or np.ptp(span) == 0.0:
+        return float(torque.mean()), 0.0, 0.0
+    rate, level = np.polyfit(span, torque, 1)
+    rest = float(np.std(torque - rate * span - level, ddof=2))
+    basis = np.column_stack([span, np.ones_like(span)])
+    error = rest * float(np.sqrt(np.linalg.inv(basis.T @ basis)[1, 1]))
+    return float(level), error, float(rate)
 
 
 def _result(

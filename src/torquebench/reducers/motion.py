@@ -12,6 +12,8 @@ __all__ = ["FirstMotion", "first_motion"]
 
 QUIET_SAMPLES = 6
 """Least samples at rest before the first motion."""
+CREEP_WINDOWS = 40
+"""Parts of a ramp in which its speed is looked at."""
 SIGNIFICANT = 5.0
 """Standard deviations of the noise that count as motion."""
 
@@ -32,6 +34,8 @@ class FirstMotion:
         Standard deviation of the angle at rest, about its own slow line.
     direction : int
         +1 or -1.
+    crossing : int
+        First sample beyond the threshold.
     """
 
     index: int
@@ -39,6 +43,7 @@ class FirstMotion:
     standard_uncertainty_s: float
     noise_rad: float
     direction: int
+    crossing: int
 
 
 def first_motion(
@@ -46,8 +51,9 @@ def first_motion(
 ) -> FirstMotion:
     """Find the change point at which an angle leaves its line at rest.
 
-    At rest the angle follows a slow line (elastic wind-up, drift) with noise. Motion is found
-    where it leaves that line for good, by five standard deviations of the noise or the threshold
+    At rest the angle follows a slow line (elastic wind-up, drift) with noise; where a threshold
+    is given, a parabola: contacts creep the faster the further a uniform ramp has come. Motion is
+    found where it leaves that for good, by five standard deviations of the noise or the threshold
     if that is more. The moment itself is the start of the parabola that fits best between, or,
     beyond a threshold, of the cube by which a uniformly rising torque turns an inertia.
 
@@ -75,6 +81,10 @@ def first_motion(
     if np.any(np.diff(time) < 0.0):
         raise InputError("times that go back", "times that rise within a run", "sort the run")
     crossing, line, noise = _crossing(time, angle, threshold_rad)
+    if threshold_rad > 0.0 and time.size >= 4 * CREEP_WINDOWS:
+        creeping = _creeping(time, angle, threshold_rad)
+        if creeping is not None and creeping[0] > crossing:
+            crossing, line, noise = creeping
     if crossing < QUIET_SAMPLES:
         raise InputError(
             f"motion from sample {crossing + 1} on",
@@ -86,10 +96,10 @@ def first_motion(
     if threshold_rad > SIGNIFICANT * noise:
         moment, spread = _cube_start(time, direction * deviation, crossing, threshold_rad)
         index = int(np.clip(np.searchsorted(time, moment, side="right") - 1, 0, crossing - 1))
-        return FirstMotion(index, moment, spread, noise, direction)
+        return FirstMotion(index, moment, spread, noise, direction, crossing)
     moment, spread = _parabola_start(time, angle, crossing, noise)
     index = int(np.clip(np.searchsorted(time, moment, side="right") - 1, 0, crossing))
-    return FirstMotion(index, moment, spread, noise, direction)
+    return FirstMotion(index, moment, spread, noise, direction, crossing)
 
 
 def _crossing(
@@ -125,6 +135,38 @@ def _crossing(
             "raise the torque further, or check that the encoder turns with the shaft",
         )
     return crossing, line, noise
+
+
+def _creeping(
+    time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float
+) -> tuple[int, NDArray[np.float64], float] | None:
+    """Return what `_crossing` does, of an angle that creeps before it moves; None if it doesn't.
+
+    Under a uniform ramp the creep's speed grows with time, so that its path is a parabola; it ends
+    where the angle is half as fast again for good. The very beginning, where elastic parts wind
+    up, isn't looked at.
+    """
+    edges = np.linspace(0, angle.size - 1, CREEP_WINDOWS + 1).astype(np.int64)
+    speed = np.diff(angle[edges]) / np.maximum(np.diff(time[edges]), 1e-12)
+    since = 0.5 * (time[edges][1:] + time[edges][:-1]) - time[0]
+    # An inertia that turns already gets faster with the square of time: that is no creep.
+    first, second = np.array_split((speed / since)[CREEP_WINDOWS // 10 : CREEP_WINDOWS // 2], 2)
+    growth = float(np.median(second))
+    if abs(growth) > 2.0 * abs(float(np.median(first))):
+        return None
+    fastest = 1.5 * abs(growth) * since + threshold / (time[-1] - time[0])
+    slow = np.flatnonzero(np.abs(speed) <= fastest)
+    if not slow.size or slow[-1] < CREEP_WINDOWS // 3 or slow[-1] + 1 == CREEP_WINDOWS:
+        return None
+    rows = slice(angle.size // 10, int(edges[slow[-1]]))
+    creep = np.polynomial.Polynomial.fit(time[rows], angle[rows], 2)
+    rest = angle - creep(time)
+    inside = np.flatnonzero(np.abs(rest[rows.start :]) <= threshold)
+    crossing = rows.start + int(inside[-1]) + 1 if inside.size else angle.size
+    if crossing >= angle.size:
+        return None
+    line = np.asarray(creep.convert().coef[::-1], dtype=np.float64)
+    return crossing, line, float(np.std(rest[rows], ddof=3))
 
 
 def _cube_start(

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from torquebench.reducers import evaluate_breakaway
 from torquebench.reducers.motion import first_motion
 
 
@@ -20,3 +21,26 @@ def test_an_inertia_under_a_rising_torque_started_before_it_passed_the_threshold
     assert found.direction == sign
     assert start - 0.01 <= found.time_s < late
     assert abs(found.time_s - start) <= 2.0 * found.standard_uncertainty_s
+
+
+@settings(max_examples=25, deadline=None)
+@given(creep=st.floats(1e-4, 1e-3), moves=st.floats(4.0, 8.0), noise=st.floats(1e-6, 1e-4))
+def test_a_contact_that_creeps_under_the_ramp_does_not_move_yet(
+    creep: float, moves: float, noise: float
+) -> None:
+    """Creep as fast as the torque is large passes any threshold long before it breaks away."""
+    time = np.arange(0.0, moves + 1.0, 0.01)
+    angle = creep * time**2 + 0.3 * np.maximum(time - moves, 0.0) ** 3
+    angle += noise * np.random.default_rng(1).standard_normal(time.size)
+    found = first_motion(time, angle, threshold_rad=5e-3)
+    assert abs(found.time_s - moves) < 0.3
+
+
+def test_torque_that_stands_still_once_it_turns_is_read_there() -> None:
+    """The inertia takes up what the drive adds: a late date costs little then."""
+    time = np.arange(0.0, 9.0, 0.01)
+    true = 0.02 * 7.0
+    angle = 2e-4 * time**2 + 0.05 * np.maximum(time - 7.0, 0.0) ** 3
+    torque = np.where(time < 7.0, 0.02 * time, true + 0.002 * (time - 7.0))
+    found = evaluate_breakaway(time, angle, torque, presliding_rad=0.01)
+    assert abs(found.runs[0].torque_nm / true - 1.0) < 0.02
