@@ -21,6 +21,8 @@ __all__ = ["Asked", "RunningRecording", "RunningTable"]
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
+LOOP_SHARE = 0.1
+"""Torque, as a share of the range, from which on a cycle opens a transducer's hysteresis fully."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +204,15 @@ class RunningTable:
             return self._column(side, "torque_nm"), self._column(side, "torque_uncertainty_nm")
         reading, width = self._column(side, "reading_nm"), int(active.model.n_features_in_)
         middle = active.model.predict(features(reading, 0.0, 0.0)[:, :width])
-        branches = [
-            active.model.predict(features(reading, sign, 0.0)[:, :width], return_std=True)[1]
+        (up, first), (down, second) = (
+            active.model.predict(features(reading, sign, 0.0)[:, :width], return_std=True)
             for sign in (1.0, -1.0)
-        ]
-        return middle, np.maximum(*branches)
+        )
+        # A cycle so far below the loop's own width opens it in proportion only.
+        range_nm = self.devices.context.description.module(side).range_nm
+        opened = np.minimum(np.abs(middle) / (LOOP_SHARE * range_nm), 1.0)
+        loop = 0.5 * np.abs(up - down) * opened / np.sqrt(3.0)
+        return middle, np.hypot(np.maximum(first, second), loop)
 
     def _interval(self, side: Side) -> NDArray[np.int64]:
         """Return the number of the zero before each point."""

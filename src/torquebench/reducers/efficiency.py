@@ -271,7 +271,7 @@ def _findings(
         findings.append(
             Finding(
                 "no repeats",
-                "every point was measured once: repeatability isn't in the uncertainty",
+                "every point was measured once: of repeatability the chain's stated one counts",
                 "measure each point twice or more",
             )
         )
