@@ -116,9 +116,11 @@ def _kind(name: str) -> str:
     return f"calibrate-{words[1]}" if words[0] == "calibrate" else name.replace(" ", "-")
 
 
-def _quick(profile: Profile, **options: Any) -> Profile:
-    """Shorten a profile: other steps where they are given, and shorter holds."""
+def _quick(profile: Profile, steps: tuple[float, ...], **options: Any) -> Profile:
+    """Shorten a profile: other steps (% of the range) where they are given, and shorter holds."""
     text = profile.with_options(**options).model_dump(mode="python")
+    if steps:
+        text["loading"]["steps_percent"] = steps
     for table, keys in (
         ("loading", ("duration_s", "settle_limit_s")),
         ("preload", ("on_s", "off_s")),
@@ -131,8 +133,8 @@ def _quick(profile: Profile, **options: Any) -> Profile:
     return Profile.model_validate(text)
 
 
-def _calibration(side: Side, name: str, **options: Any) -> Procedure:
-    profile = _quick(load_profile(name), **options)
+def _calibration(side: Side, name: str, steps: tuple[float, ...] = (), **options: Any) -> Procedure:
+    profile = _quick(load_profile(name), steps, **options)
 
     def plan(station: Station) -> Plan:
         return calibrate(station.devices, side, profile)
@@ -176,9 +178,9 @@ PROCEDURES: tuple[Procedure, ...] = (
     _planned("zero", _of(zero_modules), "output", loads=False),
     _calibration("input", "rapid-in-situ", step_percent=25.0),
     _calibration("output", "rapid-in-situ", step_percent=25.0),
-    _calibration("output", "staircase"),
+    _calibration("output", "staircase", (50.0, 100.0)),
     _calibration("input", "reversing", step_percent=50.0, repeats=1),
-    _calibration("output", "small-torques", repeats=1),
+    _calibration("output", "small-torques", (0.5, 3.0, 30.0), repeats=1),
     _calibration("output", "adaptive", points=48),
     _verification("input", "verification", groups=1, points=8),
     _verification("output", "verification", groups=1, points=8),

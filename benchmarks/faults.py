@@ -63,7 +63,7 @@ ENDS_ACQUISITION = ("counter lost", "probes fail")
 NOT_ITS_KIND = ("encoder slips",)
 """May go unnoticed in a test of angles, where these are compared with the truth."""
 KILLED_WITHIN_S = 60.0
-LASTING_S = 5.0
+LASTING_S = 3.5
 """Until what was injected is over and nothing coasts any more, s of bench time."""
 
 
