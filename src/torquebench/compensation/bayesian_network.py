@@ -21,6 +21,7 @@ from torquebench.compensation.network import (
     nguyen_widrow_start,
     posterior_factor,
     posterior_variance,
+    rounding,
     small_uniform_start,
     tangent_kernels,
 )
@@ -109,6 +110,8 @@ class _Problem:
         else:
             system = self.normal / noise_variance
             system.reshape(-1)[:: self.flat.size + 1] += precisions.repeat(self.sizes)
+        diagonal = system.reshape(-1)[:: len(system) + 1]
+        diagonal += rounding(diagonal)  # repeats without noise make equal rows
         factor, info = lapack.dpotrf(system.T, lower=1, clean=1, overwrite_a=1)
         if info != 0:
             raise np.linalg.LinAlgError

@@ -308,7 +308,7 @@ def _with_tails(problem: Problem, normal: Member) -> Member:
         scale2 = member.setting.noise**2
         squares = _expected_squares(member)
         tails = (_FREEDOM + 1.0) / (_FREEDOM + squares / scale2)
-        noise = float(np.sqrt(np.mean(tails * squares)))
+        noise = max(float(np.sqrt(np.mean(tails * squares))), _LEAST_NOISE * problem.prior_scale)
         member = problem.solve(replace(member.setting, noise=noise), problem.weights * tails)
         before, bound = bound, _student_bound(problem, member)
         if bound - before < 0.1:

@@ -24,6 +24,7 @@ __all__ = [
     "nguyen_widrow_start",
     "posterior_factor",
     "posterior_variance",
+    "rounding",
     "small_uniform_start",
     "tangent_kernels",
 ]
@@ -228,6 +229,11 @@ def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatA
     return kernels
 
 
+def rounding(diagonal: FloatArray) -> float:
+    """Return what rounding makes of a matrix with this diagonal: less can't keep it definite."""
+    return float(4.0 * diagonal.size * np.finfo(np.float64).eps * np.max(diagonal))
+
+
 def posterior_factor(
     parameters: NetworkParameters,
     x: FloatArray,
@@ -256,7 +262,9 @@ def posterior_factor(
     J = jacobian(parameters, x)
     hessian = (J.T * (weights / noise_variance)) @ J
     hidden = parameters.input_weights.size
-    hessian[np.diag_indices_from(hessian)] += np.repeat(precisions, [hidden, hidden, hidden + 1])
+    diagonal = hessian.reshape(-1)[:: len(hessian) + 1]
+    diagonal += np.repeat(precisions, [hidden, hidden, hidden + 1])
+    diagonal += rounding(diagonal)
     return np.asarray(np.linalg.cholesky(hessian), dtype=np.float64)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, stdtrit
 from sklearn.base import clone
 
 from torquebench.compensation.base import (
@@ -217,7 +218,8 @@ def compare(
     The one-standard-error rule (L. Breiman et al., Classification and Regression Trees, 1984) on
     differences: of the models whose mean square error exceeds that of the best by at most one
     standard error of the difference over the steps, the one with the lowest complexity, then with
-    the fewest effective parameters, is taken. Errors that differ by less than a millionth of full
+    the fewest effective parameters, is taken. A standard error of few steps is itself uncertain and
+    widened by Student's factor. Errors that differ by less than a millionth of full
     scale count as equal, so that rounding doesn't choose where there is no noise.
 
     Examples
@@ -304,7 +306,7 @@ class _Tally:
             # Sums over steps are independent; their spread gives the error of the overall mean.
             spread = float(np.std(sums, ddof=1)) if count > 1 else 0.0
             total = groups.size
-            error = max(spread * float(np.sqrt(count)) / total, self.alike)
+            error = max(_one_error(count) * spread * float(np.sqrt(count)) / total, self.alike)
             result[name] = (float(np.sum(sums)) / total, error)
         return best, result
 
@@ -348,6 +350,11 @@ class _Tally:
                 )
             )
         return tuple(rows)
+
+
+def _one_error(count: int) -> float:
+    """Return Student's factor for one standard error that is estimated from so many steps."""
+    return float(stdtrit(max(count - 1, 1), ndtr(1.0)))
 
 
 def _score(

@@ -153,6 +153,16 @@ def test_several_wild_points_are_all_named() -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_repeats_without_any_noise_are_fitted(quick_model: QuickModel, kind: str) -> None:
+    reading = np.repeat(np.linspace(-2000.0, 2000.0, 9), 12)
+    standard = reading + 1.0 + 1e-3 * reading + 1.5e-6 * reading**2
+    model = quick_model(kind).fit(features(reading), standard)
+    torque_nm, std = model.predict(features(reading), return_std=True)
+    assert np.all(np.isfinite(torque_nm))
+    assert np.all(std >= 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_branch_missing_on_one_side_is_no_obstacle(quick_model: QuickModel, kind: str) -> None:
     torque, standard, branch = chain()
     keep = (torque > 0.0) | (branch > 0.0)

@@ -174,3 +174,43 @@ def test_groups_must_be_one_for_each_point() -> None:
         compare(X, y, FAST, groups=[0, 1])
     by_hand = compare(X, y, FAST, groups=np.tile(np.arange(21), 2))
     assert by_hand.score("spline").rms_nm == compare(X, y, FAST).score("spline").rms_nm
+
+
+@pytest.mark.parametrize("repeats", [1, 12])
+def test_without_noise_rounding_does_not_choose(repeats: int) -> None:
+    reading = np.repeat(np.linspace(-2000.0, 2000.0, 11), repeats)
+    exact = compare(reading[:, None], quadratic(reading), [*FAST, "hybrid"])
+    assert exact.selected == "polynomial-2"
+    assert not exact.caution
+
+
+def test_few_steps_are_said_and_give_no_weight_to_luck() -> None:
+    reading = np.repeat(np.linspace(-2000.0, 2000.0, 5), 4)
+    selected = []
+    for seed in range(6):
+        noise = np.random.default_rng(seed).normal(0.0, 0.3, reading.size)
+        comparison = compare(reading[:, None], quadratic(reading) + noise, FAST)
+        assert comparison.caution.startswith("only 3 steps")
+        selected.append(comparison.selected)
+    assert selected.count("polynomial-2") >= 4
+
+
+def test_a_wild_point_is_kept_or_refused_by_choice() -> None:
+    X, y = repeated(3)
+    y[9] += 30.0
+    assert [point.row for point in compare(X, y, FAST).wild_points] == [9]
+    kept = compare(X, y, FAST, outliers="keep")
+    assert not kept.wild_points
+    assert kept.points == compare(X, y, FAST).points + 1
+    with pytest.raises(InputError, match="wild calibration point"):
+        compare(X, y, FAST, outliers="refuse")
+
+
+def test_points_that_no_model_takes_are_refused_once() -> None:
+    X, y = repeated(4)
+    contradictory = np.vstack([X, X[5]]), np.append(y, y[5] + 50.0)
+    with pytest.raises(InputError, match="contradictory") as refusal:
+        compare(*contradictory, FAST)
+    assert str(refusal.value).count("contradictory") == 1
+    with pytest.raises(InputError, match="constant reading column"):
+        compare(np.full((9, 1), 5.0), np.arange(9.0), FAST)
