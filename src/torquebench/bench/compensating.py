@@ -153,12 +153,12 @@ class ActiveCompensation:
             return float(live.torque_nm[0]), float(live.standard_uncertainty_nm[0])
         X = features([reading_nm], 0, 0, speed_rpm, temperature_c)
         torque, uncertainty = self.model.predict(X[:, : self._columns], return_std=True)
-        return float(torque[0]), float(self._widened(torque, uncertainty)[0])
+        return float(torque[0]), float(self.widened(torque, uncertainty)[0])
 
-    def _widened(
+    def widened(
         self, torque_nm: NDArray[np.float64], uncertainty_nm: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Add what another counter's clock may have changed."""
+        """Return standard uncertainties with what another counter's clock may have changed, N·m."""
         if self.accepted is None:
             return uncertainty_nm
         added = self.accepted.standard_uncertainty_nm(torque_nm, self.zero_nm)
@@ -201,7 +201,7 @@ class ActiveCompensation:
                 )
             except InputError:  # a speed or temperature that the model refuses
                 torque[inside] = uncertainty[inside] = np.nan
-        return CompensatedSamples(torque, self._widened(torque, uncertainty))
+        return CompensatedSamples(torque, self.widened(torque, uncertainty))
 
     def _inside(self, reading_nm: NDArray[np.float64]) -> NDArray[np.bool_]:
         return np.asarray(

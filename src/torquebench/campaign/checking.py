@@ -121,10 +121,16 @@ def check_module(
         A few steps, such as the packaged profile "check".
     tolerance_percent_fs : float
         Largest error allowed, % of full scale.
+
+    Raises
+    ------
+    ModelMismatchError
+        The module's model was made with another counter; nothing was moved.
     """
+    serial = station.description.module(side).transducer.serial
+    entry = station.registry.active_model(serial, station.drivers.counter.clock_identity)
     measured = measure_check(station, side, profile, progress=progress, on_pause=on_pause)
     data = measured.result.data
-    entry = station.registry.active_model(data.transducer_serial, data.counter_identity)
     model = None if entry is None else load_model(entry.check_file()).model
     standard = station.description.verification_standard
     torque, expanded, decisions = judge_check(

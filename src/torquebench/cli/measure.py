@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.console import note, out
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
+from torquebench.cli.options import (
+    CLOCK_TOLERANCE_PPM,
+    DEFAULT_DATA,
+    AcceptCounterOption,
+    BenchOption,
+    ClockToleranceOption,
+    DataOption,
+    accepted_counter,
+)
 
 if TYPE_CHECKING:
     from torquebench.bench.compensating import AcceptedCounter
@@ -16,7 +24,7 @@ if TYPE_CHECKING:
     from torquebench.bench.samples import AcquiredBlock, Viewer
     from torquebench.station import Station
 
-__all__ = ["register"]
+__all__ = ["compensated", "register"]
 
 
 def register(app: typer.Typer) -> None:
@@ -33,18 +41,8 @@ def measure(
     count: Annotated[
         int | None, typer.Option(min=1, help="End after so many lines; without it by Ctrl-C.")
     ] = None,
-    accept_counter: Annotated[
-        str | None,
-        typer.Option(
-            "--accept-counter",
-            help="Also use models that were made with this counter (serial/clock), with more "
-            "uncertainty.",
-        ),
-    ] = None,
-    clock_tolerance_ppm: Annotated[
-        float,
-        typer.Option(min=0.001, max=1000, help="How much the two counters' clocks may differ."),
-    ] = 100.0,
+    accept_counter: AcceptCounterOption = None,
+    clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
     zero: Annotated[
         bool, typer.Option("--zero", help="First take the unloaded bench's reading for zero.")
     ] = False,
@@ -54,15 +52,14 @@ def measure(
     Nothing is moved. A line that averages `--interval` seconds is rewritten in place; into a pipe
     it is written line by line.
     """
-    from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import SIDES
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
+    accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
     with Station.open(bench, data, real_time=True) as station:
         tell_recovered(station)
-        accepted = AcceptedCounter(accept_counter, clock_tolerance_ppm) if accept_counter else None
-        states = {side: _activate(station, side, accepted) for side in SIDES}
+        states = {side: compensated(station, side, accepted) for side in SIDES}
         if zero:
             _take_zero(station)
         if station.description.simulated:
@@ -76,8 +73,8 @@ def measure(
         note("measuring ended; nothing was moved")
 
 
-def _activate(station: Station, side: Side, accepted: AcceptedCounter | None) -> str:
-    """Use the side's active model where there is one, and say which."""
+def compensated(station: Station, side: Side, accepted: AcceptedCounter | None = None) -> str:
+    """Compensate a side by its active model where there is one, and say by which."""
     from torquebench.errors import ModelMismatchError
 
     try:

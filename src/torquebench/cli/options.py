@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.errors import InputError
 
+if TYPE_CHECKING:
+    from torquebench.bench.compensating import AcceptedCounter
+
 __all__ = [
+    "CLOCK_TOLERANCE_PPM",
+    "AcceptCounterOption",
     "BenchOption",
+    "ClockToleranceOption",
     "DataOption",
     "RangeOption",
     "RealTimeOption",
+    "accepted_counter",
     "check_output",
     "data_directory",
     "has_registry",
@@ -44,6 +51,27 @@ RangeOption = Annotated[
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Simulated time follows the wall clock.")
 ]
+
+AcceptCounterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--accept-counter",
+        help="Also use models that were made with this counter (serial/clock), with more "
+        "uncertainty.",
+    ),
+]
+ClockToleranceOption = Annotated[
+    float,
+    typer.Option(min=0.001, max=1000, help="How much the two counters' clocks may differ."),
+]
+CLOCK_TOLERANCE_PPM = 100.0
+
+
+def accepted_counter(identity: str | None, tolerance_ppm: float) -> AcceptedCounter | None:
+    """Return the other counter that a command accepts, None where none is named."""
+    from torquebench.bench.compensating import AcceptedCounter
+
+    return AcceptedCounter(identity, tolerance_ppm) if identity else None
 
 
 def data_directory(path: Path) -> Path:

@@ -14,20 +14,24 @@ from typer.core import TyperGroup
 from torquebench.cli.console import note, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
+    CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
+    AcceptCounterOption,
     BenchOption,
+    ClockToleranceOption,
     DataOption,
     RealTimeOption,
+    accepted_counter,
     check_output,
 )
-from torquebench.errors import InputError, ModelMismatchError
+from torquebench.errors import InputError
 
 if TYPE_CHECKING:
+    from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.description import BenchDescription
     from torquebench.campaign.reducer_results import ReducerTestRecord
     from torquebench.campaign.reducer_settings import ReducerTestSettings
     from torquebench.reducers import ReducerDescription
-    from torquebench.station import Station
 
 __all__ = ["ABOUT", "register"]
 
@@ -130,12 +134,15 @@ def _command(name: str) -> Callable[..., None]:
         data: DataOption = DEFAULT_DATA,
         yes: YesOption = False,
         real_time: RealTimeOption = False,
+        accept_counter: AcceptCounterOption = None,
+        clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
     ) -> None:
         from torquebench.bench.description import default_bench, load_bench
 
         described = default_bench() if bench is None else load_bench(bench)
         kind, described = _mounted(described, reducer, serial)
-        wanted = _Wanted(name, kind, _settings(short, twist, no_twist, tare), serial)
+        accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
+        wanted = _Wanted(name, kind, _settings(short, twist, no_twist, tare), serial, accepted)
         _check_reports(report or [])
         if dry_run:
             _dry_run(described, wanted)
@@ -153,6 +160,7 @@ class _Wanted:
     reducer: ReducerDescription
     settings: ReducerTestSettings
     serial: str
+    accepted: AcceptedCounter | None = None
 
 
 def _settings(short: bool, twist: float | None, no_twist: bool, tare: bool) -> ReducerTestSettings:
@@ -254,9 +262,11 @@ def _run(
     described: BenchDescription, wanted: _Wanted, data: Path, *, yes: bool, real_time: bool
 ) -> ReducerTestRecord:
     from torquebench.bench.prompts import DeskOperator, PromptDesk
+    from torquebench.bench.roles import SIDES
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.reducer_tests import run_reducer_test
     from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.measure import compensated
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
@@ -269,7 +279,8 @@ def _run(
     operator = None if described.simulated else DeskOperator(desk)
     with Station.open(described, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station)
-        _compensate(station)
+        for side in SIDES:
+            note(f"{side}: {compensated(station, side, wanted.accepted)}")
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
         try:
@@ -290,19 +301,6 @@ def _run(
                 )
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None
-
-
-def _compensate(station: Station) -> None:
-    """Compensate every side that has a model, and say which one has none."""
-    from torquebench.bench.roles import SIDES
-
-    for side in SIDES:
-        try:
-            active = station.activate_compensation(side)
-        except ModelMismatchError as missing:
-            note(f"{side}: not compensated, {missing.found}")
-        else:
-            note(f"{side}: compensated by model-{active.model_id} ({active.kind})")
 
 
 def _finish(record: ReducerTestRecord, reports: list[Path]) -> None:

@@ -201,7 +201,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         table = features(reading_nm, 0, 0, speed, temperature)
         columns = int(active.model.n_features_in_)
         torque, uncertainty = active.model.predict(table[:, :columns], return_std=True)
-        return time_s, np.asarray(torque), np.asarray(uncertainty)
+        return time_s, np.asarray(torque), active.widened(torque, uncertainty)
 
     async def read(self) -> dict[str, Reading]:
         """Return from when to when the last stretch was."""
