@@ -103,3 +103,12 @@ def test_tls_serves_pages_and_api(tmp_path: Path) -> None:
             answer = admin.get("/bench")
     assert answer.status_code == 200
     assert "max-age" in answer.headers["strict-transport-security"]
+
+
+def test_a_second_panel_on_the_same_records_is_refused(tmp_path: Path) -> None:
+    with serving(tmp_path) as server:
+        refused = run("panel", "--port", "0", "--data", "data", cwd=tmp_path)
+        assert refused.returncode == 2
+        assert f"process {server.process.pid}" in " ".join(refused.stderr.split())
+        with administrator(server) as admin:
+            assert admin.get("/bench").json()["connection"] == "live"

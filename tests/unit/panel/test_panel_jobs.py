@@ -1,13 +1,16 @@
 import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from tests.unit.panel.aside_work import doubled, endless, refusing
 
+from torquebench.bench.prompts import DeskOperator
 from torquebench.errors import BenchError, InputError, RecordError
 from torquebench.panel.aside import AsideEndedError, run_aside
 from torquebench.panel.service import (
@@ -17,8 +20,10 @@ from torquebench.panel.service import (
     JobView,
     LeaseError,
     NotFoundError,
+    PendingPrompt,
     PermissionDeniedError,
 )
+from torquebench.station import Station
 
 CHIEF = Actor("Chief", "administrator", "chief")
 ANA = Actor("ana", "metrologist", "client-1", "client")
@@ -102,15 +107,15 @@ def test_wrong_requests_start_nothing(service: BenchService) -> None:
 
 
 def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
-    asked = {"side": "output", "step_percent": 10.0, "repeats": 2, "models": ["polynomial-2"]}
-    view = service.jobs.start(BEN, "calibrate", asked)
+    request = {"side": "output", "step_percent": 10.0, "repeats": 2, "models": ["polynomial-2"]}
+    view = service.jobs.start(BEN, "calibrate", request)
     while len(service.jobs.points(view.job_id)) < 50:  # within the second series
         time.sleep(0.01)
     service.jobs.abort(BEN, view.job_id)
     assert ended(service, view).state == "aborted"
     (run,) = service.records.runs(status="aborted").runs
-    asked = {"run_id": run.run_id, "models": ["polynomial-2"]}
-    view = ended(service, service.jobs.start(BEN, "resume-calibration", asked))
+    request = {"run_id": run.run_id, "models": ["polynomial-2"]}
+    view = ended(service, service.jobs.start(BEN, "resume-calibration", request))
     assert view.state == "done", view.problem
     assert view.result is not None
     assert view.result.calibration_id == 1
@@ -118,10 +123,10 @@ def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
 
 
 def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
-    asked = {"test": "starting", "reducer": "standard", "serial": "S-1", "quick": True}
-    shown = service.jobs.preview("reducer-test", asked)
+    request = {"test": "starting", "reducer": "standard", "serial": "S-1", "quick": True}
+    shown = service.jobs.preview("reducer-test", request)
     assert 0 < shown.largest_torque_nm["input"] <= shown.limit_torque_nm["input"]
-    view = ended(service, service.jobs.start(BEN, "reducer-test", asked))
+    view = ended(service, service.jobs.start(BEN, "reducer-test", request))
     assert view.state == "done", view.problem
     assert view.result is not None
     (outcome,) = view.result.details["outcomes"]
@@ -173,11 +178,11 @@ def test_whoever_sees_the_end_of_a_job_may_start_the_next(service: BenchService)
 
 def test_a_rehearsal_keeps_nobody_from_a_job(service: BenchService) -> None:
     looked = threading.Event()
-    asked = {"side": "output", "step_percent": 1.0, "repeats": 10}
+    request = {"side": "output", "step_percent": 1.0, "repeats": 10}
 
     def look() -> None:
         with contextlib.suppress(BusyError):
-            service.jobs.preview("calibrate", asked)
+            service.jobs.preview("calibrate", request)
         looked.set()
 
     thread = threading.Thread(target=look)
@@ -213,6 +218,90 @@ def test_a_stop_goes_past_whatever_holds_the_panel(service: BenchService) -> Non
         report = service.stop_aside(ANA, "past them").result(timeout=5.0)
     assert report.alarm_number
     assert service.snapshot().stopped
+
+
+class Attended(BenchService):
+    """A simulated bench whose operator is a person, as at a real one."""
+
+    def _open_station(self) -> Station:
+        desk = DeskOperator(self._prompts)
+        return Station.open(self.settings.bench(), self._data_dir, real_time=False, operator=desk)
+
+
+def asked(service: BenchService, start: Callable[[], JobView]) -> tuple[JobView, PendingPrompt]:
+    view = start()
+    deadline = time.monotonic() + 60.0
+    while (prompt := service.jobs.prompt) is None:
+        assert time.monotonic() < deadline
+        assert service.jobs.get(view.job_id).open
+        time.sleep(0.02)
+    return view, prompt
+
+
+def test_an_abort_and_the_end_of_the_panel_take_a_question_back(tmp_path: Path) -> None:
+    with Attended.open(None, tmp_path, fast=True) as service:
+        for each in (ANA, BEN):
+            service.clients.add(CHIEF, each.name, each.role)
+
+        def start() -> JobView:
+            request = {"side": "output", "step_percent": 50.0, "bench_clear": True}
+            return service.jobs.start(BEN, "calibrate", request)
+
+        view, prompt = asked(service, start)
+        assert "calibrator" in prompt.text
+        with pytest.raises(LeaseError):
+            service.jobs.answer(ANA, prompt.number, done=True)
+        service.jobs.abort(BEN, view.job_id)
+        assert ended(service, view).state == "aborted"
+        assert service.jobs.prompt is None
+        with pytest.raises(NotFoundError):
+            service.jobs.answer(BEN, prompt.number, done=True)
+        view, declined = asked(service, start)
+        service.jobs.answer(BEN, declined.number, done=False)
+        view = ended(service, view)
+        assert view.state == "failed"
+        assert view.problem is not None
+        assert "declined" in view.problem.found
+        view, _ = asked(service, start)
+    assert service.jobs.get(view.job_id).state == "aborted"
+
+
+def test_of_many_starts_at_once_one_job_begins(service: BenchService) -> None:
+    service.lease.take(BEN)
+
+    def start(_: int) -> str:
+        try:
+            return service.jobs.start(BEN, "zero", {}).job_id
+        except BusyError:
+            return ""
+
+    with ThreadPoolExecutor(8) as crowd:
+        begun = [each for each in crowd.map(start, range(8)) if each]
+    ended(service, service.jobs.get(begun[0]))
+    assert [each.job_id for each in service.jobs.recent()] == begun[::-1]
+    runs = service.records.runs(kind="zero").runs
+    spans = sorted((each.started, each.finished) for each in runs if each.finished)
+    assert len(spans) == len(begun)
+    assert all(before[1] <= after[0] for before, after in pairwise(spans))
+
+
+def test_of_many_sessions_at_once_one_commands(service: BenchService) -> None:
+    programs = [
+        service.clients.actor(service.clients.add(CHIEF, f"plc-{n}", "operator")[1])
+        for n in range(8)
+    ]
+
+    def take(actor: Actor) -> bool:
+        try:
+            service.lease.take(actor)
+        except LeaseError:
+            return False
+        return True
+
+    with ThreadPoolExecutor(8) as crowd:
+        taken = list(crowd.map(take, programs))
+    assert sum(taken) == 1
+    assert service.lease.state().session_id == programs[taken.index(True)].session_id
 
 
 def test_a_revoked_program_commands_no_longer(service: BenchService) -> None:
