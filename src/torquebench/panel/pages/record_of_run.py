@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from nicegui import ui
+from nicegui import run, ui
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
@@ -178,12 +178,18 @@ class RunPanel:
 
         draw()
 
-    def _export(self) -> None:
+    async def _export(self) -> None:
+        """Hand the run out; packing it takes its time, and other pages don't wait."""
         try:
-            with self._visitor.service.records.export_zip(self._run_id) as archive:
-                ui.download(archive.read(), f"{self._run_id}.zip")
+            packed = await run.io_bound(self._packed)
         except TorquebenchError as error:
             self._visitor.messages.problem(error)
+            return
+        ui.download(packed, f"{self._run_id}.zip")
+
+    def _packed(self) -> bytes:
+        with self._visitor.service.records.export_zip(self._run_id) as archive:
+            return archive.read()
 
 
 def _extremes(name: str, time: list[float], low: list[float], high: list[float]) -> list[Line]:

@@ -1,0 +1,50 @@
+"""A calibration of the records is gone on with as if it had just been made."""
+
+import time
+from pathlib import Path
+
+import pytest
+
+from torquebench.errors import RecordError
+from torquebench.panel.pages.course import Dismissed, find_course
+from torquebench.panel.service import Actor, BenchService, JobView
+
+CHIEF = Actor("Chief", "administrator", "chief")
+BEN = Actor("ben", "operator", "client-1", "client")
+
+
+def done(service: BenchService, kind: str, **request: object) -> JobView:
+    view = service.jobs.start(BEN, kind, request)
+    deadline = time.monotonic() + 300.0
+    while view.open or service.jobs.busy:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+        view = service.jobs.get(view.job_id)
+    assert view.state == "done", view.problem
+    return view
+
+
+def test_a_restarted_panel_takes_a_verified_calibration_up_again(tmp_path: Path) -> None:
+    with BenchService.open(None, tmp_path, fast=True) as service:
+        service.clients.add(CHIEF, BEN.name, BEN.role)
+        measured = done(
+            service, "calibrate", side="output", step_percent=25.0, models=["polynomial-2"]
+        )
+        assert service.interrupted() is None
+        verified = done(service, "verify", calibration_id=1, groups=1, points=8)
+    with BenchService.open(None, tmp_path, fast=True) as service:
+        assert find_course(service.jobs.recent(), Dismissed()).reached == "prepare"
+        service.recall(BEN, 1)
+        course = find_course(service.jobs.recent(), Dismissed())
+        assert course.reached == "sign"
+        assert course.verified_best == "polynomial-2"
+        assert course.calibrate is not None
+        assert course.verify is not None
+        for before, after in ((measured, course.calibrate), (verified, course.verify)):
+            assert before.result is not None
+            assert after.result is not None
+            assert after.result.headline == before.result.headline
+            assert after.result.verdict == before.result.verdict
+            assert after.result.run_ids == before.result.run_ids
+        with pytest.raises(RecordError):
+            service.recall(BEN, 7)
