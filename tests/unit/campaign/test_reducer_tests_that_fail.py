@@ -1,0 +1,102 @@
+"""What goes wrong at the bench has a name, and takes no other part of a test along."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from torquebench.bench.description import default_bench
+from torquebench.bench.drivers.simulated import SimulatedOptions
+from torquebench.campaign import reducer_tests
+from torquebench.campaign.reducer_catalogue import TESTS
+from torquebench.campaign.reducer_settings import ReducerTestSettings
+from torquebench.campaign.reducer_tests import run_reducer_test
+from torquebench.errors import BenchError, TorquebenchError
+from torquebench.procedures.friction import FrictionSettings
+from torquebench.procedures.reducer_breakaway import BreakawaySettings
+from torquebench.procedures.reducer_empty import EmptyRunSettings
+from torquebench.procedures.reducer_running import NoLoadSettings
+from torquebench.procedures.reducer_setup import WarmUp
+from torquebench.reducers import load_reducer
+from torquebench.reports.page_pdf import page_pdf
+from torquebench.reports.reducer_report import reducer_page
+from torquebench.station import Station
+
+REDUCER = load_reducer("rv-40e")
+ONE = BreakawaySettings(positions=1)
+SHORT = replace(ReducerTestSettings.short(), starting=ONE, back_driving=ONE)
+SWEEP = FrictionSettings(speeds_rpm=(300.0,), repeats=1, counter_clockwise=False)
+
+
+@pytest.fixture
+def station(tmp_path: Path) -> Iterator[Station]:
+    described = default_bench()
+    settings = described.bench.model_copy(update={"reducer_ratio": REDUCER.ratio})
+    driver = {**described.driver, "reducer": "rv-40e"}
+    bench = described.model_copy(update={"driver": driver, "bench": settings})
+    with Station.open(bench, tmp_path) as opened:
+        yield opened
+
+
+def test_a_part_that_fails_leaves_the_others_their_results(
+    station: Station, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = [TESTS["starting"], TESTS["back-driving"]]
+    monkeypatch.setattr(reducer_tests, "chosen_tests", lambda _name: parts)
+    too_little = replace(ONE, expected_nm=0.01, largest_nm=0.02)
+    record = run_reducer_test(
+        station, "full", REDUCER, replace(SHORT, starting=too_little), serial="F1"
+    )
+    assert [each.name for each in record.outcomes] == ["back-driving"]
+    (failure,) = record.failures
+    assert failure.name == "starting"
+    assert "nothing moved up to 0.02 N·m" in failure.message
+    assert record.failed
+    page = reducer_page(record)
+    assert "Starting torque: no result" in [section.heading for section in page.sections]
+    assert page_pdf(page).startswith(b"%PDF")
+    (specimen,) = station.registry.equipment("reducer")
+    assert (specimen.serial, specimen.model) == ("F1", REDUCER.name)
+
+
+def test_a_drive_that_saturates_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = SimulatedOptions.parameters
+
+    def weak(options: SimulatedOptions) -> object:
+        found = drawn(options)
+        drive = found.input.drive._replace(torque_limit_nm=0.1)
+        return replace(found, input=replace(found.input, drive=drive))
+
+    monkeypatch.setattr(SimulatedOptions, "parameters", weak)
+    described = default_bench()
+    settings = described.bench.model_copy(update={"reducer_ratio": REDUCER.ratio})
+    driver = {**described.driver, "reducer": "rv-40e"}
+    bench = described.model_copy(update={"driver": driver, "bench": settings})
+    cold = replace(SHORT, no_load=NoLoadSettings(SWEEP, WarmUp(longest_s=0.0)))
+    with (
+        Station.open(bench, tmp_path) as station,
+        pytest.raises(TorquebenchError, match="saturat"),
+    ):
+        run_reducer_test(station, "no-load", REDUCER, cold)
+
+
+def test_a_temperature_that_does_not_settle_is_named(station: Station) -> None:
+    never = WarmUp(rate_k_per_min=1e-6, window_s=4.0, interval_s=2.0, longest_s=8.0)
+    warming = replace(SHORT, no_load=NoLoadSettings(SWEEP, never))
+    with pytest.raises(BenchError, match="still changes by"):
+        run_reducer_test(station, "no-load", REDUCER, warming)
+
+
+def test_an_empty_run_is_taken_off_and_kept(station: Station) -> None:
+    cold = NoLoadSettings(replace(SWEEP, counter_clockwise=True), WarmUp(longest_s=0.0))
+    empty = EmptyRunSettings(speeds_rpm=(100.0, 300.0), repeats=2, window_s=0.4)
+    settings = replace(SHORT, no_load=cold, empty_run=empty)
+    record = run_reducer_test(station, "no-load", REDUCER, settings)
+    kinds = {line.kind for line in station.registry.runs()}
+    assert kinds == {"empty-run", "test-no-load"}
+    (outcome,) = record.outcomes
+    assert any("empty run is taken off" in each for each in outcome.remarks)
+    names = {line.name for line in outcome.result.points[0].torque.lines}
+    assert {"tare", "tare transfer"} <= names
+    assert "bearing drag" not in names
