@@ -156,6 +156,7 @@ def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecordi
         position=np.repeat([loop.position_deg for loop in loops.loops], sizes),
         loop=np.repeat([loop.number for loop in loops.loops], sizes),
         bench_compliance_rad_per_nm=bench.twist.rad_per_nm,
+        resolution_rad=_resolution_rad(bench, "output"),
         uncertainty=_loop_uncertainty(bench, loops),
     )
     remarks = bench_remarks(bench, loops.compensated, ("output",))

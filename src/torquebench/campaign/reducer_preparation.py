@@ -81,6 +81,7 @@ def preparations(
     """
     found = []
     twist = settings.bench_twist
+    loops_nm = settings.hysteresis.torque_share * limits.rated_torque_nm
     if "hysteresis" in tests and twist is not None and settings.twist_arcmin_per_nm is None:
 
         def twisted(known: Known, recording: Any) -> None:
@@ -90,7 +91,7 @@ def preparations(
             Preparation(
                 "bench-twist",
                 "Twist of the bench itself",
-                lambda devices: bench_twist(devices, twist, ("output",)),
+                lambda devices: bench_twist(devices, twist, ("output",), loops_nm=loops_nm),
                 twisted,
             )
         )

@@ -19,7 +19,9 @@ from torquebench.errors import BenchError, InputError
 from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
+    TURN_RPM,
     ReducerLimits,
+    angle_rad,
     run_metadata,
     stamp,
     temperature_c,
@@ -46,6 +48,12 @@ __all__ = [
     "bench_twist",
     "hysteresis_loops",
 ]
+
+LOADING_SHARE = 0.0015
+"""Share of its range by which a drive may miss a torque that it is asked for."""
+TURNS = 4
+PHASE_DEG = 10.0
+"""So near to its phase the input is turned."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +94,6 @@ class HysteresisSettings:
                 f"loops of {self.torque_share:g} T_N in {self.loop_s:g} s, {self.steps} steps",
                 "a share above 0, 1 to 240 s, no negative number of steps",
             )
-
-    @property
-    def moves_deg(self) -> list[float]:
-        """By how much the output is turned before each position's loops, degrees."""
-        return list(np.diff(self.positions_deg, prepend=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +141,11 @@ def hysteresis_loops(
     """Lock the input and drive torque-angle loops at the output, at several output positions.
 
     Before the loops of each position the output is turned there, both torques are zeroed, and
-    the output is preloaded to +T and −T, which isn't part of any loop. A loop that a pause
-    interrupts is preloaded and driven again.
+    the output is preloaded to +T and −T, which isn't part of any loop. The torque goes beyond T
+    by as much as a drive may stay below what it is asked for, where the reducer allows it. The
+    positions share out one turn of the input too, as the transmission error of the input's
+    orders makes a reducer stiffer at one of its phases than at another. A loop that a pause interrupts
+    is preloaded and driven again.
 
     Raises
     ------
@@ -151,6 +157,8 @@ def hysteresis_loops(
     settings = settings or HysteresisSettings()
     torque = settings.torque_share * limits.rated_torque_nm
     limits.check_output_torque(torque)
+    beyond = torque + LOADING_SHARE * devices.context.description.output.range_nm
+    torque = max(torque, min(beyond, limits.largest_torque_nm))
     driver = _LoopDriver(devices, settings, torque)
     total = settings.loops * len(settings.positions_deg)
     metadata = run_metadata(
@@ -160,14 +168,14 @@ def hysteresis_loops(
     temperature: list[float] = []
 
     def measured() -> Plan[None]:
-        for index, (position, turn) in enumerate(
-            zip(settings.positions_deg, settings.moves_deg, strict=True)
-        ):
+        start = yield from angle_rad(devices, "input")
+        for index, position in enumerate(settings.positions_deg):
             yield from progress(index * settings.loops, total, f"output to {position:g}°")
             yield from checkpoint()
             yield from set_mode(devices, "output", "free")
             yield from set_mode(devices, "input", "driven")
-            yield from turn_output(devices, limits, turn)
+            phase = index / len(settings.positions_deg)
+            yield from _turn_to(devices, limits, _near(position, limits.ratio, phase), start)
             yield from power_off(devices)
             yield from measure_zero(devices, "input", duration_s=settings.zero_s)
             yield from set_mode(devices, "input", "locked")
@@ -188,6 +196,38 @@ def hysteresis_loops(
         compensated={side: compensation(side) is not None for side in sides},
         temperature_c=float(np.mean(temperature)),
     )
+
+
+def _near(position_deg: float, ratio: float, phase: float) -> float:
+    """Return the output angle next to a position at which the input has turned to a phase.
+
+    Examples
+    --------
+    >>> round(_near(90.0, 121.0, 0.5), 4), round(_near(90.0, 121.0, 0.25), 4)
+    (90.7438, 90.0)
+    """
+    off = phase - position_deg * ratio / 360.0
+    return position_deg + (off - float(np.round(off))) * 360.0 / ratio
+
+
+def _turn_to(
+    devices: BenchDevices, limits: ReducerLimits, output_deg: float, start_rad: float | None
+) -> Plan[None]:
+    """Turn the output to an angle from the start by the input's encoder, slower and slower."""
+    seconds = 0.0
+    for _ in range(TURNS):
+        present = yield from angle_rad(devices, "input")
+        turned = 0.0  # in a rehearsal nothing has an angle
+        if present is not None and start_rad is not None:
+            turned = float(np.degrees(present - start_rad)) / limits.ratio
+        left = output_deg - turned
+        if abs(left * limits.ratio) < PHASE_DEG:
+            return
+        slow_rpm = abs(left * limits.ratio) / 6.0 / seconds if seconds else TURN_RPM
+        yield from turn_output(devices, limits, left, speed_rpm=min(slow_rpm, TURN_RPM))
+        if present is None:
+            return
+        seconds = 4.0
 
 
 @dataclass
@@ -282,20 +322,22 @@ class BenchTwistSettings:
 
     Parameters
     ----------
-    torque_share : float
-        Largest torque as a share of the module's range.
+    torque_share : float or None
+        Largest torque as a share of the module's range; None: that of the loops that follow, as
+        what a chain adds to the torque counts differently at other torques.
     cycles : int
         Cycles 0 → +T → −T → 0.
     cycle_s : float
         Time of one cycle, s.
     """
 
-    torque_share: float = 1.0
+    torque_share: float | None = None
     cycles: int = 2
     cycle_s: float = 20.0
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.torque_share <= 1.0 and self.cycles >= 1 and self.cycle_s >= 1.0):
+        share = 1.0 if self.torque_share is None else self.torque_share
+        if not (0.0 < share <= 1.0 and self.cycles >= 1 and self.cycle_s >= 1.0):
             raise InputError(f"a bench twist by {self}", "a share up to 1, a cycle, 1 s or more")
 
 
@@ -318,11 +360,14 @@ def bench_twist(
     devices: BenchDevices,
     settings: BenchTwistSettings | None = None,
     sides: Sequence[Side] = ("output", "input"),
+    *,
+    loops_nm: float | None = None,
 ) -> Plan[BenchTwistRecording]:
     """Load each side against the clamped calibrator, which holds its flange, and record the angle.
 
     What the encoder sees then is the twist of shaft, coupling and transducer between it and the
-    flange: what torque-angle loops have to do without.
+    flange: what torque-angle loops have to do without. `loops_nm` is the largest torque of those
+    loops, where the settings leave it to them.
     """
     settings = settings or BenchTwistSettings()
     found: dict[Side, SynchronousRecording] = {}
@@ -336,7 +381,10 @@ def bench_twist(
     serial = ""
 
     def side_of(side: Side) -> Plan[None]:
-        torque = settings.torque_share * devices.context.description.module(side).range_nm
+        range_nm = devices.context.description.module(side).range_nm
+        torque = range_nm if loops_nm is None else min(loops_nm, range_nm)
+        if settings.torque_share is not None:
+            torque = settings.torque_share * range_nm
         kind: Literal["calibration"] = "calibration"
         yield from set_up(devices, Setup(kind, side, "calibrator", "locked"))
         yield from zero(devices, side)

@@ -42,6 +42,7 @@ def evaluate_hysteresis(
     loop: ArrayLike | None = None,
     demanded_nm: ArrayLike | None = None,
     bench_compliance_rad_per_nm: float = 0.0,
+    resolution_rad: float = 0.0,
     uncertainty: LoopUncertainty | None = None,
 ) -> HysteresisResult:
     """Evaluate torque-angle loops, input locked and output loaded.
@@ -69,6 +70,8 @@ def evaluate_hysteresis(
         Torque that the drive was asked for: only to find where it saturates.
     bench_compliance_rad_per_nm : float
         The bench's own twist per torque between the encoder and the reducer, which is subtracted.
+    resolution_rad : float
+        Step of the angle's counts: it narrows a loop that is read where the angle is outermost.
     uncertainty : LoopUncertainty, optional
         Of torque, angle and compliance; by default none, so that only repeatability counts.
 
@@ -89,7 +92,7 @@ def evaluate_hysteresis(
         check_columns(torque[here], angle[here], settings.rated_torque_nm)
     findings = saturation(torque, demanded)
     record = Record(torque, angle, place, number)
-    steady, ripple = without_ripple(record)
+    steady, ripple = without_ripple(record, resolution_rad)
     loops, blurred = _loops(steady, settings)
     left = NOTHING_LEFT
     if ripple is not None:

@@ -94,7 +94,7 @@ class RippleLeft:
 NOTHING_LEFT = RippleLeft()
 
 
-def without_ripple(record: Record) -> tuple[Record, Ripple | None]:
+def without_ripple(record: Record, resolution_rad: float = 0.0) -> tuple[Record, Ripple | None]:
     """Leave only the outermost samples of a record whose torque ripples, position by position.
 
     A position whose torque doesn't ripple keeps its samples. The ripple is that of the position
@@ -108,7 +108,7 @@ def without_ripple(record: Record) -> tuple[Record, Ripple | None]:
         torque, angle = record.torque_nm[rows], record.angle_rad[rows]
         ripple = find_ripple(torque, angle)
         if ripple is not None:
-            torque, angle, left = outermost(torque, angle, ripple)
+            torque, angle, left = outermost(torque, angle, ripple, resolution_rad)
             rows = rows[left]
             if fastest is None or ripple.period < fastest.period:
                 fastest = ripple
@@ -209,7 +209,7 @@ def _quick(values: Floats) -> Floats:
 
 
 def outermost(
-    torque: Floats, angle: Floats, ripple: Ripple
+    torque: Floats, angle: Floats, ripple: Ripple, resolution_rad: float = 0.0
 ) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Return the samples of a record at which a branch is further than ever before, and which.
 
@@ -224,6 +224,9 @@ def outermost(
         In the order of measurement, at one position.
     ripple : Ripple
         Sets over how many samples torque and angle are averaged before.
+    resolution_rad : float
+        Of the angle. A step of the counts is passed where it begins for both directions: half of
+        it is taken off, so that it doesn't narrow the loop.
 
     Returns
     -------
@@ -246,7 +249,9 @@ def outermost(
         load, twist = (_averaged(column[start:end], width) for column in (torque, angle))
         ahead = twist * np.sign(torque[stop] - torque[start])
         reached = np.maximum.accumulate(ahead)
-        new = np.append(True, ahead[1:] > reached[:-1])
+        step = np.diff(reached, prepend=reached[0])
+        new = np.append(True, step[1:] > 0.0)
+        twist -= 0.5 * np.minimum(step, resolution_rad) * np.sign(torque[stop] - torque[start])
         rows.append(start + np.flatnonzero(new))
         torques.append(load[new])
         angles.append(twist[new])
@@ -255,6 +260,6 @@ def outermost(
 
 def _averaged(values: Floats, width: int) -> Floats:
     if width < 2 or values.size < 2 * width:
-        return values
+        return values.copy()
     padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
     return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
