@@ -157,6 +157,8 @@ def test_a_hostile_table_is_refused_in_words(looking: TableDesk, content: str, w
         ("reference_uncertainty_percent", "0.02"),
         ("performed", 1767225600),
         ("performed", "2026-03-02"),
+        ("performed", "9999-12-31T23:59:59-23:59"),
+        ("reference_due", 0),
         ("surprise", 1),
     ],
 )

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import re
-from datetime import datetime
+from datetime import date, datetime
 from typing import Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, Strict, ValidationError
 
-__all__ = ["WHOLE", "Flag", "Identifier", "Moment", "Number", "ProfileName", "plain", "words_of"]
+__all__ = [
+    "WHOLE",
+    "Day",
+    "Flag",
+    "Identifier",
+    "Moment",
+    "Number",
+    "ProfileName",
+    "plain",
+    "words_of",
+]
 
 
 def _whole(value: Any) -> Any:
@@ -23,6 +33,13 @@ def _in_words(moment: Any) -> Any:
     if not re.match(r"\d{4}-\d{2}-\d{2}[T ]", str(moment)):
         raise ValueError("a moment as in 2026-01-31T12:00:00Z")
     return moment
+
+
+def _day_in_words(day: Any) -> Any:
+    """Refuse seconds since 1970 for a day, too."""
+    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(day)):
+        raise ValueError("a day as in 2026-01-31")
+    return day
 
 
 def _of_our_time(moment: datetime) -> datetime:
@@ -42,6 +59,8 @@ Moment: TypeAlias = Annotated[
     AwareDatetime, BeforeValidator(_in_words), AfterValidator(_of_our_time)
 ]
 """With its time zone, in words."""
+Day: TypeAlias = Annotated[date, BeforeValidator(_day_in_words)]
+"""In words."""
 ProfileName: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")
 ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -31,7 +30,7 @@ from torquebench.calibration import (
 from torquebench.campaign.measured_elsewhere import Elsewhere, register_table
 from torquebench.errors import InputError
 from torquebench.panel.service.actors import Actor, require
-from torquebench.panel.service.fields import Moment, Number, ProfileName, words_of
+from torquebench.panel.service.fields import Day, Moment, Number, ProfileName, words_of
 from torquebench.panel.service.settings import SettingsDesk
 from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
 
@@ -80,7 +79,7 @@ class TableRequest(BaseModel):
     range_nm: Annotated[Number, Field(gt=0, le=LARGEST_NM)] | None = Field(
         default=None, description="Full scale, N·m; the table's own, or its largest torque."
     )
-    reference_due: date | None = Field(
+    reference_due: Day | None = Field(
         default=None, description="Last day of the standard's certificate."
     )
 
