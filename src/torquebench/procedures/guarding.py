@@ -26,7 +26,8 @@ STANDING_DEG = 5.0
 RATE_MARGIN = 4.0
 """How much faster than the drive's own rate a torque or a speed may change."""
 SPEED_MARGIN = 1.05
-SPEED_MARGIN_RPM = 10.0
+SPEED_MARGIN_RPM = 30.0
+"""A drive overshoots at the end of its ramp by as much as its rate, not its speed, makes it."""
 
 
 def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:

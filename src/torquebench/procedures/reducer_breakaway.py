@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import asdict, dataclass, field
 
 import bluesky.plan_stubs as bps
@@ -39,6 +40,8 @@ __all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
 
 STEP_S = 0.1
 """Bench time between two looks for the first motion, s."""
+LOOKS = 6
+"""Looks over which a side that moves gets on by a fifth of what counts as motion."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,8 @@ class BreakawaySettings:
     largest_nm : float or None
         The ramp ends here without motion; by default five times what is expected.
     motion_deg : float or None
-        The driven side has moved for certain after so many degrees; by default 5° of the input
-        and 0.2° of the output.
+        The driven side has moved for certain after so many degrees, a fifth of them within half a
+        second; by default 5° of the input and 0.2° of the output.
     zero_s : float
         Length of the zero before each position, s.
     """
@@ -285,12 +288,15 @@ class _Finder:
         start = yield from angle_rad(devices, self.side)
         enough = self.settings.motion_rad(self.side)
         steps = int(np.ceil(abs(target_nm) / (rate * STEP_S)))
+        seen: deque[float] = deque(maxlen=LOOKS)
         for step in range(1, steps + 1):
             yield from move(module.drive.ramp, RampTo(target_nm * step / steps, rate))
             present = yield from angle_rad(devices, self.side)
             if start is None or present is None:  # a rehearsal goes all the way
                 continue
-            if abs(present - start) > enough:
+            # A contact creeps under its torque, and gets as far in time: only what is fast moves.
+            seen.append(present)
+            if abs(present - start) > enough and abs(present - seen[0]) > 0.2 * enough:
                 return True
         return start is None
 

@@ -21,6 +21,8 @@ __all__ = ["Asked", "RunningRecording", "RunningTable"]
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
+SLACK_SHARE = 0.003
+"""Loading accuracy and additional torque of a healthy module together, as a share of its range."""
 LOOP_SHARE = 0.1
 """Torque, as a share of the range, from which on a cycle opens a transducer's hysteresis fully."""
 
@@ -143,7 +145,8 @@ class RunningTable:
         yield Msg("save")
         check_followed(rows["input"], asked.speed_rpm, 0.0, "input")
         if "output" in rows:
-            check_followed(rows["output"], 0.0, asked.torque_nm, "output")
+            slack_nm = SLACK_SHARE * self.devices.context.description.output.range_nm
+            check_followed(rows["output"], 0.0, asked.torque_nm, "output", slack_nm=slack_nm)
         self.asked.append(asked)
         self.rows.append(rows)
         self.temperatures.append(warm)
