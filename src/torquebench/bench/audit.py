@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import threading
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from datetime import UTC, datetime
@@ -65,12 +66,15 @@ class AuditLog:
         self._largest = largest_bytes
         self._kept = kept_files
         self._lock = threading.RLock()
+        self._waiting: queue.Queue[str | None] = queue.Queue()
+        self._starting = threading.Lock()
+        self._writer: threading.Thread | None = None
         self._file: int | None = None
         self._size = 0
         self._part: int | None = None
         self._failed = False
         self._logger = structlog.wrap_logger(
-            _Sink(self._line),
+            _Sink(self._line, self._soon),
             processors=[
                 self._stamp,
                 structlog.processors.TimeStamper(fmt="iso", utc=True, key="time"),
@@ -106,6 +110,7 @@ class AuditLog:
 
     def end_run(self) -> None:
         """Bind lines to no run any more."""
+        self._waiting.join()
         with self._lock:
             self._logger = self._logger.try_unbind("run", "operator")
             if self._part is not None:
@@ -116,8 +121,16 @@ class AuditLog:
         """Append a line: what happened, and its values."""
         self._logger.info(event, **values)
 
+    def write_soon(self, event: str, /, **values: Any) -> None:
+        """Append a line of now on a thread of its own, which the first one starts.
+
+        The caller waits for no disk. `close` ends the thread.
+        """
+        self._logger.debug(event, **values)
+
     def close(self) -> None:
         """Close the files. A later line opens the log again."""
+        self._end_writer()
         with self._lock:
             for file in (self._file, self._part):
                 if file is not None:
@@ -125,6 +138,35 @@ class AuditLog:
             self._file = self._part = None
 
     # -- files ------------------------------------------------------------------------------
+
+    def _soon(self, line: str) -> None:
+        self._start_writer()
+        self._waiting.put(line)
+
+    def _start_writer(self) -> None:
+        with self._starting:
+            if self._writer is None:
+                self._writer = threading.Thread(
+                    target=self._write_waiting, name="torquebench-audit", daemon=True
+                )
+                self._writer.start()
+
+    def _end_writer(self) -> None:
+        with self._starting:
+            writer, self._writer = self._writer, None
+            if writer is not None:
+                self._waiting.put(None)
+                writer.join()
+
+    def _write_waiting(self) -> None:
+        while True:
+            line = self._waiting.get()
+            try:
+                if line is None:
+                    return
+                self._line(line)
+            finally:
+                self._waiting.task_done()
 
     def _line(self, line: str) -> None:
         content = line.encode() + b"\n"
@@ -168,11 +210,9 @@ _APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND
 class _Sink:
     """What structlog hands its lines to."""
 
-    def __init__(self, write: Callable[[str], None]) -> None:
-        self._write = write
-
-    def info(self, line: str) -> None:
-        self._write(line)
+    def __init__(self, write: Callable[[str], None], write_soon: Callable[[str], None]) -> None:
+        self.info = write
+        self.debug = write_soon
 
 
 def _write_whole(file: int, content: bytes) -> None:

@@ -231,14 +231,16 @@ def _logged(
     by: Commander,
     **values: object,
 ) -> None:
-    """Write a line and give the command; the supervisor gives it first, as nothing may delay it."""
+    """Write a line and give the command; the supervisor gives it first and waits for no disk."""
     line = {"instrument": instrument, "command": command, "by": by, **values}
-    if by != "supervisor":
-        log.write("command", **line)
+    urgent = by == "supervisor"
+    write = log.write_soon if urgent else log.write
+    if not urgent:
+        write("command", **line)
     try:
         give()
     except Exception as error:
-        log.write("command failed", **line, error=f"{type(error).__name__}: {error}")
+        write("command failed", **line, error=f"{type(error).__name__}: {error}")
         raise
-    if by == "supervisor":
-        log.write("command", **line)
+    if urgent:
+        write("command", **line)

@@ -182,7 +182,7 @@ class Station:
         check_identities(self.description, self.drivers.identities())
         register_equipment(self.registry, self.description)
         self.recovered = recover_unfinished(self.registry)
-        self.audit.write(
+        self.audit.write_soon(
             "bench opens",
             recovered=[run.run_id for run in self.recovered],
             priority=("usual" if self.clock.fast else available_priority().description),
@@ -486,13 +486,8 @@ class Station:
         RecordError
             The model's file is missing or was changed.
         """
-        active = compensation_for(
-            self.registry,
-            self.description.module(side),
-            self.drivers.counter.clock_identity,
-            side,
-            accepted,
-        )
+        module, counter = self.description.module(side), self.drivers.counter.clock_identity
+        active = compensation_for(self.registry, module, counter, side, accepted)
         self.acquisition.set_compensation(side, active)
         return active
 

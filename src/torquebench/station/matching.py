@@ -44,17 +44,17 @@ def compensation_for(
         The model's file is missing or was changed.
     """
     transducer = module.transducer
+    entry, own = None, counter
     try:
         entry = registry.active_model(transducer.serial, counter)
     except ModelMismatchError:
         if accepted is None:
             raise
-        entry = None
-    if entry is not None or accepted is None or accepted.identity == counter:
-        accepted = None
-    else:
+    if entry is None and accepted is not None:
         counter = accepted.identity
         entry = registry.active_model(transducer.serial, counter)
+    if counter == own:
+        accepted = None
     if entry is None:
         raise ModelMismatchError(
             f"no active model of transducer {transducer.serial} with counter {counter}",

@@ -135,3 +135,21 @@ def test_a_disk_that_fails_is_reported_once_and_keeps_no_command(tmp_path: Path)
     drive.disable()
     log.close()
     assert [line["command"] for line in read_audit(blocked)] == ["disable"]
+
+
+def test_the_supervisor_waits_for_no_disk(tmp_path: Path) -> None:
+    log, told = AuditLog(tmp_path, bench="b"), ToldDrive()
+    log.write_soon("bench opens")
+    drive = drive_on(log, told, [], by="supervisor")
+    with log._lock:  # as if the disk hung: nobody can write
+        ramping = threading.Thread(target=lambda: (drive.ramp_to_zero(0.2), drive.disable()))
+        ramping.start()
+        ramping.join(20.0)
+        assert not ramping.is_alive()
+    assert told.told == [("ramp_to_zero", 0.2), ("disable",)]
+    log.close()
+    lines = list(read_audit(tmp_path))
+    assert [line.get("command") for line in lines] == [None, "ramp_to_zero", "disable"]
+    log.write("bench opens")  # a closed log opens again
+    log.close()
+    assert len(list(read_audit(tmp_path))) == 4
