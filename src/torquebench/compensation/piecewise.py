@@ -148,8 +148,10 @@ def approximate(
     that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
     every interval of every branch, ends and middle included, at a step at 0 from both sides, and
     the largest one is enlarged by what the deviation's own curvature allows between the points,
-    twice over. The proof holds for curves with no feature narrower than the points' distance; the
-    intervals are narrowed, near zero and elsewhere on their own, until the bound is met. Full
+    three times over: enough for a square root that begins at an interval's edge, as loops and
+    reversals make it. That is a proof for curves with no other feature narrower than the points'
+    distance, which nothing here can exclude; the intervals are narrowed, near zero and elsewhere
+    on their own, until the bound is met. Full
     scale is an edge as well: models taper there.
 
     Parameters
@@ -336,4 +338,4 @@ class _Pieces:
         bend = np.max(np.abs(np.diff(deviation, 2, axis=1)), axis=1)
         size = np.abs(deviation)
         place = self.points[np.arange(len(size)), np.argmax(size, axis=1)]
-        return np.max(size, axis=1) + 2.0 * bend / 8.0, place
+        return np.max(size, axis=1) + 3.0 * bend / 8.0, place
