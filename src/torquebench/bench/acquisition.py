@@ -10,8 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.compensating import ActiveCompensation
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
+from torquebench.bench.evaluating import BlockEvaluator, mean_speed
 from torquebench.bench.roles import (
     SIDES,
     Mounting,
@@ -29,26 +29,17 @@ from torquebench.bench.roles import (
 )
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
 from torquebench.bench.safety_priority import prefer_this_thread
-from torquebench.bench.samples import (
-    AcquiredBlock,
-    ChannelSamples,
-    CompensatedSamples,
-    SampleRing,
-    Viewer,
-)
+from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, SignalFault
 
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
 
-KEPT_S = 120.0
-ANGLE_RATE_HZ = 1000.0
 DEMAND_POLL_S = 0.05
 """How often an idle fast bench looks whether it is to end, s of wall time."""
 
 logger = logging.getLogger(__name__)
-RPM = 60.0 / (2.0 * np.pi)
 
 
 class LatestTorque(NamedTuple):
@@ -105,8 +96,7 @@ class Acquisition:
         self._zeros: dict[str, float] = {}
         self._mounted: Mounting = drivers.operator.mounted()
         self._reference_sides: frozenset[Side] = frozenset(SIDES)
-        rows = round(KEPT_S * ANGLE_RATE_HZ)
-        self._angles = {side: SampleRing(columns=1, capacity=rows) for side in SIDES}
+        self._evaluator = BlockEvaluator(description, drivers)
         self._latest_block: AcquiredBlock | None = None
         self._compensations: dict[Side, ActiveCompensation] = {}
         self._journal: JournalSink | None = None
@@ -194,7 +184,9 @@ class Acquisition:
 
     def _step(self) -> None:
         raw = self._read()
-        block = self._evaluate(raw)
+        with self._lock:
+            channels = list(self._channels.values())
+        block = self._evaluator.block(self._index, raw, channels, self._compensations)
         self._index += 1
         self._latest_block = block
         self._supervisor.check(block)
@@ -215,65 +207,6 @@ class Acquisition:
             parts.append(counter.read_block(self._block_s / count))
             self._supervisor.look(parts[-1], self._channels)
         return joined(parts)
-
-    def _evaluate(self, raw: CounterBlock) -> AcquiredBlock:
-        with self._lock:
-            channels = list(self._channels.values())
-        samples: dict[str, ChannelSamples] = {}
-        readout = self._drivers.reference
-        for channel in channels:
-            if channel.standard and readout is not None:
-                samples[channel.name] = channel.take(readout.read(channel.side, raw.stop_s))
-            elif channel.name in raw.frequencies:
-                samples[channel.name] = channel.push_frequency(raw.frequencies[channel.name])
-            elif channel.name in raw.edges:  # else selected after this block was timed
-                samples[channel.name] = channel.push(raw.edges[channel.name])
-        speeds: dict[Side, float] = {}
-        for side, angle in raw.angles.items():
-            self._check_encoder(side, angle)
-            self._angles[side].append(angle.time_s, angle.counts)
-            if angle.time_s.size >= 2:  # else the encoder is silent, which is no standstill
-                speeds[side] = _speed(angle.time_s, angle.counts, angle.counts_per_revolution)
-        temperatures = dict(self._drivers.temperature.temperatures())
-        return AcquiredBlock(
-            index=self._index,
-            start_s=raw.start_s,
-            stop_s=raw.stop_s,
-            channels=samples,
-            compensated=self._compensated(samples, speeds, temperatures),
-            angles=raw.angles,
-            speed_rad_s=speeds,
-            temperatures=temperatures,
-            edges=raw.edges,
-        )
-
-    def _check_encoder(self, side: Side, angle: AngleSamples) -> None:
-        described = self._description.module(side).encoder.counts_per_revolution
-        if angle.counts_per_revolution != described:
-            raise BenchError(
-                f"{side} encoder delivers {angle.counts_per_revolution} counts per revolution",
-                f"{described}, as described",
-                f"correct {side}.encoder.counts_per_revolution",
-            )
-
-    def _compensated(
-        self,
-        samples: Mapping[str, ChannelSamples],
-        speeds: Mapping[Side, float],
-        temperatures: Mapping[str, float],
-    ) -> dict[Side, CompensatedSamples]:
-        found: dict[Side, CompensatedSamples] = {}
-        for side, active in self._compensations.items():
-            readings = samples.get(torque_channel(side))
-            if readings is not None:
-                probe = self._description.module(side).temperature_probe
-                found[side] = active.samples(
-                    readings.torque_nm,
-                    speeds.get(side, np.nan) * RPM,
-                    temperatures.get(probe, np.nan),
-                    readings.time_s,
-                )
-        return found
 
     def _keep(self, block: AcquiredBlock) -> None:
         with self._journal_lock:
@@ -459,14 +392,14 @@ class Acquisition:
 
     def mean_speed_rad_s(self, side: Side, start_s: float, stop_s: float) -> float:
         """Mean speed of a side over a window of bench time, rad/s; raises like `speed_rad_s`."""
-        time_s, counts = self._angles[side].window(start_s, stop_s)
+        time_s, counts = self._evaluator.angles[side].window(start_s, stop_s)
         if time_s.size < 2:
             raise _silent_encoder(side)
-        return _speed(time_s, counts, self.latest_block.angles[side].counts_per_revolution)
+        return mean_speed(time_s, counts, self.latest_block.angles[side].counts_per_revolution)
 
     def angles(self, side: Side, start_s: float, stop_s: float) -> AngleSamples:
         """Return the encoder samples of a side over a window of bench time."""
-        time_s, counts = self._angles[side].window(start_s, stop_s)
+        time_s, counts = self._evaluator.angles[side].window(start_s, stop_s)
         per_revolution = self.latest_block.angles[side].counts_per_revolution
         return AngleSamples(time_s, counts.astype(np.int64), per_revolution)
 
@@ -492,13 +425,3 @@ def _silent_encoder(side: Side) -> SignalFault:
     return SignalFault(
         f"no angle from the {side} encoder", "samples in every block", "check its connection"
     )
-
-
-def _speed(
-    time_s: np.ndarray[Any, np.dtype[np.float64]],
-    counts: np.ndarray[Any, Any],
-    per_revolution: int,
-) -> float:
-    """Mean speed between the first and the last sample, rad/s."""
-    turns = float(counts[-1] - counts[0]) / per_revolution
-    return 2.0 * np.pi * turns / float(time_s[-1] - time_s[0])
