@@ -52,6 +52,8 @@ AT_REST_S = 15.0
 """How long both drives may take to go off, s of wall time, with every time-out on the way."""
 SAFE_S = 2.0
 """Longest time until both drives are off, s of bench time: the drive's own watchdog included."""
+PROBES_S = 5.0
+"""The same where probes don't answer, wall time: heat is slow, and they are asked once a second."""
 SLOW = ("calibrate output staircase", "calibrate output small-torques")
 """Left out: over sockets they take long to compute."""
 DELAY_S = 3.0
@@ -257,7 +259,10 @@ def _problems(
         yield f"no alarm, only {type(error).__name__}: {error}"
     if error is not None and breaker.was_on and breaker.safe_s is not None:
         bench_s = breaker.safe_s - (breaker.broken_s or 0.0)
-        if bench_s > SAFE_S:
+        if fault.endpoint == "temperature":
+            if breaker.wall_s > PROBES_S:
+                yield f"safe only after {breaker.wall_s:.2f} s"
+        elif bench_s > SAFE_S:
             yield f"safe only after {bench_s:.2f} s of bench time"
 
 
