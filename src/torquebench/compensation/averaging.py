@@ -132,74 +132,170 @@ def average_effects(
     """
     prepared = [_prepare(kind) for kind in kinds]
     effects = [kind for kind in prepared for _ in range(kind.candidates.copies)]
-    fits = np.zeros((len(effects), target.size))
-    total = np.zeros(target.size)
-    weights: list[FloatArray] = [np.empty(0)] * len(effects)
-    coefficients: list[FloatArray] = [np.empty(0)] * len(effects)
-    gains, spreads = np.zeros(len(effects)), np.zeros(len(effects))
-    absent = np.ones(len(effects))
-    before = -np.inf
-    for _ in range(sweeps):
-        for k, effect in enumerate(effects):
-            others = total - fits[k]
-            result = _single_effect(
-                effect.candidates.columns,
-                effect.gram,
-                effect.covariance,
-                effect.constant,
-                effect.trace,
-                effect.candidates.log_absent,
-                target - others,
-            )
-            fits[k], weights[k], coefficients[k], gains[k], spreads[k], absent[k] = result
-            total = others + fits[k]
-        bound = -0.5 * (float(np.sum((target - total) ** 2)) + float(spreads.sum())) + gains.sum()
-        if bound - before < tolerance:
-            break
-        before = bound
+    weights = [np.zeros_like(effect.trace) for effect in effects]
+    coefficients = [np.zeros(effect.covariance.shape[:3]) for effect in effects]
+    total, spread, present, bound = _ascend(
+        np.ascontiguousarray(target),
+        tuple(np.ascontiguousarray(effect.candidates.columns) for effect in effects),
+        tuple(effect.gram for effect in effects),
+        tuple(effect.covariance for effect in effects),
+        tuple(effect.constant for effect in effects),
+        tuple(effect.trace for effect in effects),
+        np.array([effect.candidates.log_absent for effect in effects]),
+        tuple(weights),
+        tuple(coefficients),
+        sweeps,
+        tolerance,
+    )
     means, moments = [], []
     for effect, weight, mu in zip(effects, weights, coefficients, strict=True):
-        means.append(np.einsum("sj,sjp->jp", weight, mu))
-        second = np.einsum("sj,sjp,sjq->jpq", weight, mu, mu)
-        moments.append(second + np.einsum("sj,sjpq->jpq", weight, effect.covariance))
+        mean, moment = _coefficient_moments(weight, mu, effect.covariance)
+        means.append(mean)
+        moments.append(moment)
     return AveragedEffects(
         weights,
         means,
         moments,
         [effect.trace for effect in effects],
-        1.0 - absent,
+        present,
         total,
-        float(spreads.sum()),
+        float(spread),
         float(bound),
     )
 
 
 def _prepare(kind: Candidates) -> _Prepared:
-    columns = kind.columns
-    gram: FloatArray = columns @ columns.transpose(0, 2, 1)
-    width = columns.shape[1]
-    scales = np.broadcast_to(kind.scales.reshape(len(kind.scales), -1), (len(kind.scales), width))
-    prior_precision = np.eye(width) / (scales**2)[:, None, :]
-    precision = gram[None] + prior_precision[:, None]
-    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
-    half_log_determinant = 0.5 * np.asarray(np.linalg.slogdet(precision)[1], dtype=np.float64)
-    half_log_determinant += np.sum(np.log(scales), axis=1)[:, None]
+    width = kind.columns.shape[1]
+    scales = np.ascontiguousarray(
+        np.broadcast_to(kind.scales.reshape(len(kind.scales), -1), (len(kind.scales), width))
+    )
+    gram, covariance, half_log_determinant, trace = _posterior_spreads(kind.columns, scales)
     constant = np.asarray(kind.log_prior - np.log(len(scales)) - half_log_determinant)
-    trace: FloatArray = np.einsum("jpq,sjqp->sj", gram, covariance)
     return _Prepared(kind, gram, covariance, constant, trace)
 
 
 @njit(cache=True)
-def _single_effect(  # type: ignore[no-untyped-def]
-    columns, gram, covariance, constant, trace, log_absent, residual
+def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def]
+    """Return Gram matrices, and for every scale posterior covariance, ½ log determinant, trace."""
+    count, width, _ = columns.shape
+    gram = np.empty((count, width, width))
+    covariance = np.zeros((scales.shape[0], count, width, width))
+    half_log_determinant = np.zeros((scales.shape[0], count))
+    trace = np.zeros((scales.shape[0], count))
+    precision, inverse = np.empty((width, width)), np.zeros((width, width))
+    for j in range(count):
+        _fill_gram(columns[j], gram[j])
+        for s in range(scales.shape[0]):
+            precision[:] = gram[j]
+            for p in range(width):
+                precision[p, p] += 1.0 / scales[s, p] ** 2
+                half_log_determinant[s, j] += np.log(scales[s, p])
+            half_log_determinant[s, j] += _invert_factor(precision, inverse)
+            for p in range(width):
+                for q in range(width):
+                    for k in range(max(p, q), width):
+                        covariance[s, j, p, q] += inverse[k, p] * inverse[k, q]
+                    trace[s, j] += gram[j, p, q] * covariance[s, j, p, q]
+    return gram, covariance, half_log_determinant, trace
+
+
+@njit(cache=True)
+def _fill_gram(columns, gram):  # type: ignore[no-untyped-def]
+    for p in range(columns.shape[0]):
+        for q in range(p + 1):
+            total = 0.0
+            for i in range(columns.shape[1]):
+                total += columns[p, i] * columns[q, i]
+            gram[p, q] = gram[q, p] = total
+
+
+@njit(cache=True)
+def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def]
+    """Turn a matrix into its Cholesky factor, fill in that one's inverse; return Σ log diagonal."""
+    log_diagonal = 0.0
+    for p in range(matrix.shape[0]):
+        for q in range(p + 1):
+            total = matrix[p, q]
+            for k in range(q):
+                total -= matrix[p, k] * matrix[q, k]
+            matrix[p, q] = np.sqrt(total) if p == q else total / matrix[q, q]
+        log_diagonal += np.log(matrix[p, p])
+        inverse[p, p] = 1.0 / matrix[p, p]
+        for q in range(p):
+            total = 0.0
+            for k in range(q, p):
+                total -= matrix[p, k] * inverse[k, q]
+            inverse[p, q] = total / matrix[p, p]
+    return log_diagonal
+
+
+@njit(cache=True)
+def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-def]
+    """Return posterior means and second moments of the coefficients, absence included."""
+    scales, count, width = mu.shape
+    means, moments = np.zeros((count, width)), np.zeros((count, width, width))
+    for s in range(scales):
+        for j in range(count):
+            weight = weights[s, j]
+            for p in range(width):
+                means[j, p] += weight * mu[s, j, p]
+                for q in range(width):
+                    moments[j, p, q] += weight * (
+                        mu[s, j, p] * mu[s, j, q] + covariance[s, j, p, q]
+                    )
+    return means, moments
+
+
+@njit(cache=True)
+def _ascend(  # type: ignore[no-untyped-def]
+    target, columns, gram, covariance, constant, trace, log_absent, weights, mu, sweeps, tolerance
 ):
-    """Return one effect's exact posterior: fit, weights, coefficients, −KL, spread, P(absent)."""
-    weights, mu = _log_weights(columns, covariance, constant, residual)
+    """Take turns until the bound stays; fill weights and coefficients of every effect."""
+    count, points = len(columns), target.size
+    fits, total = np.zeros((count, points)), np.zeros(points)
+    gains, spreads, present = np.zeros(count), np.zeros(count), np.zeros(count)
+    residual = target.copy()
+    before, bound = -np.inf, -np.inf
+    for _ in range(sweeps):
+        for k in range(count):
+            residual += fits[k]
+            gains[k], spreads[k], present[k] = _single_effect(
+                columns[k],
+                gram[k],
+                covariance[k],
+                constant[k],
+                trace[k],
+                log_absent[k],
+                residual,
+                fits[k],
+                weights[k],
+                mu[k],
+            )
+            residual -= fits[k]
+        bound = -0.5 * (np.sum(residual**2) + spreads.sum()) + gains.sum()
+        if bound - before < tolerance:
+            break
+        before = bound
+    for k in range(count):
+        total += fits[k]
+    return total, spreads.sum(), present, bound
+
+
+@njit(cache=True)
+def _single_effect(  # type: ignore[no-untyped-def]
+    columns, gram, covariance, constant, trace, log_absent, residual, fit, weights, mu
+):
+    """Fill in one effect's exact posterior; return −KL, spread and probability of presence."""
+    _log_weights(columns, covariance, constant, residual, weights, mu)
     largest = max(log_absent, weights.max())
-    weights = np.exp(weights - largest)
-    total = np.exp(log_absent - largest) + weights.sum()
+    total = np.exp(log_absent - largest)
+    absent = total
+    for s in range(weights.shape[0]):
+        for j in range(weights.shape[1]):
+            weights[s, j] = np.exp(weights[s, j] - largest)
+            total += weights[s, j]
     weights /= total
-    fit, spread = _moments(columns, gram, trace, weights, mu)
+    spread = _moments(columns, gram, trace, weights, mu, fit)
     cross, power = 0.0, 0.0
     for i in range(residual.size):
         cross += residual[i] * fit[i]
@@ -207,16 +303,13 @@ def _single_effect(  # type: ignore[no-untyped-def]
     spread -= power
     # −KL of the effect = log Z − E_q[log likelihood ratio]
     gain = np.log(total) + largest - cross + 0.5 * (power + spread)
-    return fit, weights, mu, gain, spread, np.exp(log_absent - largest) / total
+    return gain, spread, 1.0 - absent / total
 
 
 @njit(cache=True)
-def _log_weights(columns, covariance, constant, residual):  # type: ignore[no-untyped-def]
-    """Return unnormalised log posterior probabilities and the coefficients' posterior means."""
+def _log_weights(columns, covariance, constant, residual, weights, mu):  # type: ignore[no-untyped-def]
+    """Fill in unnormalised log posterior probabilities and the coefficients' posterior means."""
     count, width, points = columns.shape
-    scales = covariance.shape[0]
-    weights = np.empty((scales, count))
-    mu = np.zeros((scales, count, width))
     projected = np.empty(width)
     for j in range(count):
         for p in range(width):
@@ -224,27 +317,30 @@ def _log_weights(columns, covariance, constant, residual):  # type: ignore[no-un
             for i in range(points):
                 value += columns[j, p, i] * residual[i]
             projected[p] = value
-        for s in range(scales):
+        for s in range(covariance.shape[0]):
             power = 0.0
             for p in range(width):
+                value = 0.0
                 for q in range(width):
-                    mu[s, j, p] += covariance[s, j, p, q] * projected[q]
-                power += mu[s, j, p] * projected[p]
+                    value += covariance[s, j, p, q] * projected[q]
+                mu[s, j, p] = value
+                power += value * projected[p]
             weights[s, j] = constant[s, j] + 0.5 * power
-    return weights, mu
 
 
 @njit(cache=True)
-def _moments(columns, gram, trace, weights, mu):  # type: ignore[no-untyped-def]
-    """Return the mean of an effect at the points, and its second moment summed over them."""
+def _moments(columns, gram, trace, weights, mu, fit):  # type: ignore[no-untyped-def]
+    """Fill in the mean of an effect at the points; return its second moment summed over them."""
     scales, count, width = mu.shape
-    fit = np.zeros(columns.shape[2])
+    fit[:] = 0.0
     second = 0.0
     mean = np.empty(width)
     for j in range(count):
         mean[:] = 0.0
         for s in range(scales):
             weight = weights[s, j]
+            if weight < 1e-12:
+                continue
             square = trace[s, j]
             for p in range(width):
                 mean[p] += weight * mu[s, j, p]
@@ -255,4 +351,4 @@ def _moments(columns, gram, trace, weights, mu):  # type: ignore[no-untyped-def]
             if abs(mean[p]) > 1e-14:
                 for i in range(fit.size):
                     fit[i] += mean[p] * columns[j, p, i]
-    return fit, second
+    return second

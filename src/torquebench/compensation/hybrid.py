@@ -19,17 +19,16 @@ from torquebench.compensation.hybrid_effects import (
     EffectPoints,
     all_columns,
     at_zero_time,
-    merge_clocks,
     path_clocks,
 )
 from torquebench.compensation.hybrid_inference import (
     Member,
     Problem,
-    curve_variance,
     deviation_kernel,
-    explore,
     main_columns,
 )
+from torquebench.compensation.hybrid_search import explore
+from torquebench.compensation.hybrid_uncertainty import curve_variance
 
 __all__ = ["HybridModel"]
 
@@ -46,8 +45,9 @@ class HybridModel(CompensationModel):
     Gaussian process per direction for what isn't quadratic, and a sum of structured effects: a step
     at torque reversal, hysteresis, ripple of an unknown period, up to three local bumps. Which
     shapes a chain shows isn't picked but averaged by evidence, as are noise and smoothness
-    (`hybrid_inference`, `averaging`); a drift of the zero during the calibration is a nuisance
-    that is estimated and left out, and noise with heavy tails is recognised.
+    (`hybrid_inference`, `hybrid_search`, `averaging`). A zero that creeps during the calibration,
+    steadily or relaxing, is a nuisance that is marginalised and left out (`hybrid_drift`); noise
+    with heavy tails, or noise that grows with the load, is recognised.
 
     Parameters
     ----------
@@ -119,13 +119,13 @@ class HybridModel(CompensationModel):
         points = EffectPoints(u, branch, path_clocks(u, branch, feature_column(X, "series")))
         spread = _spread_about_main(u, target, weights)
         problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD))
-        members = explore(problem, max(spread, 1e-5))
+        problem, members = explore(problem, max(spread, 1e-5))
         evidence = np.array([member.log_evidence for member in members])
         shares = np.exp(evidence - evidence.max())
         shares /= shares.sum()
         members = [m for m, share in zip(members, shares, strict=True) if share > _KEPT_SHARE]
         shares = shares[shares > _KEPT_SHARE] / np.sum(shares[shares > _KEPT_SHARE])
-        noise = float(shares @ [member.setting.noise for member in members])
+        noise = float(shares @ [_mean_noise(problem, member) for member in members])
         self.noise_nm_ = self.full_scale_nm_ * noise
         self.effective_parameters_ = float(shares @ [member.effective for member in members])
         self._average_means(problem, members, shares)
@@ -139,7 +139,7 @@ class HybridModel(CompensationModel):
         effects = [np.zeros(kind.columns.shape[:2]) for kind in problem.kinds]
         absent = np.zeros(len(problem.kinds))
         for share, member in zip(shares, members, strict=True):
-            self.main_ += share * scale * (problem.main.T @ member.solved)
+            self.main_ += share * problem.main_scales * (problem.main.T @ member.solved)
             self.deviation_ += share * (scale * member.setting.amplitude) ** 2 * member.solved
             index = 0
             for k, kind in enumerate(problem.kinds):
@@ -188,6 +188,12 @@ class HybridModel(CompensationModel):
         return np.asarray(mean)
 
 
+def _mean_noise(problem: Problem, member: Member) -> float:
+    """Return the root mean square of the points' noise, as their loads make it."""
+    relative = 1.0 / problem.load_weights(member.setting.growth)
+    return member.setting.noise * float(np.sqrt(np.mean(relative)))
+
+
 def _spread_about_main(u: FloatArray, target: FloatArray, weights: FloatArray) -> float:
     """Return the weighted root mean square that equation 15 per direction leaves."""
     columns, root = main_columns(u), np.sqrt(weights)
@@ -207,11 +213,11 @@ def _without_negligible(
         whole.step_widths,
         whole.loop_shapes,
         whole.frequencies[frequencies],
+        whole.stretches[frequencies],
         whole.wave_frequencies[wandering],
         whole.bump_centres[bumps],
         whole.bump_widths[bumps],
     )
-    loop = merge_clocks(loop, len(whole.loop_shapes))
     kept = [loop, step, ripple[frequencies], bump[bumps], offset]
     return dictionary, kept + [means[wandering] for means in wave]
 

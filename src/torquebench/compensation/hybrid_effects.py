@@ -1,4 +1,4 @@
-"""Structured effects of a torque chain: reversal step, hysteresis and drift, ripple, local bumps.
+"""Structured effects of a torque chain: reversal step, hysteresis, ripple, local bumps.
 
 Each kind is a dictionary of candidate shapes, of which a chain shows one or none (local bumps: up
 to three); `averaging` weighs the candidates by their evidence. All scales are fractions of full
@@ -11,11 +11,9 @@ Where the shapes come from
     loop        hysteresis xʳ(1 − x)^q, which closes at full scale where a major loop turns; r = 0
                 leaves a remanence at zero, q = r = 1 is Rayleigh's parabola. The sign is that of
                 the torque (a lag); the same sign in both directions is a rare candidate.
-    drift       the zero creeps with time since it was taken. The time of a point isn't asked for:
-                its series and branch say how far along the path it lies. It is a nuisance: part of
-                the calibration, not of the compensation.
     ripple      engagement of splines and teeth: a sine of unknown period whose amplitude and
-                frequency may change linearly over the range (columns c, s, u c, u s).
+                frequency may change linearly over the range (columns c, s, u c, u s), and which
+                may stretch with the load, as teeth that wind up: the phase is that of u + d u|u|.
     wave        ripple whose amplitude and phase wander over the range, as of an engagement that
                 changes with the load: a sine under each of six overlapping windows. Only looked for
                 where the torques are close-set enough.
@@ -25,9 +23,10 @@ Where the shapes come from
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.compensation.averaging import Candidates
 from torquebench.compensation.columns import FloatArray
@@ -42,11 +41,8 @@ _STEP_RATIO = 1.35
 _LEAST_TORQUE = 1e-3  # of full scale: below, a reading is taken for zero
 _WIDEST_BUMP = 0.12
 _FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
-_LOOP_SHARES = (0.12, 0.2, 0.06, 0.45, 0.17)
-"""None, odd loop, even loop, odd loop with drift, drift alone: a zero that doesn't creep by some
-hundredths of a per cent while a calibration lasts is the exception."""
-_DRIFT_SCALES = (0.6e-4, 3e-4)
-_CLOCK_SHARES = (0.2, 0.8)  # a zero is taken anew for a series, or once for all of them
+_LOOP_SHARES = (0.6, 0.11)
+"""A loop whose sign is the torque's, and one of the same sign in both directions."""
 _SIDELESS = 5e-4
 _SAME_LEVEL = 0.003
 _SCALES = {
@@ -57,6 +53,9 @@ _SCALES = {
     "bump": (1e-4, 4e-4, 3e-3),
     "offset": (3e-4, 3e-3),
 }
+_STRETCHES = (-0.2, 0.2)
+_STRETCHED_SHARE = 0.2  # each, of ripple that doesn't stretch
+_FEWEST_TO_STRETCH = 3.0  # cycles per full scale
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
 _WAVE_CENTRES = np.linspace(-1.0, 1.0, 6)
 _WAVE_REACH = 0.24  # standard deviation of the windows
@@ -97,6 +96,8 @@ class Dictionary:
         Exponents r and q of hysteresis loops.
     frequencies : float64 array
         Cycles of ripple per full scale.
+    stretches : float64 array
+        Of the same ripples.
     wave_frequencies : float64 array
         The same for waves; empty where the torques are too few.
     bump_centres, bump_widths : float64 array of shape (b,)
@@ -106,9 +107,23 @@ class Dictionary:
     step_widths: FloatArray
     loop_shapes: FloatArray
     frequencies: FloatArray
+    stretches: FloatArray
     wave_frequencies: FloatArray
     bump_centres: FloatArray
     bump_widths: FloatArray
+
+    def limited_to(self, kept: dict[str, NDArray[np.intp]]) -> Dictionary:
+        """Return the dictionary with some ripples, bumps and waves only."""
+        ripple, bump, wave = (kept.get(name, slice(None)) for name in ("ripple", "bump", "wave"))
+        return Dictionary(
+            self.step_widths,
+            self.loop_shapes,
+            self.frequencies[ripple],
+            self.stretches[ripple],
+            self.wave_frequencies[wave],
+            self.bump_centres[bump],
+            self.bump_widths[bump],
+        )
 
 
 @dataclass(frozen=True)
@@ -121,6 +136,10 @@ class Effect:
     log_prior: FloatArray
     log_absent: float
     copies: int = 1
+
+    def limited_to(self, kept: NDArray[np.intp]) -> Effect:
+        """Return some of the candidates, each as probable as before."""
+        return replace(self, columns=self.columns[kept], log_prior=self.log_prior[kept])
 
     def whitened(self, columns: FloatArray) -> Candidates:
         """Return the candidates on whitened columns."""
@@ -192,10 +211,12 @@ def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
     centres = [np.arange(-1.0, 1.0 + 1e-9, 0.8 * width) for width in widths]
     highest = float(np.clip(0.75 * levels, 3.0, 25.0))
     frequencies = np.arange(1.5, highest, _FREQUENCY_STEP)
+    several = frequencies[frequencies >= _FEWEST_TO_STRETCH]
     return Dictionary(
         _step_widths(smallest),
         _LOOP_SHAPES,
-        frequencies,
+        np.concatenate([frequencies, np.tile(several, len(_STRETCHES))]),
+        np.concatenate([np.zeros(frequencies.size), np.repeat(_STRETCHES, several.size)]),
         # from three cycles per full scale, and three times as far apart: windows are not sharp
         frequencies[9::3] if levels >= _FEWEST_LEVELS_FOR_WAVES else np.zeros(0),
         np.concatenate(centres),
@@ -203,9 +224,9 @@ def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
     )
 
 
-def at_zero_time(u: FloatArray, branch: FloatArray, clocks: int = 0) -> EffectPoints:
+def at_zero_time(u: FloatArray, branch: FloatArray) -> EffectPoints:
     """Return points of a chain whose zero was just taken."""
-    return EffectPoints(u, branch, np.zeros((clocks, u.size)))
+    return EffectPoints(u, branch, np.zeros((0, u.size)))
 
 
 def step_columns(points: EffectPoints, widths: FloatArray) -> FloatArray:
@@ -217,55 +238,28 @@ def step_columns(points: EffectPoints, widths: FloatArray) -> FloatArray:
 
 
 def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
-    """Return hysteresis and drift, shape (k (2 + clocks) + clocks, 3, n).
+    """Return hysteresis loops, shape (2 k, 2, n).
 
-    Columns of a candidate: the loop, its difference between the directions (which vanishes at zero,
-    where one direction passes into the other), the drift.
+    Columns of a candidate: the loop, and its difference between the directions (which vanishes at
+    zero, where one direction passes into the other).
     """
     # A reading of zero is on neither side: noise would decide on which.
     x, side = np.minimum(np.abs(points.u), 1.0), np.tanh(points.u / _SIDELESS)
-    zero = np.zeros((len(shapes), x.size))
     shape = np.array([_loop_shape(x, r, q) for r, q in shapes])
     closed = np.array([_loop_shape(x, max(r, 1.0), q) for r, q in shapes])
     odd, difference = points.branch * side * shape, _LOOP_DIFFERENCE * points.branch * closed
-    parts = [
-        np.stack([odd, difference, zero], axis=1),
-        np.stack([points.branch * shape, zero, zero], axis=1),
-    ]
-    for time in points.elapsed:
-        drift = np.broadcast_to(-time, zero.shape)
-        parts.append(np.stack([odd, difference, drift], axis=1))
-    parts += [np.stack([zero[:1], zero[:1], -time[None]], axis=1) for time in points.elapsed]
-    return np.concatenate(parts)
+    even = points.branch * shape
+    return np.concatenate(
+        [np.stack([odd, difference], axis=1), np.stack([even, np.zeros_like(even)], axis=1)]
+    )
 
 
-def merge_clocks(means: FloatArray, loops: int) -> FloatArray:
-    """Add up coefficients of the same loop with and without drift, and leave the drift out.
-
-    Parameters
-    ----------
-    means : float64 array of shape (k (2 + clocks) + clocks, 3)
-        Coefficients of `loop_columns` at the calibration points.
-    loops : int
-        Number k of loop shapes.
-
-    Returns
-    -------
-    merged : float64 array of shape (2 k, 3)
-        Coefficients of `loop_columns` without clocks.
-    """
-    clocks = (len(means) - 2 * loops) // (loops + 1)
-    merged = means[: 2 * loops].copy()
-    for clock in range(clocks):
-        start = (2 + clock) * loops
-        merged[:loops] += means[start : start + loops]
-    merged[:, 2] = 0.0
-    return np.asarray(merged)
-
-
-def ripple_columns(points: EffectPoints, frequencies: FloatArray) -> FloatArray:
+def ripple_columns(
+    points: EffectPoints, frequencies: FloatArray, stretches: FloatArray
+) -> FloatArray:
     """Return ripple with linear change of amplitude and frequency, shape (k, 4, n)."""
-    angle = 2 * np.pi * frequencies[:, None] * points.u
+    way = points.u + stretches[:, None] * points.u * np.abs(points.u)
+    angle = 2 * np.pi * frequencies[:, None] * way
     cosine, sine = np.cos(angle), np.sin(angle)
     slope = _SLOPE_SHARE * points.u
     return np.stack([cosine, sine, slope * cosine, slope * sine], axis=1)
@@ -292,7 +286,7 @@ def all_columns(points: EffectPoints, dictionary: Dictionary) -> list[FloatArray
     return [
         loop_columns(points, dictionary.loop_shapes),
         step_columns(points, dictionary.step_widths),
-        ripple_columns(points, dictionary.frequencies),
+        ripple_columns(points, dictionary.frequencies, dictionary.stretches),
         bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
         np.ones((1, 1, points.u.size)),
         wave_columns(points, dictionary.wave_frequencies),
@@ -316,28 +310,16 @@ def make_effects(
     Returns
     -------
     effects : list of Effect
-        Loop with drift, step, ripple, bumps, offset, waves.
+        Loop, step, ripple, bumps, offset, waves.
     """
     loop, step, ripple, bump, offset, wave = all_columns(points, dictionary)
     scales = {name: prior_scale * np.array(pair) for name, pair in _SCALES.items()}
-    # However large the loop, the zero's drift is of its own, small size.
-    drift = np.tile(prior_scale * np.array(_DRIFT_SCALES), scales["loop"].size)
-    size = np.repeat(scales["loop"], len(_DRIFT_SCALES))
-    loop_scales = np.column_stack([size, size, drift])
-    clocks, loops = len(points.elapsed), len(dictionary.loop_shapes)
-    share = np.array(_LOOP_SHARES if clocks else [0.3, 0.58, 0.12, 0.0, 0.0])
-    clock_share = np.array(_CLOCK_SHARES if clocks == 2 else [1.0] * clocks)
-    loop_prior = np.concatenate(
-        [
-            np.full(loops, share[1] / loops),
-            np.full(loops, share[2] / loops),
-            np.repeat(share[3] / loops * clock_share, loops),
-            share[4] * clock_share,
-        ]
-    )
-    ripple_prior = 1.0 / dictionary.frequencies
+    loops = len(dictionary.loop_shapes)
+    loop_prior = np.log(np.repeat(np.array(_LOOP_SHARES) / loops, loops))
+    stretched = np.where(dictionary.stretches == 0.0, 1.0, _STRETCHED_SHARE)
+    ripple_prior = stretched / dictionary.frequencies
     effects = [
-        Effect("loop", loop, loop_scales, np.log(loop_prior), np.log(share[0])),
+        Effect("loop", loop, scales["loop"], loop_prior, float(np.log(1.0 - sum(_LOOP_SHARES)))),
         Effect("step", step, scales["step"], *_prior(np.ones(len(step)), 0.2)),
         Effect("ripple", ripple, scales["ripple"], *_prior(ripple_prior, 0.4)),
         Effect("bump", bump, scales["bump"], *_prior(dictionary.bump_widths, 0.4), copies=3),

@@ -3,37 +3,38 @@
 With everything in fractions of full scale, the additional torque is
 
     a = main form (equation 15 per direction) + deviation (Gaussian process)
-        + structured effects + noise.
+        + structured effects + drift of the zero (Gaussian process over time) + noise.
 
-For one setting of noise and deviation, the main form, whose coefficients have wide normal priors,
-and the deviation are marginalised in closed form (C. E. Rasmussen, C. K. I. Williams,
-Gaussian Processes for Machine Learning, 2006, eq. 2.39-2.42, explicit basis functions) by whitening
-with the Cholesky factor of their covariance plus noise; the effects are averaged on the whitened
-data. Settings on a grid round the noise of best evidence are then averaged by their evidence.
-
-Noise with heavy tails is a scale mixture: Student's distribution with `_FREEDOM` degrees of freedom
-is normal noise with a gamma-distributed weight per point, whose posterior mean follows in closed
-form (C. M. Bishop, Pattern Recognition and Machine Learning, 2006, section 2.3.7 and 10.1). Where
-the residuals look like it, both kinds of noise are averaged by their evidence.
+For one setting of noise, deviation and drift, the main form, whose coefficients have wide normal
+priors, the deviation and the drift are marginalised in closed form (C. E. Rasmussen,
+C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, eq. 2.39-2.42, explicit basis
+functions) by whitening with the Cholesky factor of their covariance plus noise; the effects are
+averaged on the whitened data. `hybrid_search` averages over settings.
 """
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
-from math import lgamma
 
 import numpy as np
-from scipy.linalg import cho_solve, cholesky, solve_triangular
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 
 from torquebench.compensation.averaging import AveragedEffects, average_effects
 from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.hybrid_drift import (
+    AMPLITUDES as DRIFT_AMPLITUDES,
+)
+from torquebench.compensation.hybrid_drift import (
+    NO_DRIFT_SHARE,
+    drift_kinds,
+)
 from torquebench.compensation.hybrid_effects import (
     Dictionary,
     Effect,
     EffectPoints,
-    all_columns,
-    at_zero_time,
     count_levels,
     make_dictionary,
     make_effects,
@@ -41,41 +42,49 @@ from torquebench.compensation.hybrid_effects import (
 )
 
 __all__ = [
+    "GROWTHS",
+    "LEAST_NOISE",
     "Member",
     "Problem",
     "Setting",
-    "curve_variance",
     "deviation_kernel",
-    "explore",
+    "deviation_variance",
     "main_columns",
 ]
 
+GROWTHS = (1.0, 2.5, 6.0)
+"""Candidate ratios of the noise that grows with the load, at full scale, to that which doesn't."""
+
+LEAST_NOISE = 1e-6
+"""Smallest standard deviation of a point that is looked for, as a fraction of full scale."""
+
+_GROWTH_SHARE = 0.3
 _MAIN_SCALES = np.array([1e-4, 3e-2, 3e-2, 3e-2, 3e-2])
-"""Prior standard deviations of c₀ (the zero was taken), and of c₁, c₂ per direction (free)."""
+"""Prior standard deviations of c₀ (the zero was taken), and of mean c₁, c₂ and their differences
+between the directions (free)."""
+_ALIKE = 0.05
+"""Factor on the differences' scales where the same parts bear the torque in both directions."""
 _SMOOTH_LENGTH = 0.4
 _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
-_AMPLITUDES = (3e-5, 1.5e-4, 7e-4)
-_LARGEST_AMPLITUDE = 4e-2
 _USUAL_NOISE = 2e-4
-_LEAST_NOISE = 1e-6
-_NEGLIGIBLE_SHARE = 2e-3
-_FREEDOM = 4.0
-_TAILED_KURTOSIS = 3.3
-_TAILS_ODDS = 4.0  # prior odds where residuals look like it: few real readings scatter normally
-_TAILS_ROUNDS = 12
+_KEPT_CHANCE = 0.99
+_MANY_CANDIDATES = ("ripple", "bump", "wave")
 
 
 def main_columns(u: FloatArray) -> FloatArray:
-    """Return the scaled columns of equation 15: c₀ and c₁x, c₂x² per direction, shape (n, 5).
+    """Return the scaled columns of equation 15, shape (n, 5).
+
+    In order: the constant; u and u|u|, which both directions share; |u| and u², half the difference
+    of the directions.
 
     Examples
     --------
     >>> (main_columns(np.array([-0.5])) / main_columns(np.array([1.0]))[0, 1]).round(4) + 0.0
-    array([[ 0.0033,  0.    ,  0.    , -0.5   ,  0.25  ]])
+    array([[ 0.0033, -0.5   , -0.25  ,  0.5   ,  0.25  ]])
     """
-    plus, minus = np.maximum(u, 0.0), np.minimum(u, 0.0)
-    columns = np.column_stack([np.ones_like(u), plus, plus**2, minus, minus**2])
+    size = np.abs(u)
+    columns = np.column_stack([np.ones_like(u), u, u * size, size, u * u])
     return np.asarray(columns * _MAIN_SCALES)
 
 
@@ -109,13 +118,23 @@ class Setting:
     Attributes
     ----------
     noise : float
-        Standard deviation of a point, as a fraction of full scale.
+        Standard deviation of a point, as a fraction of full scale: where it depends on the load,
+        the geometric mean over the points.
     amplitude : float
         Amplitude of the deviation, before the problem's prior scale.
+    drift : int
+        Which kind of drift, -1 for none.
+    drift_amplitude : float
+        Its amplitude, before the problem's prior scale.
+    growth : float
+        A point's noise variance is proportional to 1 + growth² u².
     """
 
     noise: float
     amplitude: float
+    drift: int = -1
+    drift_amplitude: float = 0.0
+    growth: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -126,9 +145,9 @@ class Member:
     ----------
     setting : Setting
     weights : float64 array of shape (n,)
-        Weights of the points; a point's noise variance is noise² / weight.
+        Weights of the points, with the load's; a point's noise variance is noise² / weight.
     factor : float64 array of shape (n, n)
-        Lower Cholesky factor of the covariance of main form, deviation and noise.
+        Lower Cholesky factor of the covariance of main form, deviation, drift and noise.
     effects : AveragedEffects
         Posterior of the effects.
     log_evidence : float
@@ -162,7 +181,7 @@ class Member:
 
 
 class Problem:
-    """Calibration points with everything that doesn't depend on noise and deviation.
+    """Calibration points with everything that doesn't depend on the setting.
 
     Parameters
     ----------
@@ -181,39 +200,94 @@ class Problem:
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
         self.prior_scale = prior_scale
-        self.dictionary: Dictionary = make_dictionary(
-            count_levels(points.u), smallest_torque(points.u)
-        )
-        self.kinds: list[Effect] = make_effects(points, self.dictionary, prior_scale)
-        self.main = prior_scale * main_columns(points.u)
-        self._main_gram = self.main @ self.main.T
+        self._take_main(np.full(_MAIN_SCALES.size, prior_scale))
         self._deviation = prior_scale**2 * deviation_kernel(points.u, points.u)
-        blocks = [kind.columns.reshape(-1, target.size) for kind in self.kinds]
-        self._stacked = np.vstack([target[None, :], *blocks]).T
+        self.drifts = drift_kinds(points.elapsed)
+        dictionary = make_dictionary(count_levels(points.u), smallest_torque(points.u))
+        self._look_for(dictionary, make_effects(points, dictionary, prior_scale))
 
-    def copies(self) -> list[Effect]:
-        """Return the kind of every single effect."""
-        return [kind for kind in self.kinds for _ in range(kind.copies)]
+    def _take_main(self, scales: FloatArray) -> None:
+        self.main_scales = scales
+        self.main = main_columns(self.points.u) * scales
+        self._main_gram = self.main @ self.main.T
+
+    def _look_for(self, dictionary: Dictionary, kinds: list[Effect]) -> None:
+        self.dictionary, self.kinds = dictionary, kinds
+        blocks = [kind.columns.reshape(-1, self.target.size) for kind in kinds]
+        self._stacked = np.vstack([self.target[None, :], *blocks]).T
+
+    def alike(self) -> Problem:
+        """Return the problem with directions that hardly differ in their main form."""
+        problem = copy.copy(self)
+        problem._take_main(self.prior_scale * np.array([1.0, 1.0, 1.0, _ALIKE, _ALIKE]))
+        return problem
+
+    def unstretched(self) -> Problem:
+        """Return the problem without ripple of changing period: enough to find the noise."""
+        return self._limited_to({"ripple": np.flatnonzero(self.dictionary.stretches == 0.0)})
+
+    def narrowed(self, members: list[Member]) -> Problem:
+        """Return the problem without ripples, bumps and waves to which no member gives a chance."""
+        kept, start = {}, 0
+        for kind in self.kinds:
+            effects = range(start, start + kind.copies)
+            start += kind.copies
+            if kind.name in _MANY_CANDIDATES:
+                chances = [m.effects.weights[k].sum(axis=0) for m in members for k in effects]
+                kept[kind.name] = _likely(np.array(chances))
+        return self._limited_to(kept)
+
+    def _limited_to(self, kept: dict[str, NDArray[np.intp]]) -> Problem:
+        kinds = [
+            kind.limited_to(kept[kind.name]) if kind.name in kept else kind for kind in self.kinds
+        ]
+        problem = copy.copy(self)
+        problem._look_for(self.dictionary.limited_to(kept), kinds)
+        return problem
+
+    def load_weights(self, growth: float) -> FloatArray:
+        """Return weights for noise that grows with the load; their geometric mean is one."""
+        variance = 1.0 + (growth * self.points.u) ** 2
+        return np.asarray(np.exp(np.mean(np.log(variance))) / variance)
+
+    def settings_of_drift(self) -> list[tuple[int, float]]:
+        """Return every kind and amplitude of drift, none first."""
+        kinds = range(len(self.drifts))
+        return [(-1, 0.0)] + [(kind, size) for kind in kinds for size in DRIFT_AMPLITUDES]
+
+    def _log_prior(self, setting: Setting) -> float:
+        noise = np.log(setting.noise / (self.prior_scale * _USUAL_NOISE))
+        growth = _GROWTH_SHARE / len(GROWTHS) if setting.growth > 0.0 else 1.0 - _GROWTH_SHARE
+        drift = 1.0
+        if self.drifts:
+            drift = NO_DRIFT_SHARE
+            if setting.drift >= 0:
+                drift = self.drifts[setting.drift].share / len(DRIFT_AMPLITUDES)
+        return float(-0.5 * noise**2 + np.log(growth * drift))
 
     def solve(self, setting: Setting, weights: FloatArray | None = None) -> Member:
-        """Whiten by main form, deviation and noise, then average over the effects."""
-        weights = self.weights if weights is None else weights
+        """Whiten by main form, deviation, drift and noise, then average over the effects.
+
+        Parameters
+        ----------
+        setting : Setting
+        weights : float64 array of shape (n,), optional
+            Instead of the points' own, without the load's.
+
+        Returns
+        -------
+        member : Member
+        """
+        weights = (self.weights if weights is None else weights) * self.load_weights(setting.growth)
         noise2 = setting.noise**2 / weights
         covariance = self._main_gram + setting.amplitude**2 * self._deviation
+        if setting.drift >= 0:
+            scale = self.prior_scale * setting.drift_amplitude
+            covariance += scale**2 * self.drifts[setting.drift].covariance
         covariance[np.diag_indices_from(covariance)] += noise2
         factor = cholesky(covariance, lower=True, check_finite=False)
-        white = solve_triangular(factor, self._stacked, lower=True, check_finite=False)
-        white = np.ascontiguousarray(white.T)
-        candidates, start = [], 1
-        for kind in self.kinds:
-            count, width, size = kind.columns.shape
-            block = white[start : start + count * width]
-            candidates.append(kind.whitened(block.reshape(count, width, size)))
-            start += count * width
-        effects = average_effects(white[0], candidates)
-        prior = -0.5 * np.log(setting.noise / (self.prior_scale * _USUAL_NOISE)) ** 2
-        log_evidence = effects.log_evidence - float(np.sum(np.log(np.diag(factor)))) + prior
-        left = white[0] - effects.fit
+        effects, left = self._average(factor)
+        log_evidence = effects.log_evidence - float(np.sum(np.log(np.diag(factor))))
         solved = solve_triangular(factor, left, lower=True, trans=1, check_finite=False)
         inverse_diagonal = np.diag(dpotri(factor, lower=1)[0]).copy()
         determined = [np.sum(w * t) for w, t in zip(effects.weights, effects.traces, strict=True)]
@@ -223,182 +297,44 @@ class Problem:
             weights,
             factor,
             effects,
-            float(log_evidence),
+            log_evidence + self._log_prior(setting),
             solved,
             inverse_diagonal,
             float(effective),
         )
 
+    def _average(self, factor: FloatArray) -> tuple[AveragedEffects, FloatArray]:
+        """Return the effects' posterior on whitened data, and what it leaves of them."""
+        white = solve_triangular(factor, self._stacked, lower=True, check_finite=False)
+        white = np.ascontiguousarray(white.T)
+        candidates, start = [], 1
+        for kind in self.kinds:
+            count, width, size = kind.columns.shape
+            block = white[start : start + count * width]
+            candidates.append(kind.whitened(block.reshape(count, width, size)))
+            start += count * width
+        effects = average_effects(white[0], candidates)
+        return effects, np.asarray(white[0] - effects.fit)
+
     def settle_noise(self, member: Member, rounds: int = 6) -> Member:
         """Follow MacKay's fixed point, noise² = residual power / free points, and solve again."""
+        weights = member.weights / self.load_weights(member.setting.growth)
         for _ in range(rounds):
             power = float(np.sum(member.weights * member.residual**2))
             freedom = max(self.target.size - member.effective, 0.1 * self.target.size)
-            noise = max(float(np.sqrt(power / freedom)), _LEAST_NOISE * self.prior_scale)
+            noise = max(float(np.sqrt(power / freedom)), LEAST_NOISE * self.prior_scale)
             done = abs(np.log(noise / member.setting.noise)) < 0.1
-            member = self.solve(replace(member.setting, noise=noise), member.weights)
+            member = self.solve(replace(member.setting, noise=noise), weights)
             if done:
                 break
         return member
 
 
-def explore(problem: Problem, start_noise: float) -> list[Member]:
-    """Find the noise of best evidence, then lay a grid of noise and deviation round it.
-
-    Parameters
-    ----------
-    problem : Problem
-    start_noise : float
-        Where to start looking, as a fraction of full scale.
-
-    Returns
-    -------
-    members : list of Member
-        To be averaged by their evidence.
-    """
-    best = problem.settle_noise(problem.solve(Setting(start_noise, _AMPLITUDES[1])))
-    members = _grid(problem, best)
-    if _looks_heavy_tailed(best):
-        tailed = _grid(problem, _with_tails(problem, best))
-        odds = np.log(_TAILS_ODDS)
-        members += [
-            replace(member, log_evidence=_student_bound(problem, member) + odds)
-            for member in tailed
-        ]
-    return members
-
-
-def _grid(problem: Problem, best: Member) -> list[Member]:
-    """Solve for noises round the best one and for all amplitudes of the deviation."""
-    freedom = max(problem.target.size - best.effective, 4.0)
-    step = 1.5 / np.sqrt(2 * freedom)
-    noises = [best.setting.noise * float(np.exp(k * step)) for k in (-1, 0, 1)]
-
-    def row(amplitude: float) -> list[Member]:
-        return [problem.solve(Setting(noise, amplitude), best.weights) for noise in noises]
-
-    members = [member for amplitude in _AMPLITUDES for member in row(amplitude)]
-    largest = _AMPLITUDES[-1]
-    while _best(members).setting.amplitude == largest < _LARGEST_AMPLITUDE:
-        largest *= 4.0
-        members += row(largest)
-    return members
-
-
-def _best(members: list[Member]) -> Member:
-    return max(members, key=lambda member: member.log_evidence)
-
-
-def _expected_squares(member: Member) -> FloatArray:
-    """Return the posterior mean of every point's squared noise."""
-    noise2 = member.point_noise
-    return np.asarray(member.residual**2 + noise2 - noise2**2 * member.inverse_diagonal)
-
-
-def _looks_heavy_tailed(member: Member) -> bool:
-    scaled = member.residual / np.sqrt(member.point_noise)
-    power = np.mean(scaled**2)
-    return bool(np.mean(scaled**4) > _TAILED_KURTOSIS * power**2)
-
-
-def _with_tails(problem: Problem, normal: Member) -> Member:
-    """Follow the variational steps of Student noise from the normal member."""
-    member, bound = normal, -np.inf
-    for _ in range(_TAILS_ROUNDS):
-        scale2 = member.setting.noise**2
-        squares = _expected_squares(member)
-        tails = (_FREEDOM + 1.0) / (_FREEDOM + squares / scale2)
-        noise = max(float(np.sqrt(np.mean(tails * squares))), _LEAST_NOISE * problem.prior_scale)
-        member = problem.solve(replace(member.setting, noise=noise), problem.weights * tails)
-        before, bound = bound, _student_bound(problem, member)
-        if bound - before < 0.1:
-            break
-    return member
-
-
-def _student_bound(problem: Problem, member: Member) -> float:
-    """Replace the normal likelihood in the evidence bound by Student's (Bishop, eq. 10.3)."""
-    scale2 = member.setting.noise**2 / problem.weights
-    squares = _expected_squares(member)
-    normal = -0.5 * np.sum(np.log(member.point_noise) + squares / member.point_noise)
-    shape = 0.5 * (_FREEDOM + 1.0)
-    constant = 0.5 * _FREEDOM * np.log(0.5 * _FREEDOM) - lgamma(0.5 * _FREEDOM) + lgamma(shape)
-    student = constant - 0.5 * np.log(scale2) - shape * np.log(0.5 * (_FREEDOM + squares / scale2))
-    return float(member.log_evidence - normal + np.sum(student))
-
-
-def curve_variance(
-    problem: Problem,
-    members: list[Member],
-    shares: FloatArray,
-    u: FloatArray,
-    branch: float = 1.0,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the posterior variance of the curve, averaged over members.
-
-    Parameters
-    ----------
-    problem : Problem
-    members : list of Member
-    shares : float64 array
-        Weight of every member.
-    u : float64 array of shape (m,)
-        Where, as fractions of full scale.
-    branch : float, default 1
-        Size of the branch: 0 for the curve in the middle of the loop.
-
-    Returns
-    -------
-    up, down : float64 array of shape (m,)
-        Variance on the two branches, as a fraction of full scale squared.
-    """
-    points = at_zero_time(u, np.full(u.size, branch), len(problem.points.elapsed))
-    columns = all_columns(points, problem.dictionary)
-    main, same = problem.prior_scale * main_columns(u), deviation_kernel(u, problem.points.u)
-    first, second = np.zeros((2, u.size)), np.zeros((2, u.size))
-    for share, member in zip(shares, members, strict=True):
-        amplitude2 = (problem.prior_scale * member.setting.amplitude) ** 2
-        cross = main @ problem.main.T + amplitude2 * same
-        gain = cho_solve((member.factor, True), cross.T, check_finite=False)
-        common = (
-            np.sum(main**2, axis=1)
-            + amplitude2 * deviation_variance(u)
-            - np.sum(gain.T * cross, axis=1)
-        )
-        value, variance = np.tile(cross @ member.solved, (2, 1)), np.tile(common, (2, 1))
-        start = 0
-        for kind, new in zip(problem.kinds, columns, strict=False):
-            means = member.effects.means[start : start + kind.copies]
-            moments = member.effects.moments[start : start + kind.copies]
-            start += kind.copies
-            both: tuple[FloatArray, ...] = (new, -new) if kind.name == "loop" else (new,)
-            changes = [_effect_moments(side, kind.columns, gain, means, moments) for side in both]
-            value += np.array([change[0] for change in changes])
-            variance += np.array([change[1] for change in changes])
-        first += share * value
-        second += share * (variance + value**2)
-    up, down = np.maximum(second - first**2, 0.0)
-    return up, down
-
-
-def _effect_moments(
-    columns: FloatArray,
-    train_columns: FloatArray,
-    gain: FloatArray,
-    means: list[FloatArray],
-    moments: list[FloatArray],
-) -> tuple[FloatArray, FloatArray]:
-    """Return what all copies of one kind add to the mean and to the variance of the curve.
-
-    What an effect adds at calibration points is taken back from main form and deviation
-    there, so that only columns minus their projection vary.
-    """
-    total: FloatArray = np.sum(moments, axis=0)
-    value = np.tensordot(np.sum(means, axis=0), columns, axes=([0, 1], [0, 1]))
-    size = np.einsum("jpp->j", total)
-    kept = np.flatnonzero(size > _NEGLIGIBLE_SHARE * size.sum())
-    left = columns[kept] - train_columns[kept] @ gain
-    variance = np.einsum("jpn,jpn->n", left, total[kept] @ left)
-    for mean in means:
-        variance -= np.tensordot(mean[kept], left, axes=([0, 1], [0, 1])) ** 2
-    return np.asarray(value), np.asarray(variance)
+def _likely(chances: FloatArray) -> NDArray[np.intp]:
+    """Return the columns that make up nearly all of any row."""
+    kept = np.zeros(chances.shape[1], dtype=bool)
+    for row in chances:
+        order = np.argsort(-row)
+        enough = int(np.searchsorted(np.cumsum(row[order]), _KEPT_CHANCE * row.sum())) + 1
+        kept[order[:enough]] = True
+    return np.flatnonzero(kept)

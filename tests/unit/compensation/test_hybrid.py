@@ -19,19 +19,18 @@ from torquebench.compensation.hybrid_effects import (
     EffectPoints,
     all_columns,
     at_zero_time,
-    loop_columns,
     make_dictionary,
     make_effects,
-    merge_clocks,
     path_clocks,
 )
 from torquebench.compensation.hybrid_inference import (
+    Member,
     Problem,
-    curve_variance,
     deviation_kernel,
     deviation_variance,
-    explore,
 )
+from torquebench.compensation.hybrid_search import explore
+from torquebench.compensation.hybrid_uncertainty import curve_variance
 from torquebench.compensation.model_file import Provenance
 
 LINEAR = tuple(Term("power", 3e-3, (side, 1.0), 1) for side in (1.0, -1.0))
@@ -71,6 +70,38 @@ def test_a_drift_of_the_zero_is_left_out_of_the_curve() -> None:
     drifting = Chain("", 5, LINEAR, Noise(scale=5e-5, drift=8e-4))
     assert rms_error(fitted(still, 100), still) < 4e-5
     assert rms_error(fitted(drifting, 100), drifting) < 1.5e-4
+
+
+def test_a_relaxing_zero_is_left_out_and_makes_the_curve_less_certain() -> None:
+    still = Chain("", 5, LINEAR, Noise(scale=5e-5))
+    relaxing = Chain("", 5, LINEAR, Noise(scale=5e-5, drift=6e-4, lag=0.2))
+    model = fitted(relaxing, 100)
+    assert rms_error(model, relaxing) < 2e-4  # a curve that holds all of it is off by 4e-4
+    dense = still.dense(100).X
+    doubts = [m.predict(dense, return_std=True)[1].mean() for m in (model, fitted(still, 100))]
+    assert doubts[0] > 1.3 * doubts[1]
+
+
+def test_noise_that_grows_with_the_load_is_weighed() -> None:
+    growing = Chain("", 4, LINEAR, Noise(growth=6.0))
+    problem, members = explored(growing, 200)
+    logs = np.array([member.log_evidence for member in members])
+    shares = np.exp(logs - logs.max())
+    grown = np.array([member.setting.growth > 0.0 for member in members])
+    assert shares[grown].sum() > 0.9 * shares.sum()
+    even = explored(Chain("", 4, LINEAR), 200)[1]
+    assert max(even, key=lambda member: member.log_evidence).setting.growth == 0.0
+    # Fewer candidates than were looked for, all of them known shapes.
+    assert len(problem.dictionary.frequencies) < len(make_dictionary(50).frequencies)
+
+
+def explored(chain: Chain, points: int) -> tuple[Problem, list[Member]]:
+    data = chain.calibration(points)
+    order = np.argsort(data.X[:, 0])
+    u, branch, series = data.X[order, 0] / 2000, data.X[order, 1], data.X[order, 2]
+    placed = EffectPoints(u, branch, path_clocks(u, branch, series))
+    problem = Problem(placed, data.standard_nm[order] / 2000 - u, np.ones(points), 1.0)
+    return explore(problem, 3e-4)
 
 
 def test_wild_readings_are_outvoted() -> None:
@@ -189,7 +220,7 @@ def test_the_tabulated_uncertainty_is_the_inference_own() -> None:
     u = X[:, 0] / 2000
     points = EffectPoints(u, X[:, 1], path_clocks(u, X[:, 1], X[:, 2]))
     problem = Problem(points, standard / 2000 - u, np.ones(50), 1.0)
-    members = explore(problem, 3e-4)
+    problem, members = explore(problem, 3e-4)
     logs = np.array([member.log_evidence for member in members])
     shares = np.exp(logs - logs.max())
     at = np.array([-0.7, -0.2, 0.35, 0.9])
@@ -227,26 +258,9 @@ def test_an_unknown_branch_stops_the_clocks() -> None:
     assert path_clocks(np.array([0.5, 0.6]), np.array([1.0, 0.0]), np.zeros(2)).shape == (0, 2)
 
 
-@settings(max_examples=20)
-@given(clocks=st.integers(0, 2), seed=st.integers(0, 1000))
-def test_merged_loops_give_the_same_curve(clocks: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    u, branch = rng.uniform(-1, 1, 9), rng.choice([-1.0, 1.0], 9)
-    shapes = make_dictionary(50).loop_shapes
-    whole = loop_columns(at_zero_time(u, branch, clocks), shapes)
-    means = rng.normal(size=whole.shape[:2])
-    merged = merge_clocks(means, len(shapes))
-    plain = loop_columns(at_zero_time(u, branch), shapes)
-    np.testing.assert_allclose(
-        np.einsum("jqn,jq->n", plain, merged), np.einsum("jqn,jq->n", whole, means), atol=1e-10
-    )
-
-
-@pytest.mark.parametrize("clocks", [0, 2])
-def test_prior_probabilities_add_up_to_one(clocks: int) -> None:
+def test_prior_probabilities_add_up_to_one() -> None:
     u = np.linspace(-1, 1, 12)
-    points = EffectPoints(u, np.ones(12), np.zeros((clocks, 12)))
-    for effect in make_effects(points, make_dictionary(12)):
+    for effect in make_effects(at_zero_time(u, np.ones(12)), make_dictionary(12)):
         total = np.exp(effect.log_prior).sum() + np.exp(effect.log_absent)
         assert total == pytest.approx(1.0), effect.name
         assert len(effect.log_prior) == len(effect.columns)

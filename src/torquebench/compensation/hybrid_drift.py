@@ -1,0 +1,97 @@
+"""Creep of the zero during a calibration: what it may look like, as covariances over time.
+
+The zero was taken at the beginning; what it has moved since is part of the calibration, not of the
+compensation, and is marginalised with everything else. How a zero creeps isn't known, so each kind
+of creep is a Gaussian process W(t) with W(0) = 0 whose variance is 1 at the end:
+
+    steady      t with relaxations of long lags: a chain that follows the room
+    relaxing    relaxations (1 − exp(−t/τ)) of short lags: a chain that warms up or settles
+    anew        as steady, but from each direction's own beginning, where a zero may have been taken
+
+Each is a sum of courses φⱼ with common and own coefficients,
+W = a Σⱼ φⱼ / m + Σⱼ bⱼ φⱼ / √m, a and bⱼ independent with variance ½. Kinds and their amplitudes
+are averaged by evidence (`hybrid_search`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from torquebench.compensation.columns import FloatArray
+
+__all__ = ["AMPLITUDES", "NO_DRIFT_SHARE", "DriftKind", "drift_kinds"]
+
+AMPLITUDES = (0.6e-4, 3e-4)
+"""Candidate standard deviations of the drift at the end, as fractions of full scale."""
+
+NO_DRIFT_SHARE = 0.3
+"""Prior probability of a zero that doesn't creep."""
+
+_STEADY_SHARE, _RELAXING_SHARE, _ANEW_SHARE = 0.35, 0.2, 0.15
+_STEADY_LAGS = (np.inf, 1.0, 0.4)  # as fractions of the calibration
+_RELAXING_LAGS = (0.05, 0.15, 0.5)
+_ANEW_LAGS = (np.inf, 0.5)
+_COMMON = 0.5
+
+
+@dataclass(frozen=True)
+class DriftKind:
+    """One kind of creep.
+
+    Attributes
+    ----------
+    covariance : float64 array of shape (n, n)
+        Among the calibration points, for unit amplitude.
+    share : float
+        Prior probability.
+    """
+
+    covariance: FloatArray
+    share: float
+
+
+def drift_kinds(elapsed: FloatArray) -> list[DriftKind]:
+    """Return the kinds of creep that the path of a calibration can show.
+
+    Parameters
+    ----------
+    elapsed : float64 array of shape (clocks, n)
+        From `hybrid_effects.path_clocks`: the last row runs through the whole calibration.
+
+    Returns
+    -------
+    kinds : list of DriftKind
+        Empty without a clock; the shares add up to 1 - `NO_DRIFT_SHARE`.
+
+    Examples
+    --------
+    >>> kinds = drift_kinds(np.array([[0.0, 0.5, 1.0]]))
+    >>> [kind.covariance[2, 2].round(3) for kind in kinds]
+    [np.float64(1.0), np.float64(1.0)]
+    """
+    if len(elapsed) == 0:
+        return []
+    found = [
+        (_covariance(elapsed[-1], _STEADY_LAGS), _STEADY_SHARE),
+        (_covariance(elapsed[-1], _RELAXING_LAGS), _RELAXING_SHARE),
+    ]
+    if len(elapsed) > 1:
+        found.append((_covariance(elapsed[0], _ANEW_LAGS), _ANEW_SHARE))
+    total = sum(share for _, share in found)
+    return [DriftKind(matrix, (1.0 - NO_DRIFT_SHARE) * share / total) for matrix, share in found]
+
+
+def _covariance(time: FloatArray, lags: tuple[float, ...]) -> FloatArray:
+    courses = np.array([_course(time, lag) for lag in lags])
+    mean = courses.mean(axis=0)
+    own = courses.T @ courses / len(courses)
+    return np.asarray(_COMMON * np.outer(mean, mean) + (1.0 - _COMMON) * own)
+
+
+def _course(time: FloatArray, lag: float) -> FloatArray:
+    """Return a relaxation that is 1 at the end."""
+    if np.isinf(lag):
+        return time
+    return np.asarray(np.expm1(-time / lag) / np.expm1(-1.0 / lag))

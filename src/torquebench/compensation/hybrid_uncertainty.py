@@ -1,0 +1,125 @@
+"""Posterior variance of the hybrid's curve."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.linalg import cho_solve
+
+from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.hybrid_effects import all_columns, at_zero_time
+from torquebench.compensation.hybrid_inference import (
+    Member,
+    Problem,
+    deviation_kernel,
+    deviation_variance,
+    main_columns,
+)
+
+__all__ = ["curve_variance"]
+
+_NEGLIGIBLE_SHARE = 2e-3
+
+
+def curve_variance(
+    problem: Problem,
+    members: list[Member],
+    shares: FloatArray,
+    u: FloatArray,
+    branch: float = 1.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the posterior variance of the curve, averaged over members.
+
+    Parameters
+    ----------
+    problem : Problem
+    members : list of Member
+    shares : float64 array
+        Weight of every member.
+    u : float64 array of shape (m,)
+        Where, as fractions of full scale.
+    branch : float, default 1
+        Size of the branch: 0 for the curve in the middle of the loop.
+
+    Returns
+    -------
+    up, down : float64 array of shape (m,)
+        Variance on the two branches, as a fraction of full scale squared.
+    """
+    points = at_zero_time(u, np.full(u.size, branch))
+    columns = all_columns(points, problem.dictionary)
+    main, same = main_columns(u) * problem.main_scales, deviation_kernel(u, problem.points.u)
+    first, second = np.zeros((2, u.size)), np.zeros((2, u.size))
+    for share, member in zip(shares, members, strict=True):
+        amplitude2 = (problem.prior_scale * member.setting.amplitude) ** 2
+        cross = main @ problem.main.T + amplitude2 * same
+        gain = cho_solve((member.factor, True), cross.T, check_finite=False)
+        common = (
+            np.sum(main**2, axis=1)
+            + amplitude2 * deviation_variance(u)
+            - np.sum(gain.T * cross, axis=1)
+        )
+        value, variance = np.tile(cross @ member.solved, (2, 1)), np.tile(common, (2, 1))
+        start = 0
+        for kind, new in zip(problem.kinds, columns, strict=False):
+            means = member.effects.means[start : start + kind.copies]
+            moments = member.effects.moments[start : start + kind.copies]
+            start += kind.copies
+            turns = -1.0 if kind.name == "loop" else 1.0
+            _add_effect(
+                new,
+                turns,
+                kind.columns,
+                gain,
+                np.array(means),
+                np.sum(moments, axis=0),
+                value,
+                variance,
+            )
+        first += share * value
+        second += share * (variance + value**2)
+    up, down = np.maximum(second - first**2, 0.0)
+    return up, down
+
+
+@njit(cache=True)
+def _add_effect(  # type: ignore[no-untyped-def]
+    columns, turns, train_columns, gain, means, moments, value, variance
+):
+    """Add what all copies of one kind add to the mean and to the variance of the curve.
+
+    What an effect adds at calibration points is taken back from main form and deviation
+    there, so that only columns minus their projection vary. The second row is the other branch,
+    on which the columns have `turns` for a factor.
+    """
+    copies, count, width = means.shape
+    sizes = np.zeros(count)
+    for j in range(count):
+        for p in range(width):
+            sizes[j] += moments[j, p, p]
+    least = _NEGLIGIBLE_SHARE * sizes.sum()
+    single = np.zeros((2, copies, columns.shape[2]))
+    for j in range(count):
+        for p in range(width):
+            change = means[:, j, p].sum() * columns[j, p]
+            value[0] += change
+            value[1] += turns * change
+        if sizes[j] > least:
+            projected = np.dot(train_columns[j], gain)
+            _add_moments(columns[j] - projected, means[:, j], moments[j], single[0], variance[0])
+            other = turns * columns[j] - projected
+            _add_moments(other, means[:, j], moments[j], single[1], variance[1])
+    for copy in range(copies):
+        variance -= single[:, copy] ** 2
+
+
+@njit(cache=True)
+def _add_moments(left, means, moments, single, variance):  # type: ignore[no-untyped-def]
+    """Add one candidate's second moment to the variance, and its mean to every copy's."""
+    for p in range(left.shape[0]):
+        for q in range(left.shape[0]):
+            for i in range(left.shape[1]):
+                variance[i] += moments[p, q] * left[p, i] * left[q, i]
+        for copy in range(means.shape[0]):
+            for i in range(left.shape[1]):
+                single[copy, i] += means[copy, p] * left[p, i]
