@@ -429,3 +429,39 @@ def test_a_canopen_drive_stops_quickly_and_can_be_enabled_again(
         drive.disable()
     finally:
         drive.close()
+
+
+# -- what is set ------------------------------------------------------------------------------
+
+
+def test_modes_and_clamp_go_where_they_are_sent_and_say_so(
+    simulated: dict[str, Simulators],
+) -> None:
+    description = simulated["a"].description
+    modes, clamp = open_role(description, "modes"), open_role(description, "clamp")
+    try:
+        for side in ("input", "output"):
+            modes.set_mode(side, "locked")
+            assert modes.mode(side) == "locked"
+            modes.set_mode(side, "free")
+        simulated["a"].plant.bench.mount("calibrator")
+        clamp.set_clamped(True)
+        assert clamp.clamped()
+        clamp.set_clamped(False)
+        assert not clamp.clamped()
+    finally:
+        modes.close()
+        clamp.close()
+
+
+def test_a_travel_that_does_not_end_is_an_error(simulated: dict[str, Simulators]) -> None:
+    modes = open_role(simulated["a"].description, "modes")
+    try:
+        simulated["a"].misbehaviour.start("modes", "freeze")
+        assert modes.mode("input") == "free"  # what it states from now on
+        with pytest.raises(BenchError, match="hasn't reached mode 'driven'"):
+            modes.set_mode("input", "driven")
+    finally:
+        simulated["a"].misbehaviour.heal()
+        modes.set_mode("input", "free")
+        modes.close()

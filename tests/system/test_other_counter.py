@@ -8,7 +8,13 @@ import pytest
 from tests.system.command_line import run
 from tests.system.test_station_runs import calibrated, staircase
 
+from torquebench.bench.audit import read_audit
 from torquebench.bench.compensating import AcceptedCounter
+from torquebench.calibration import load_profile
+from torquebench.campaign.checking import check_module
+from torquebench.cli.measure import compensated
+from torquebench.cli.options import accepted_counter
+from torquebench.compensation import features
 from torquebench.errors import ModelMismatchError
 from torquebench.records import RunFolder
 from torquebench.station import Station
@@ -65,3 +71,32 @@ def test_measure_takes_the_option(tmp_path: Path) -> None:
     taken = run("measure", "--count", 1, "--data", "data", *options, cwd=tmp_path)
     assert taken.returncode == 0, taken.stderr
     assert f"made with {OTHER}: 50 ppm added" in " ".join(taken.stderr.split())
+
+
+def test_a_check_is_refused_before_anything_moves(station: Station) -> None:
+    with pytest.raises(ModelMismatchError, match=OTHER):
+        check_module(station, "output", load_profile("check"), 0.1)
+    assert station.registry.number_of_runs() == 0
+    assert not list(audited(station))
+
+
+def audited(station: Station) -> list[str]:
+    return [line["command"] for line in read_audit(station.audit.path) if "command" in line]
+
+
+def test_a_recorded_stretch_carries_what_the_other_counter_adds(station: Station) -> None:
+    module = station.description.output
+    accepted = AcceptedCounter(OTHER, tolerance_ppm=200.0)
+    active = station.activate_compensation("output", accepted)
+    row = features([400.0], 0, 0, 0.0, 23.0)[:, : active._columns]
+    alone = active.model.predict(row, return_std=True)
+    zero_nm = 1e3 * module.transducer.option_khz / module.transducer.nominal_sensitivity_hz_per_nm
+    added = 2e-4 * (zero_nm + abs(alone[0][0])) / np.sqrt(3.0)
+    assert active.widened(*alone)[0] == pytest.approx(np.hypot(alone[1][0], added))
+
+
+def test_commands_that_measure_say_whose_model_they_use(station: Station) -> None:
+    assert compensated(station, "output").startswith("not compensated")
+    said = compensated(station, "output", accepted_counter(OTHER, 50.0))
+    assert f"made with {OTHER}: 50 ppm added" in said
+    assert accepted_counter(None, 50.0) is None
