@@ -100,8 +100,14 @@ def ended_badly(
 
 
 def record_of(station: Station, error: BaseException | None) -> tuple[int, list[str]]:
-    """Count the points of the newest run, and say what is wrong with its record."""
-    run = station.registry.runs(limit=1)[0]
+    """Count the points of the newest run, and say what is wrong with its record.
+
+    There is none where a procedure was refused before its run began.
+    """
+    runs = station.registry.runs(limit=1)
+    if not runs:
+        return 0, [] if error is not None else ["nothing is recorded"]
+    run = runs[0]
     points, problems = checked(
         RunFolder.open(run.folder), station.description, stopped=error is not None
     )
