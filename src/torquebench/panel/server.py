@@ -92,6 +92,7 @@ def serve(
             guarded,
             http=PatientProtocol,
             ws_max_size=LARGEST_BODY,
+            ws_per_message_deflate=False,  # it costs the front loop more than all else together
             log_level="warning",
             access_log=False,
             proxy_headers=False,  # whoever connects says himself where from, or nobody does
