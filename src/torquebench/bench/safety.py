@@ -288,7 +288,7 @@ class SafetySupervisor:
             since = self._enabled_since.get(side)
             if since is None:
                 continue
-            silent_s = time.monotonic() - max(hand.answered, since)
+            silent_s = hand.silent_s(since)
             # What it said before it was switched on says nothing of now.
             state = hand.state if hand.asked >= since else None
             watchdog_s = self._description.module(side).drive.watchdog_s

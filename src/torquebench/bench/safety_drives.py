@@ -42,8 +42,8 @@ class DriveHand:
     ----------
     state : DriveState or None
         As last answered; None before the first answer.
-    asked, answered : float
-        When it was asked for that, and when it answered, in `time.monotonic` seconds.
+    asked : float
+        When it was asked for that, in `time.monotonic` seconds.
     failure : str
         What the drive failed with when it was last asked, empty when it answered.
     """
@@ -55,8 +55,8 @@ class DriveHand:
         self._patience_s = patience_s
         self.drive = drive
         self.state: DriveState | None = None
-        self.answered = time.monotonic()
         self.asked = 0.0
+        self._put = 0.0
         self.failure = ""
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
         self._idle = threading.Event()  # nobody is asking it at the moment
@@ -85,8 +85,22 @@ class DriveHand:
         if self._thread is None:
             self._look(feed)
         elif self._idle.is_set():
+            self._put = time.monotonic()
             self._idle.clear()
             self._orders.put(lambda: self._look(feed))
+
+    def silent_s(self, since: float) -> float:
+        """Return how long a question waits for its answer, s of wall time; 0 where none waits.
+
+        Time in which nobody has asked, as this computer was busy, isn't the drive's silence.
+
+        Parameters
+        ----------
+        since : float
+            Count from then on at the earliest, in `time.monotonic` seconds.
+        """
+        put = self._put
+        return 0.0 if self._idle.is_set() else time.monotonic() - max(put, since)
 
     def wait_looked(self) -> None:
         """Wait until the drive has been asked, as long as patience lasts."""
@@ -152,6 +166,5 @@ class DriveHand:
             self.failure = f"{type(error).__name__}: {error}"
         else:
             self.failure = ""
-            self.answered = time.monotonic()
         finally:
             self._idle.set()

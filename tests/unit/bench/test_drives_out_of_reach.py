@@ -70,6 +70,27 @@ def test_a_drive_out_of_reach_is_left_to_its_watchdog_before_the_bench_counts_as
 
 
 @pytest.mark.parametrize("blocking", [False, True])
+def test_time_in_which_nobody_asked_is_not_the_drives_silence(
+    open_bench: OpenBench, blocking: bool
+) -> None:
+    wires: dict[str, Wire] = {}
+    with open_bench(wrap=wired(wires, blocking=blocking), output__drive__watchdog_s=0.1) as bench:
+        bench.load_output(300.0)
+        bench.clock.wait(0.5)
+        hand = bench.supervisor._hands["output"]
+        looked, waited = hand.look, hand.wait_looked
+
+        def held_up(**options: Any) -> None:
+            looked(**options)
+            waited()
+            time.sleep(0.3)  # this computer does something else before it looks at the answer
+
+        hand.look = held_up
+        bench.clock.wait(0.2)
+        assert bench.supervisor.alarm is None
+
+
+@pytest.mark.parametrize("blocking", [False, True])
 def test_a_drive_that_can_not_be_told_to_go_off_is_an_alarm(
     open_bench: OpenBench, blocking: bool
 ) -> None:
