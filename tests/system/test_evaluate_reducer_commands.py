@@ -191,3 +191,20 @@ def test_an_output_that_is_a_file_is_refused(no_load: Path, tmp_path: Path) -> N
     taken.write_text("mine")
     refused(evaluate("no-load", no_load, "--output", taken), "is a file", "--output")
     assert taken.read_text() == "mine"
+
+
+def test_german_tables_with_decimal_commas_semicolons_and_units_are_read(tmp_path: Path) -> None:
+    speed = np.tile(np.arange(100.0, 1100.0, 100.0), 2)
+    torque = 0.3 + 2e-4 * speed + 1e-4 * np.cos(np.arange(speed.size))
+    rows = [f"{a:.1f};{b:.6f};i.O.".replace(".", ",") for a, b in zip(speed, torque, strict=True)]
+    header = "Drehzahl [U/min];Drehmoment [N·m];Bemerkung"
+    data = tmp_path / "reibung.csv"
+    data.write_text("\ufeff" + "\n".join([header, *rows]) + "\n", encoding="utf-8")
+    columns = ("--column", "speed=Drehzahl [U/min]", "--column", "torque=Drehmoment [N·m]")
+    found = evaluate("friction", data, *columns, "--output", tmp_path / "out")
+    assert found.exit_code == 0, found.output
+    assert quantities(tmp_path / "out")["coulomb_clockwise"] == pytest.approx(0.3, abs=1e-3)
+    refused(evaluate("friction", data), "no column speed_rpm", "drehzahl", "--column")
+    latin = tmp_path / "latin.csv"
+    latin.write_text("\n".join([header, *rows]), encoding="latin-1")
+    refused(evaluate("friction", latin, *columns), "UTF-8")

@@ -31,7 +31,7 @@ def test_a_full_test_is_rehearsed_without_leaving_anything(tmp_path: Path) -> No
 def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> None:
     found = run(
         "test", "full", "--short", "--reducer", "rv-40e", "--serial", "A1", "--data", "data",
-        "--report", "report.html", cwd=tmp_path,
+        "--report", "report.html", "--report", "report.pdf", cwd=tmp_path,
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
     assert "RV-40E class A1 - simulated" in found.stdout
@@ -48,6 +48,7 @@ def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> Non
     efficiency = {each["key"] for each in kept["efficiency"]["quantities"]}
     assert "efficiency_input_412_nm_+900_rpm" in efficiency
 
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == len(PARTS) + 1  # the transmission error as a polar plot too
     assert "simulated" in page
@@ -84,6 +85,7 @@ def test_specimens_and_changes_are_compared(tmp_path: Path) -> None:
         (("hysteresis", "--reducer", "wrong.toml"), "a ratio of 80"),
         (("hysteresis", "--twist", "0.01", "--no-twist"), "--no-twist"),
         (("hysteresis", "--report", "nowhere/report.html"), "no folder"),
+        (("hysteresis", "--report", "report.docx"), ".html or .pdf"),
     ],
 )
 def test_bad_input_is_named_and_nothing_moves(

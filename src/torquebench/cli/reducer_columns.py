@@ -37,7 +37,8 @@ UNITS: Mapping[Kind, Mapping[str, float]] = {
 }
 """Factors to N·m, rad, 1/min, s and °C; unit names without separators, in lower case."""
 
-_SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "1/min": "rpm", "µs": "us"}
+_SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "µs": "us"}
+_SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/min", "rev/min"), "rpm")
 _UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$")
 
 
@@ -88,10 +89,12 @@ def read_columns(
         if name not in chosen:
             unit = next(iter(UNITS.get(wanted[name], {"": 1.0})))
             header = f"{name}_{unit}" if unit else name
+            taken = {source for source, _ in chosen.values()}
+            free = next((each for each in table.header if each not in taken), "Header")
             raise InputError(
                 f"{data} has no column {header}; it has {', '.join(table.header)}",
                 f"the columns {', '.join(required)}, each with its unit",
-                f"name it: --column {name}={table.header[0]}[{unit}]" if unit else "add it",
+                f"name it: --column '{name}={free}[{unit}]'" if unit else "add it",
             )
     rows = _rows(table, where)
     return {name: table.numbers(header)[rows] * factor for name, (header, factor) in chosen.items()}

@@ -34,6 +34,8 @@ def stated(value: float, expanded: float) -> tuple[str, str]:
     """
     if not (isfinite(expanded) and expanded > 0.0):
         return f"{value:.5g}", "0" if expanded == 0.0 else "unknown"
+    if expanded < 1e-9 * abs(value):  # rounding, not measuring
+        return f"{value:.6g}", f"{expanded:.1g}"
     places = 1 - int(f"{float(f'{expanded:.1e}'):e}".split("e")[1])
     if places < 0:
         return f"{round(value, places):.0f}", f"{round(expanded, places):.0f}"
