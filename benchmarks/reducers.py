@@ -71,8 +71,8 @@ SETTINGS = ReducerTestSettings(
     no_load=NoLoadSettings(FrictionSettings(speeds_rpm=(100.0, 400.0, 1000.0)), COLD),
     starting=BreakawaySettings(positions=3),
     back_driving=BreakawaySettings(positions=3),
-    hysteresis=HysteresisSettings(loops=2, loop_s=10.0),
-    transmission=TransmissionSettings(revolutions=1.0),
+    hysteresis=HysteresisSettings(loops=1),
+    transmission=TransmissionSettings(output_rpm=1.0),
     efficiency=EfficiencySettings(
         torque_shares=(0.2, 1.0), speeds_rpm=(300.0, 900.0), counter_clockwise=True, warm_up=COLD
     ),

@@ -144,8 +144,8 @@ def hysteresis_loops(
     the output is preloaded to +T and −T, which isn't part of any loop. The torque goes beyond T
     by as much as a drive may stay below what it is asked for, where the reducer allows it. The
     positions share out one turn of the input too, as the transmission error of the input's
-    orders makes a reducer stiffer at one of its phases than at another. A loop that a pause interrupts
-    is preloaded and driven again.
+    orders makes a reducer stiffer at one of its phases than at another. A loop that a pause
+    interrupts is preloaded and driven again.
 
     Raises
     ------

@@ -249,7 +249,7 @@ def _direction(
         found.peak_to_peak_arcsec,
         "arcsec",
         [
-            Contribution("encoders", 2.0**0.5 * encoders),
+            Contribution("encoders", _between_peaks(found, known, ratio)),
             Contribution("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
             Contribution("noise at the peaks", found.peak_noise_arcsec),
         ],
@@ -289,6 +289,19 @@ def _direction(
         orders=orders,
         speed_rpm=speed,
     )
+
+
+def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> float:
+    """Return what the encoders' errors do to max − min, arcsec.
+
+    Errors that go once around differ most between places half a turn of the encoder apart:
+    by 2·|sin(Δ/2)| of their standard uncertainty, and by √2 where they don't go around.
+    """
+    places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
+    apart = float(places[0] - places[1])
+    parts = (known.output_rad, apart), (known.input_rad / ratio, apart * ratio)
+    factors = [each * max(2.0**0.5, 2.0 * abs(np.sin(0.5 * delta))) for each, delta in parts]
+    return float(np.hypot(*factors)) / ARCSEC
 
 
 def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) -> Budget | None:

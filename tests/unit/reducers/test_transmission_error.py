@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from torquebench.errors import InputError
-from torquebench.reducers import evaluate_transmission_error, load_reducer, verdicts
+from torquebench.reducers import (
+    AngleUncertainty,
+    evaluate_transmission_error,
+    load_reducer,
+    verdicts,
+)
 
 ARCSEC = np.pi / 648000
 RATIO = 41.0
@@ -82,3 +87,50 @@ def test_swapped_reversed_and_missing_angles_are_named():
     ):
         with pytest.raises(InputError, match=match):
             evaluate_transmission_error(*arguments)
+
+
+def encoder_errors(generator, *, known_rad, turned, ratio):
+    """Errors of both encoders, once around each, with the standard deviations that are stated."""
+    phase = generator.uniform(0, 2 * np.pi, 2)
+    scale = 2.0**0.5 * known_rad
+    return (
+        scale * np.sin(turned + phase[0]) * abs(generator.standard_normal()),
+        ratio * scale * np.sin(ratio * turned + phase[1]) * abs(generator.standard_normal()),
+    )
+
+
+def test_intervals_hold_the_truth_in_about_95_percent():
+    """Encoders with errors of the size stated, noise, another reducer each time; 120 draws."""
+    fine = np.linspace(0, 2 * np.pi, 20001)
+    ratio, draws = 12.0, 120
+    held = {"whole": 0, "order": 0}
+    width = []
+    for seed in range(draws):
+        generator = np.random.default_rng(seed)
+        orders = {1.0: 12.0, 2.0: 5.0, ratio: 9.0, 2 * ratio: 4.0}
+        phases = generator.uniform(0, 2 * np.pi, len(orders))
+        sizes = [each * generator.uniform(0.7, 1.3) * ARCSEC for each in orders.values()]
+
+        def true(phi, sizes=sizes, orders=orders, phases=phases):
+            waves = zip(sizes, orders, phases, strict=True)
+            return sum(a * np.sin(k * phi + p) for a, k, p in waves)
+
+        known = 0.5 * ARCSEC
+        turned = np.linspace(0.0, 2 * np.pi * 2.02, 800)
+        output, given = encoder_errors(generator, known_rad=known, turned=turned, ratio=ratio)
+        noise = 0.5 * ARCSEC * generator.standard_normal(turned.size)
+        result = evaluate_transmission_error(
+            ratio * turned + given,
+            turned + true(turned) + output + noise,
+            ratio,
+            uncertainty=AngleUncertainty(known, ratio * known),
+        )
+        low, high = result.peak_to_peak.interval()
+        held["whole"] += low <= np.ptp(true(fine)) / ARCSEC <= high
+        width.append(high - low)
+        first = next(each for each in result.directions[0].orders if each.order == 1.0)
+        low, high = first.amplitude.interval()
+        held["order"] += low <= sizes[0] / ARCSEC <= high
+    assert 0.91 * draws <= held["whole"], held
+    assert 0.91 * draws <= held["order"], held
+    assert np.median(width) < 12.0 * known / ARCSEC  # and not by being wide
