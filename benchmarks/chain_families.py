@@ -267,6 +267,38 @@ def _warming(rng: np.random.Generator) -> list[Term]:
     ]
 
 
+def _sawtooth(rng: np.random.Generator) -> list[Term]:
+    """Teeth that take over from each other slowly and let go fast, the more the higher the load."""
+    sign, knee = _sign(rng), rng.uniform(0.5, 2.0)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        size = sign * rng.uniform(0.003, 0.006)
+        terms.append(Term("settling", size, (side, knee * rng.uniform(0.8, 1.2)), 1))
+        terms.append(Term("power", sign * rng.uniform(0.001, 0.003), (side, 1.0), 1))
+    tooth = (rng.uniform(0.12, 0.35), rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 0.85))
+    return [
+        *terms,
+        Term("sawtooth", _sign(rng) * rng.uniform(1e-4, 3e-4), tooth),
+        Term("algebraic-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
+    ]
+
+
+def _dead_band(rng: np.random.Generator) -> list[Term]:
+    """Coupling with clearance, which is taken up at a torque; a display of some thousand steps."""
+    sign = _sign(rng)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        width, gap = rng.uniform(0.05, 0.3), rng.uniform(0.01, 0.05)
+        size = sign * rng.uniform(0.003, 0.007)
+        terms.append(Term("dead-band", size, (side, width, gap), 1))
+        terms.append(Term("power", sign * rng.uniform(0.001, 0.003), (side, 2.0), 1))
+    return [
+        *terms,
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
+    ]
+
+
 FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "reference": _reference,
     "quadratic": _quadratic,
@@ -281,10 +313,12 @@ FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "stick-slip": _stick_slip,
     "line-contact": _line_contact,
     "warming": _warming,
+    "sawtooth": _sawtooth,
+    "dead-band": _dead_band,
 }
 """Families by name; all but the first two hold nothing of any model's basis exactly."""
 
-UNSEEN_FAMILIES = ("arctangent", "stick-slip", "line-contact", "warming")
+UNSEEN_FAMILIES = ("stick-slip", "line-contact", "sawtooth", "dead-band")
 """Families written down when the models were finished; the models were developed on the others."""
 
 
@@ -302,4 +336,6 @@ def draw_noise(family: str, rng: np.random.Generator) -> Noise:
     if family == "warming":
         drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
         return Noise(drift=drift, lag=rng.uniform(0.1, 0.6))
+    if family == "dead-band":
+        return Noise(resolution=rng.uniform(1e-4, 4e-4))
     return Noise()

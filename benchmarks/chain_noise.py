@@ -28,6 +28,7 @@ class Noise:
     and ``drift_bend`` bends it (exponent of the elapsed fraction of the time); with a ``lag`` above
     0 it settles exponentially instead (time constant as a fraction of the calibration). ``growth``
     makes the noise grow with the load: by this factor, plus one, from zero to full scale.
+    ``resolution`` is the step to which a reading is rounded.
     """
 
     scale: float = REPEATABILITY
@@ -37,6 +38,7 @@ class Noise:
     drift_bend: float = 1.0
     lag: float = 0.0
     growth: float = 0.0
+    resolution: float = 0.0
 
     def draw(self, size: int, rng: np.random.Generator) -> FloatArray:
         """Random part, without drift."""
@@ -67,6 +69,12 @@ class Noise:
         if self.lag > 0.0:
             return np.asarray(self.drift * np.expm1(-time / self.lag) / np.expm1(-1 / self.lag))
         return self.drift * time**self.drift_bend
+
+    def rounded(self, reading: FloatArray) -> FloatArray:
+        """Round readings (fractions of full scale) to the resolution."""
+        if self.resolution == 0.0:
+            return reading
+        return np.asarray(self.resolution * np.round(reading / self.resolution))
 
     def relative(self, x: FloatArray) -> FloatArray:
         """Return the noise at loads x over that of all readings, evenly loaded, together."""

@@ -157,6 +157,23 @@ def _play_loop(
     return np.where(np.sign(x) == side, side * branch * loop, 0.0)
 
 
+def _sawtooth(
+    x: FloatArray, _branch: FloatArray, period: float, phase: float, sharpness: float
+) -> FloatArray:
+    angle = 2 * np.pi * x / period + phase
+    tooth = np.arctan2(sharpness * np.sin(angle), 1.0 - sharpness * np.cos(angle))
+    return np.asarray(np.sqrt(np.abs(x)) * tooth / np.arcsin(sharpness))
+
+
+def _dead_band(
+    x: FloatArray, branch: FloatArray, side: float, width: float, gap: float
+) -> FloatArray:
+    """Nothing until a clearance is taken up, straight from there; on the way back a gap lower."""
+    size = np.minimum(_one_sided(x, side), 1.0)
+    edge = width - np.where(branch > 0, 0.0, gap * (1.0 - size))
+    return side * np.maximum(size - edge, 0.0)
+
+
 SHAPES: dict[str, Shape] = {
     "offset": _offset,
     "power": _power,
@@ -180,4 +197,6 @@ SHAPES: dict[str, Shape] = {
     "sech-bump": _sech_bump,
     "slip": _slip,
     "play-loop": _play_loop,
+    "sawtooth": _sawtooth,
+    "dead-band": _dead_band,
 }
