@@ -18,6 +18,15 @@
   window.chartLow = (span) => Math.floor(span.min / chartStep(span) + 1e-9) * chartStep(span);
   window.chartHigh = (span) => Math.ceil(span.max / chartStep(span) - 1e-9) * chartStep(span);
 
+  // A chart that was made before its place had a width keeps 100 px: NiceGUI skips that resize.
+  setInterval(() => {
+    for (const place of document.querySelectorAll(".chart")) {
+      const drawn = place.querySelector("canvas");
+      if (!drawn || Math.abs(drawn.clientWidth - place.clientWidth) < 2) continue;
+      window.getElement?.(Number(place.id.slice(1)))?.chart?.resize();
+    }
+  }, 500);
+
   function alarm(text) {
     const region = document.getElementById("stop-result");
     if (!region) return;
