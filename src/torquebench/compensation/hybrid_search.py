@@ -27,7 +27,7 @@ __all__ = ["explore"]
 
 _DEVIATIONS = (3e-5, 1.5e-4, 7e-4)
 _LARGEST_DEVIATION = 4e-2
-_UNLIKELY = 3.0  # this far below the best, in log evidence, nothing is followed up
+_UNLIKELY = 2.5  # this far below the best, in log evidence, nothing is followed up
 _FREEDOM = 4.0
 _TAILED_KURTOSIS = 3.3
 _TAILS_ODDS = 4.0  # prior odds where residuals look like it: few real readings scatter normally
@@ -63,12 +63,9 @@ def explore(problem: Problem, start_noise: float) -> tuple[Problem, list[Member]
     drift = problem.settings_of_drift()[: 2 if problem.drifts else 1][-1]
     coarse = problem.unstretched()
     settled = coarse.settle_noise(coarse.solve(Setting(start_noise, _DEVIATIONS[1], *drift)))
-    alike = problem.alike()
-    free, same = problem.solve(settled.setting), alike.solve(settled.setting)
-    if same.log_evidence > free.log_evidence:
-        problem, best = alike, same
-    else:
-        best = free
+    if coarse.alike().solve(settled.setting).log_evidence > settled.log_evidence:
+        problem = problem.alike()
+    best = problem.solve(settled.setting)
     starts = _starts(problem, best)
     problem = problem.narrowed([start.member for start in starts])
     return problem, [member for start in starts for member in _grid(problem, start)]
