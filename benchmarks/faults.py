@@ -44,6 +44,7 @@ from benchmarks.fault_report import Kept, section, summary
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
+from torquebench.bench.drivers.base import SIDES
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducer_results import ReducerTestRecord
 from torquebench.errors import RecordError, TorquebenchError
@@ -64,7 +65,10 @@ NOT_ITS_KIND = ("encoder slips",)
 """May go unnoticed in a test of angles, where these are compared with the truth."""
 KILLED_WITHIN_S = 60.0
 LASTING_S = 3.5
-"""Until what was injected is over and nothing coasts any more, s of bench time."""
+"""Until what was injected is over, s of bench time."""
+COASTING_S = 60.0
+"""How long a reducer may coast without power, s of bench time."""
+STANDING_RAD_S = 0.02
 
 
 def described(seed: int) -> BenchDescription:
@@ -151,16 +155,23 @@ def works_again(station: Station, faulty: FaultyBench, kind: Kind) -> Iterator[s
     faulty.heal()
     if kind.name in ENDS_ACQUISITION:
         return  # the bench has to be opened again
-    over_s = station.clock.now() + LASTING_S
-    while station.clock.now() < over_s:  # a cause that is still there raises its alarm again
+    mended_s = station.clock.now()
+    while (lasts_s := station.clock.now() - mended_s) < LASTING_S or (
+        lasts_s < COASTING_S and turns(station)
+    ):  # a cause that is still there raises its alarm again
         with contextlib.suppress(TorquebenchError):
-            station.clock.wait(over_s - station.clock.now())
+            station.clock.wait(max(LASTING_S - lasts_s, 0.5))
         station.supervisor.wait_safe(20.0)
         station.acknowledge_alarm("fault campaign")
     try:
         station.run(zero_modules(station.devices), kind="zero")
     except Exception as error:
         yield f"the bench doesn't go on: {type(error).__name__}: {error}"
+
+
+def turns(station: Station) -> bool:
+    """Whether something still coasts."""
+    return any(abs(station.acquisition.speed_rad_s(side)) > STANDING_RAD_S for side in SIDES)
 
 
 def judged(
