@@ -1,6 +1,7 @@
 """A panel's server and a browser in front of it, as a person has them."""
 
 import contextlib
+import re
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -34,6 +35,8 @@ PEOPLE = {
     "Ben": ("operator", "ben turns the shaft"),
 }
 PATIENCE_S = 60.0
+ENGLISH = re.compile(r"[a-z]{3,} [a-z]{2,}")
+"""Two words beside each other: names of pictures and columns are single ones."""
 
 
 def people(data: Path) -> None:
@@ -115,6 +118,11 @@ class Visitor:
 
     def __init__(self, driver: webdriver.Chrome, panel: Panel) -> None:
         self.driver, self.panel = driver, panel
+
+    def english(self, *names: str) -> list[str]:
+        """Return the lines of the page that hold an English sentence, some names aside."""
+        lines = [line for line in self.text.splitlines() if line not in names]
+        return [line for line in lines if ENGLISH.search(line)]
 
     def wait(self, condition: Callable[[], Any], what: str, seconds: float = PATIENCE_S) -> Any:
         """Wait until something is so."""

@@ -1,0 +1,133 @@
+"""Somebody who reads Chinese at the panel: no English sentence is left on the main pages."""
+
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    InvalidElementStateException,
+)
+from selenium.webdriver.common.by import By
+from tests.system.panel_browser import Visitor, browser, running_panel
+
+from torquebench.bench.description import DEFAULT_BENCH
+from torquebench.panel.text import Text
+from torquebench.reducers import available_reducers, load_reducer
+
+pytestmark = pytest.mark.timeout(600)
+CHINESE = Text("zh")
+PATIENCE_S = 150.0
+TABLE = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
+REDUCERS = [load_reducer(name).name for name in available_reducers()]
+
+
+@pytest.fixture(scope="module")
+def ana(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visitor]:
+    folder: Path = tmp_path_factory.mktemp("panel")
+    description = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text("utf-8")
+    (folder / "bench.toml").write_text(f"{description}\n[safety]\npresence_s = 3600\n", "utf-8")
+    with (
+        running_panel(folder, "--fast", "--bench", "bench.toml") as panel,
+        browser(panel, folder / "ana", language="zh-CN") as visitor,
+    ):
+        visitor.sign_in("Ana")
+        yield visitor
+
+
+def all_chinese(ana: Visitor, *keys: str) -> None:
+    """Wait for some texts of a page; then nothing on it may be English."""
+    for key in keys:
+        ana.sees(CHINESE(key), PATIENCE_S)
+    assert ana.english(*REDUCERS) == []
+
+
+def confirm(ana: Visitor) -> None:
+    """Press the last button of the dialog that is open, and wait until it has closed."""
+    dialog = (By.CSS_SELECTOR, ".q-dialog .sheet button")
+
+    def pressed() -> bool:
+        shown = [each for each in ana.driver.find_elements(*dialog) if each.is_displayed()]
+        try:
+            shown[-1].click()
+        except (IndexError, InvalidElementStateException, ElementClickInterceptedException):
+            return False  # not there yet, or still moving
+        return True
+
+    ana.wait(pressed, "a dialog")
+    ana.wait(lambda: not ana.driver.find_elements(*dialog), "the dialog's end")
+
+
+def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
+    ana: Visitor,
+) -> None:
+    ana.open("/calibrate")
+    all_chinese(ana, "preview.title", "prepare.check_presence")
+    ana.choose(CHINESE("prepare.step"), "10")
+    ana.press(CHINESE("frame.take_command"))
+    ana.sees(CHINESE("presence.none"))
+    ana.press(CHINESE("presence.button"))
+    ana.sees(CHINESE("presence.left", seconds=3600)[:20])
+    ana.press(CHINESE("prepare.start"))
+    first = CHINESE("measure.last", number="#", reading="", standard="", error="").partition("#")[0]
+    ana.sees(first, PATIENCE_S)
+    ana.press(CHINESE("job.pause"))
+    all_chinese(ana, "job.state_paused")
+    ana.press(CHINESE("job.abort"))
+    confirm(ana)
+    all_chinese(ana, "job.state_aborted", "resume.title")
+    ana.press(CHINESE("resume.button"))
+    confirm(ana)
+    all_chinese(ana, "models.before_after", "models.compare_explained")
+    assert "40" in ana.text
+    ana.press(CHINESE("frame.give_command"))
+    assert ana.problems() == []
+
+
+def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
+    ana: Visitor, tmp_path: Path
+) -> None:
+    ana.open("/records")
+    all_chinese(ana, "records.runs")
+    ana.driver.find_element(By.CSS_SELECTOR, ".tabs button:nth-child(2)").click()
+    ana.press(CHINESE("elsewhere.open"))
+    chosen = ana.wait(
+        lambda: ana.driver.find_element(By.CSS_SELECTOR, "input[type=file]"), "a place for a file"
+    )
+    large, wrong = tmp_path / "large.csv", tmp_path / "wrong.csv"
+    large.write_text("reading_nm,standard_nm\n" + "1,2\n" * 140_000)
+    wrong.write_text("reading_nm,standard_nm\n1,2\n3,many\n")
+    chosen.send_keys(str(large))
+    ana.sees("524288", PATIENCE_S)
+    chosen.send_keys(str(wrong))
+    ana.press(CHINESE("elsewhere.look"))
+    ana.sees("'many'", PATIENCE_S)
+    all_chinese(ana, "elsewhere.title")
+    chosen.send_keys(str(TABLE))
+    ana.press(CHINESE("elsewhere.look"))
+    all_chinese(ana, "elsewhere.circumstances", "elsewhere.simulated")
+    for key, value in (
+        ("transducer_serial", "4711"),
+        ("indicator", "DMP41"),
+        ("measured_by", "A. Kim"),
+        ("reference_serial", "R-9"),
+    ):
+        ana.fill(CHINESE(f"elsewhere.{key}"), value)
+    ana.press(CHINESE("elsewhere.enter"))
+    ana.press(CHINESE("records.take_up", number="").strip())
+    all_chinese(ana, "models.before_after", "models.compare")
+    assert "100" in ana.text
+    assert ana.problems() == []
+
+
+def test_an_alarm_says_what_it_is_and_what_to_do(ana: Visitor) -> None:
+    ana.open("/alarms")
+    ana.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
+    all_chinese(ana, "alarm.stop_requested", "alarm.stop_requested_do")
+    ana.press(CHINESE("alarms.acknowledge", who="Ana"))
+    all_chinese(ana, "alarms.none", "alarms.history")
+    for path, key in (("/", "live.trend"), ("/reducer", "preview.title"),
+                      ("/settings", "settings.bench")):  # fmt: skip
+        ana.open(path)
+        all_chinese(ana, key)
