@@ -146,7 +146,9 @@ def _looks_heavy_tailed(member: Member) -> bool:
 
 def _looks_growing(problem: Problem, member: Member) -> bool:
     power = member.weights * member.residual**2
-    power = np.minimum(power / np.mean(power), _LARGEST_POWER)
+    power = np.minimum(power, _LARGEST_POWER * np.mean(power))
+    if np.ptp(power) == 0.0 or np.ptp(problem.points.u**2) == 0.0:
+        return False  # nothing is left over, or all points lie at one load
     correlation = np.corrcoef(power, problem.points.u**2)[0, 1]
     return bool(correlation * np.sqrt(power.size) > _GROWING)
 
