@@ -193,7 +193,8 @@ class GaussianProcessModel(CompensationModel):
             rows[:, 1] = branch
             _, std = self._predict(rows, return_std=True)
             curves.append(widening * np.asarray(std) / self.full_scale_nm_)
-        return CurveUncertainty(nodes, *curves)
+        up, down, unknown = curves
+        return CurveUncertainty(nodes, up, down, unknown)
 
     def _after_restore(self) -> None:
         points = self._train_points()
