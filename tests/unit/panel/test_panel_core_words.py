@@ -41,6 +41,7 @@ OPERATORS_ROOMS = (
     "panel/service/previews.py",
     "panel/service/records_desk.py",
     "panel/service/settings.py",
+    "panel/service/settings_documents.py",
     "panel/service/table_desk.py",
     "procedures/rehearsal.py",
     "station/bench_station.py",

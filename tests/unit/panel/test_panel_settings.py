@@ -16,7 +16,8 @@ from torquebench.panel.service import (
     read_upload,
 )
 from torquebench.panel.service.differences import flat, nested
-from torquebench.panel.service.settings import LARGEST_UPLOAD, SettingsDesk
+from torquebench.panel.service.settings import SettingsDesk
+from torquebench.panel.service.settings_documents import LARGEST_UPLOAD
 from torquebench.panel.service.store import PanelStore
 
 ADA = Actor("Ada", "administrator", "1")

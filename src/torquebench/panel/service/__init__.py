@@ -125,7 +125,7 @@ from torquebench.panel.service.record_views import (
     RunTable,
     RunView,
 )
-from torquebench.panel.service.settings import (
+from torquebench.panel.service.settings_documents import (
     SECTIONS,
     Section,
     SettingsChange,

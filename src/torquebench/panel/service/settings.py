@@ -8,19 +8,17 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import BaseModel
 from sqlalchemy import Connection, Row, insert, select
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import parse_toml, validated
+from torquebench.bench.description_errors import validated
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
-from torquebench.panel.service.actors import Actor, Role, require
+from torquebench.panel.service.actors import Actor, require
 from torquebench.panel.service.differences import (
     Difference,
     depth,
@@ -31,46 +29,23 @@ from torquebench.panel.service.differences import (
 )
 from torquebench.panel.service.fields import plain
 from torquebench.panel.service.problems import BusyError, NotFoundError
+from torquebench.panel.service.settings_documents import (
+    BENCH,
+    SettingsChange,
+    SettingsItem,
+    builtin_names,
+    find_section,
+    load_builtin,
+)
 from torquebench.panel.service.store import PanelStore, changes, note, utc_text
 from torquebench.records import json_text
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
 
-__all__ = [
-    "SECTIONS",
-    "Section",
-    "SettingsChange",
-    "SettingsDesk",
-    "SettingsItem",
-    "read_upload",
-]
+__all__ = ["SettingsDesk"]
 
-LARGEST_UPLOAD = 64 * 1024
 DEEPEST = 12
 """Levels of a document; none of ours has half as many."""
 NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
-BENCH = "bench"
-
-SectionName = Literal["bench", "profiles", "reducers"]
-
-
-@dataclass(frozen=True)
-class Section:
-    """A kind of settings: what its documents are, and who changes them."""
-
-    name: SectionName
-    title: str
-    role: Role
-    model: type[BaseModel]
-
-
-SECTIONS: Mapping[str, Section] = {
-    section.name: section
-    for section in (
-        Section("bench", "Channels and limits", "administrator", BenchDescription),
-        Section("profiles", "Calibration profiles", "metrologist", Profile),
-        Section("reducers", "Reducers", "metrologist", ReducerDescription),
-    )
-}
 
 _CHANGEABLE = re.compile(
     r"(input|output|counter|safety|recording|calibrator|verification_standard)\..+"
@@ -78,58 +53,6 @@ _CHANGEABLE = re.compile(
 )
 _FILES = re.compile(r".*\.certificate")
 """Names of files stay where nobody on a network can change them: in the bench's own file."""
-
-
-@dataclass(frozen=True)
-class SettingsItem:
-    """One document of a section.
-
-    Parameters
-    ----------
-    section, name : str
-        The bench's name is "bench".
-    builtin : bool
-        It comes with the software; copy it under a new name to change it.
-    document : mapping
-        Its content as JSON.
-    version : int
-        Number of the last change; 0 where there is none.
-    """
-
-    section: str
-    name: str
-    builtin: bool
-    document: Mapping[str, Any]
-    version: int = 0
-
-
-@dataclass(frozen=True)
-class SettingsChange:
-    """A change that was made, or would be.
-
-    Parameters
-    ----------
-    number : int
-        0 for a preview.
-    at : datetime.datetime or None
-    who, section, name, reason : str
-    differences : tuple of Difference
-    undoes, undone_by : int or None
-        Number of the change that it takes back, or that has taken it back.
-    reopens : bool
-        Whether the bench has to be opened again for it to count.
-    """
-
-    number: int
-    at: datetime | None
-    who: str
-    section: str
-    name: str
-    reason: str
-    differences: tuple[Difference, ...]
-    undoes: int | None = None
-    undone_by: int | None = None
-    reopens: bool = False
 
 
 class SettingsDesk:
@@ -151,10 +74,10 @@ class SettingsDesk:
 
     def items(self, section: str) -> list[SettingsItem]:
         """Return all documents of a section: those that come with the software first."""
-        found = _section(section)
+        found = find_section(section)
         if section == BENCH:
             return [self.get(section, BENCH)]
-        names = [*_builtin(found.name), *self._own_names(section)]
+        names = [*builtin_names(found.name), *self._own_names(section)]
         return [self.get(section, name) for name in names]
 
     def get(self, section: str, name: str) -> SettingsItem:
@@ -165,7 +88,7 @@ class SettingsDesk:
         NotFoundError
             There is none of this name.
         """
-        found = _section(section)
+        found = find_section(section)
         with self._store.transaction(reading=True) as connection:
             last = _last(connection, section, name)
         version = 0 if last is None else last.id
@@ -174,8 +97,8 @@ class SettingsDesk:
                 raise _unknown(section, name)
             leaves = {} if last is None else json.loads(last.after)
             return SettingsItem(section, name, False, self._overlaid(leaves), version)
-        if name in _builtin(found.name):
-            model = _load(found.name, name)
+        if name in builtin_names(found.name):
+            model = load_builtin(found.name, name)
             return SettingsItem(section, name, True, model.model_dump(mode="json"))
         document = None if last is None else json.loads(last.after)
         if document is None:
@@ -184,7 +107,7 @@ class SettingsDesk:
 
     def schema(self, section: str) -> dict[str, Any]:
         """Return the JSON schema of a section's documents: types, bounds and descriptions."""
-        return _section(section).model.model_json_schema()
+        return find_section(section).model.model_json_schema()
 
     def _own_names(self, section: str) -> list[str]:
         query = select(changes).where(changes.c.section == section).order_by(changes.c.id)
@@ -270,7 +193,7 @@ class SettingsDesk:
         BusyError
             Somebody else has changed it meanwhile.
         """
-        require(actor, _section(section).role)
+        require(actor, find_section(section).role)
         before, after, seen = self._checked(section, name, document)
         version = seen if version is None else version
         return self._enter(actor, section, name, (before, after), reason, version)
@@ -279,10 +202,10 @@ class SettingsDesk:
         self, section: str, name: str, document: Mapping[str, Any] | None
     ) -> tuple[dict[str, Any], dict[str, Any], int]:
         """Return a document as it is and as it would be, and the version that was looked at."""
-        found = _section(section)
+        found = find_section(section)
         if depth(document) > DEEPEST:
             raise InputError("tables within tables within tables", f"{DEEPEST} levels at most")
-        if section != BENCH and name in _builtin(found.name):
+        if section != BENCH and name in builtin_names(found.name):
             raise InputError(
                 f"{name} comes with the software", "an own name", "copy it under a new name"
             )
@@ -373,7 +296,7 @@ class SettingsDesk:
         """Return changes, the newest first."""
         query = select(changes).order_by(changes.c.id.desc()).limit(min(max(limit, 1), 1000))
         if section is not None:
-            query = query.where(changes.c.section == _section(section).name)
+            query = query.where(changes.c.section == find_section(section).name)
         with self._store.transaction(reading=True) as connection:
             rows = connection.execute(query).all()
             undone = dict(
@@ -405,7 +328,7 @@ class SettingsDesk:
             row = connection.execute(select(changes).where(changes.c.id == number)).one_or_none()
         if row is None:
             raise NotFoundError(f"no change {number}", "a number of the history")
-        require(actor, _section(row.section).role)
+        require(actor, find_section(row.section).role)
         old, new = self._documents(row)
         made, old_leaves = differences(old, new), flat(old)
         version = self._version(row.section, row.name)
@@ -452,49 +375,8 @@ class SettingsDesk:
         )
 
 
-def read_upload(content: bytes) -> dict[str, Any]:
-    """Return the document of an uploaded TOML file.
-
-    Raises
-    ------
-    InputError
-        Too large, not UTF-8, or no TOML.
-
-    Examples
-    --------
-    >>> read_upload(b'name = "slow"')
-    {'name': 'slow'}
-    """
-    if len(content) > LARGEST_UPLOAD:
-        raise InputError(
-            f"an upload of {len(content)} bytes", f"at most {LARGEST_UPLOAD} bytes of TOML"
-        )
-    try:
-        text = content.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"an upload that isn't UTF-8 at byte {error.start}", "UTF-8") from None
-    return parse_toml(text, "the upload")
-
-
-def _section(name: str) -> Section:
-    if name not in SECTIONS:
-        raise NotFoundError(f"no settings {name[:40]!r}", ", ".join(SECTIONS))
-    return SECTIONS[name]
-
-
 def _unknown(section: str, name: str) -> NotFoundError:
     return NotFoundError(f"no {name[:80]!r} among {section}", "a name of the list")
-
-
-def _builtin(section: SectionName) -> tuple[str, ...]:
-    if section == "profiles":
-        return available_profiles()
-    return available_reducers() if section == "reducers" else ()
-
-
-def _load(section: SectionName, name: str) -> BaseModel:
-    loader: Callable[[str], BaseModel] = load_profile if section == "profiles" else load_reducer
-    return loader(name)
 
 
 def _last(connection: Connection, section: str, name: str) -> Row[Any] | None:
