@@ -13,7 +13,6 @@ from torquebench.bench.devices import SynchronousRecording
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducer_uncertainty import (
     Bench,
-    TwistCompliance,
     bench_remarks,
     nominal_nm,
     root_mean_square,
@@ -22,7 +21,7 @@ from torquebench.campaign.reducer_uncertainty import (
     without_tare,
 )
 from torquebench.procedures.reducer_breakaway import Breakaway, BreakawayRecording
-from torquebench.procedures.reducer_loop import BenchTwistRecording, LoopRecording
+from torquebench.procedures.reducer_loop import LoopRecording
 from torquebench.procedures.reducer_turning import TransmissionRecording
 from torquebench.procedures.running_table import RunningRecording
 from torquebench.reducers import (
@@ -39,7 +38,7 @@ from torquebench.reducers import (
     evaluate_transmission_error,
 )
 
-__all__ = ["EVALUATIONS", "Evaluated", "twist_compliance"]
+__all__ = ["EVALUATIONS", "Evaluated"]
 
 FloatArray = NDArray[np.float64]
 
@@ -48,8 +47,6 @@ PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radi
 LARGE = 0.5
 TAKEN_AWAY = 0.85
 """Share of the largest torque of a ramp below which its drive has let go."""
-TWIST_LEVELS = 10
-"""Levels of torque on each side at which the twist is compared with a straight line."""
 
 
 @dataclass(frozen=True)
@@ -60,39 +57,13 @@ class Evaluated:
     remarks: tuple[str, ...]
 
 
-def twist_compliance(recording: BenchTwistRecording) -> TwistCompliance:
-    """Return the output side's compliance from cycles against the held calibrator.
-
-    The slope of angle over torque by least squares; rising and falling legs count alike, so that
-    what the shaft holds back by its own hysteresis cancels. Its uncertainty is the scatter of
-    the slopes of single legs, and what the angle does beside a straight line.
-    """
-    output = recording.recordings["output"]
-    torque, angle = output.output_torque_nm, output.output_angle_rad
-    slope = float(np.polyfit(torque, angle, 1)[0])
-    direction = np.sign(np.gradient(torque))
-    singles = [
-        float(np.polyfit(torque[direction == sign], angle[direction == sign], 1)[0])
-        for sign in (1.0, -1.0)
-        if np.count_nonzero(direction == sign) > 8
-    ]
-    spread = float(np.ptp(singles)) / np.sqrt(12.0) if len(singles) == 2 else 0.05 * abs(slope)
-    level = np.round(torque / np.max(np.abs(torque)) * TWIST_LEVELS).astype(np.int64)
-    level -= level.min()
-    count = np.maximum(np.bincount(level), 1)
-    bent = (
-        np.bincount(level, weights=angle - angle.mean() - slope * (torque - torque.mean())) / count
-    )
-    spread = float(np.hypot(spread, bent.std() / (0.5 * np.max(np.abs(torque)))))
-    return TwistCompliance(slope, spread, f"measured against {recording.standard_serial}")
-
-
 # -- uncertainties of this bench ------------------------------------------------------------
 
 
-def _loop_uncertainty(bench: Bench, loops: LoopRecording) -> LoopUncertainty:
+def _loop_uncertainty(bench: Bench, ratio: float, loops: LoopRecording) -> LoopUncertainty:
     """Split the active model's uncertainty into what grows with torque and what branches keep."""
-    twist = bench.twist.standard_uncertainty_rad_per_nm
+    unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
+    twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
     angle = _resolution_rad(bench, "output") / np.sqrt(12.0)
     if not loops.compensated["output"]:
         nominal = nominal_nm(bench, "output")
@@ -142,7 +113,8 @@ def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecordi
     parts = [loop.recording for loop in loops.loops]
     recording = SynchronousRecording.joined(parts)
     sizes = [part.time_s.size for part in parts]
-    angle = recording.output_angle_rad - recording.input_angle_rad / reducer.signed_ratio
+    turned = {side: _flange_angle_rad(bench, recording, side) for side in SIDES}
+    angle = turned["output"] - turned["input"] / reducer.signed_ratio
     settings = LoopSettings(
         rated_torque_nm=reducer.rated_torque_nm,
         rule=reducer.lost_motion_rule,
@@ -155,19 +127,33 @@ def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecordi
         settings,
         position=np.repeat([loop.position_deg for loop in loops.loops], sizes),
         loop=np.repeat([loop.number for loop in loops.loops], sizes),
-        bench_compliance_rad_per_nm=bench.twist.rad_per_nm,
         resolution_rad=_resolution_rad(bench, "output"),
-        uncertainty=_loop_uncertainty(bench, loops),
+        uncertainty=_loop_uncertainty(bench, reducer.ratio, loops),
     )
     remarks = bench_remarks(bench, loops.compensated, ("output",))
-    if bench.twist.source:
-        remarks.append(
-            f"the bench's own twist, {bench.twist.rad_per_nm * 180 * 60 / np.pi:.3g} arcmin per "
-            f"N·m ({bench.twist.source}), is taken off"
-        )
-    else:
-        remarks.append("the bench's own twist isn't known: it counts as the reducer's")
+    remarks += _twist_remarks(bench)
     return Evaluated(result, tuple(remarks))
+
+
+def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:
+    """Return the angle of a flange: its encoder's, less what the bench twists between them.
+
+    The locked input counts too. Its shaft winds up under the torque that reaches it, T/R, and
+    that angle comes to the output divided by the ratio once more.
+    """
+    twist = bench.twists.get(side)
+    angle = recording.angle_rad(side)
+    return angle if twist is None else angle - twist.at(recording.torque_nm(side))
+
+
+def _twist_remarks(bench: Bench) -> list[str]:
+    if not bench.twists:
+        return ["the bench's own twist isn't known: it counts as the reducer's"]
+    return [
+        f"the bench's own twist at the {side}, {each.rad_per_nm * 180 * 60 / np.pi:.3g} arcmin per "
+        f"N·m ({each.source}), is taken off"
+        for side, each in bench.twists.items()
+    ]
 
 
 def evaluate_ramps(

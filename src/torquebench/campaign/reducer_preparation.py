@@ -10,9 +10,9 @@ import numpy as np
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.roles import Side
-from torquebench.campaign.reducer_evaluation import twist_compliance
 from torquebench.campaign.reducer_settings import ReducerTestSettings
-from torquebench.campaign.reducer_uncertainty import TwistCompliance, tares_of
+from torquebench.campaign.reducer_twist import TwistCompliance, twist_compliances
+from torquebench.campaign.reducer_uncertainty import tares_of
 from torquebench.procedures import Plan
 from torquebench.procedures.reducer_empty import empty_run
 from torquebench.procedures.reducer_loop import bench_twist
@@ -31,11 +31,11 @@ class Known:
 
     Parameters
     ----------
-    twist : TwistCompliance
+    twists : mapping of side to TwistCompliance
     tares : mapping of side to Tare
     """
 
-    twist: TwistCompliance
+    twists: dict[Side, TwistCompliance]
     tares: dict[Side, Tare]
 
     @classmethod
@@ -43,9 +43,9 @@ class Known:
         """Return what was stated beforehand."""
         known = settings.twist_arcmin_per_nm
         if known is None:
-            return cls(TwistCompliance(), {})
+            return cls({}, {})
         twist = TwistCompliance(known * ARCMIN, 0.02 * abs(known) * ARCMIN, "as stated, ± 2 %")
-        return cls(twist, {})
+        return cls({"output": twist}, {})
 
 
 @dataclass(frozen=True)
@@ -81,17 +81,21 @@ def preparations(
     """
     found = []
     twist = settings.bench_twist
-    loops_nm = settings.hysteresis.torque_share * limits.rated_torque_nm
+    largest_nm = settings.hysteresis.torque_share * limits.rated_torque_nm
+    loops_nm: dict[Side, float] = {
+        "output": largest_nm,
+        "input": largest_nm / abs(limits.ratio),
+    }
     if "hysteresis" in tests and twist is not None and settings.twist_arcmin_per_nm is None:
 
         def twisted(known: Known, recording: Any) -> None:
-            known.twist = twist_compliance(recording)
+            known.twists = twist_compliances(recording)
 
         found.append(
             Preparation(
                 "bench-twist",
                 "Twist of the bench itself",
-                lambda devices: bench_twist(devices, twist, ("output",), loops_nm=loops_nm),
+                lambda devices: bench_twist(devices, twist, loops_nm=loops_nm),
                 twisted,
             )
         )

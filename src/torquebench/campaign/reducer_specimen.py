@@ -73,7 +73,7 @@ class Specimen:
 
     def test(self, test: ReducerTest) -> TestOutcome:
         """Run a test and return what it found."""
-        bench = Bench(self.station.description, self.known.twist, self.known.tares)
+        bench = Bench(self.station.description, self.known.twists, self.known.tares)
         evaluation = EVALUATIONS[test.name]
         kept: list[tuple[Any, Evaluated, tuple[QuantityVerdict, ...]]] = []
 

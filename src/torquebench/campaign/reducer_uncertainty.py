@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.reducer_twist import TwistCompliance
 from torquebench.procedures.running_table import RunningRecording
 from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
 
 __all__ = [
     "UNCOMPENSATED_SHARE",
     "Bench",
-    "TwistCompliance",
     "bench_remarks",
     "nominal_nm",
     "root_mean_square",
@@ -45,36 +45,20 @@ calibration at standstill doesn't see it. An empty run takes its place."""
 
 
 @dataclass(frozen=True)
-class TwistCompliance:
-    """How far the bench itself twists between the output encoder and the flange.
-
-    Parameters
-    ----------
-    rad_per_nm : float
-    standard_uncertainty_rad_per_nm : float
-    source : str
-        Where it comes from, for the record.
-    """
-
-    rad_per_nm: float = 0.0
-    standard_uncertainty_rad_per_nm: float = 0.0
-    source: str = ""
-
-
-@dataclass(frozen=True)
 class Bench:
     """What an evaluation has to know of the bench.
 
     Parameters
     ----------
     description : BenchDescription
-    twist : TwistCompliance
+    twists : mapping of side to TwistCompliance
+        Between each encoder and its flange; nothing where it isn't known.
     tares : mapping of side to Tare
         Of an empty run; nothing without one.
     """
 
     description: BenchDescription
-    twist: TwistCompliance
+    twists: dict[Side, TwistCompliance]
     tares: dict[Side, Tare]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Literal
@@ -361,13 +361,14 @@ def bench_twist(
     settings: BenchTwistSettings | None = None,
     sides: Sequence[Side] = ("output", "input"),
     *,
-    loops_nm: float | None = None,
+    loops_nm: Mapping[Side, float] | None = None,
 ) -> Plan[BenchTwistRecording]:
     """Load each side against the clamped calibrator, which holds its flange, and record the angle.
 
     What the encoder sees then is the twist of shaft, coupling and transducer between it and the
-    flange: what torque-angle loops have to do without. `loops_nm` is the largest torque of those
-    loops, where the settings leave it to them.
+    flange: what torque-angle loops have to do without, of the loaded output and of the locked
+    input. `loops_nm` is the largest torque of those loops at each side, where the settings leave
+    it to them.
     """
     settings = settings or BenchTwistSettings()
     found: dict[Side, SynchronousRecording] = {}
@@ -382,7 +383,7 @@ def bench_twist(
 
     def side_of(side: Side) -> Plan[None]:
         range_nm = devices.context.description.module(side).range_nm
-        torque = range_nm if loops_nm is None else min(loops_nm, range_nm)
+        torque = range_nm if loops_nm is None else min(loops_nm[side], range_nm)
         if settings.torque_share is not None:
             torque = settings.torque_share * range_nm
         kind: Literal["calibration"] = "calibration"

@@ -9,7 +9,7 @@ from torquebench.bench.description import default_bench
 from torquebench.campaign.reducer_evaluation import EVALUATIONS
 from torquebench.campaign.reducer_settings import ReducerTestSettings
 from torquebench.campaign.reducer_tests import run_reducer_test
-from torquebench.campaign.reducer_uncertainty import Bench, TwistCompliance
+from torquebench.campaign.reducer_uncertainty import Bench
 from torquebench.errors import BenchError, InputError, SignalFault
 from torquebench.procedures.reducer_loop import HysteresisSettings
 from torquebench.procedures.reducer_turning import TransmissionSettings
@@ -87,7 +87,7 @@ def test_a_preload_that_hides_backlash_is_named_beside_the_loops(tmp_path):
     with Station.open(bench(), tmp_path) as station:
         (outcome,) = run_reducer_test(station, "hysteresis", REDUCER, SHORT).outcomes
         loops = outcome.recording
-        known = Bench(station.description, TwistCompliance(), {})
+        known = Bench(station.description, {}, {})
     moved = tuple(
         replace(
             loop,
