@@ -209,7 +209,8 @@ def _lost_motion(
     share = rule.share * settings.rated_torque_nm
     positions = len({each.position for each in chosen})
     parts += [
-        Contribution("torque branch", known.torque_branch_nm * slope),
+        # What compensation leaves at a torque, both branches may have alike: only signs differ.
+        Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * slope),
         Contribution("torque zero", known.torque_zero_nm * slope / positions**0.5),
         Contribution("torque scale", known.torque_relative * 2.0 * share * slope),
         Contribution("angle", known.angle_rad),

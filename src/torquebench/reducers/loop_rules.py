@@ -125,7 +125,8 @@ class LoopUncertainty:
         Of the torque's zero, N·m; common to both branches of a loop, fresh for each position.
     torque_branch_nm : float
         Of the torque of one branch against the other (hysteresis that compensation leaves, drift
-        within a loop), N·m; independent between branches, common to all loops.
+        within a loop), N·m; independent between branches, common to all loops. In lost motion,
+        which both branches of a sign may miss alike, it counts as independent between signs.
     angle_rad : float
         Of an angle of one branch (encoder interpolation, resolution), rad; independent between
         the branches and the signs, common to all loops.
