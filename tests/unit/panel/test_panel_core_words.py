@@ -48,9 +48,22 @@ OPERATORS_ROOMS = (
     "station/recording.py",
 )
 """Where what an operator meets every day is said."""
+FINDERS = (
+    "reducers/breakaway.py",
+    "reducers/efficiency.py",
+    "reducers/hysteresis.py",
+    "reducers/loop_findings.py",
+    "reducers/loop_ripple.py",
+    "reducers/no_load.py",
+    "reducers/no_load_points.py",
+    "reducers/transmission_error.py",
+)
+"""Where a reducer test says what it found odd."""
 SAID_BY = re.compile(r"(Error|Fault|Violation|_violated|trip|ask|start)$")
 NOT_SHOWN = (
     "7 names 7",  # put together: both of its forms are in the catalogue
+    "the torque stops near ±7 N·m, 7",
+    "7 to 7 °C during the test (allowed: a range of 7 K)7",
     "choose another with --data",
     "can't create the data directory",
     "a folder with write permission",
@@ -68,10 +81,10 @@ def spoken(node: ast.AST) -> str | None:
     return None
 
 
-def sentences(path: str) -> Iterator[str]:
+def sentences(path: str, said_by: re.Pattern[str] = SAID_BY) -> Iterator[str]:
     """Yield what a module raises, asks and reports."""
     for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call) and SAID_BY.search(ast.unparse(node.func)):
+        if isinstance(node, ast.Call) and said_by.search(ast.unparse(node.func)):
             for value in (*node.args, *(keyword.value for keyword in node.keywords)):
                 said = spoken(value)
                 if said and WORDY.search(said) and not said.startswith(NOT_SHOWN):
@@ -85,6 +98,30 @@ def known(said: str) -> bool:
 @pytest.mark.parametrize("path", OPERATORS_ROOMS)
 def test_what_an_operator_meets_is_said_in_chinese(path: str) -> None:
     assert [said for said in sentences(path) if not known(said)] == []
+
+
+@pytest.mark.parametrize("path", FINDERS)
+def test_what_a_reducer_test_finds_odd_is_said_in_chinese(path: str) -> None:
+    found = sentences(path, re.compile("Finding$"))
+    assert [said for said in found if WORDY.search(translated(said, "zh"))] == []
+
+
+@pytest.mark.parametrize(
+    ("said", "chinese"),
+    [
+        (
+            "few loops: 2 whole loops at 1 positions; record at least three loops at each position",
+            "回线太少：1 个位置上共 2 条完整回线；每个位置至少记录三条回线",
+        ),
+        (
+            "standard, i = 80: 6 quantities found; 3 of 3 limits of the data sheet kept.",
+            "standard, i = 80：得到 6 个量；数据表的 3 项限值中 3 项满足。",
+        ),
+        ("no heartbeat of the run engine for 2.3 s", "运行引擎已有 2.3 s 没有心跳"),
+    ],
+)
+def test_a_sentence_put_together_is_taken_apart_where_it_was(said: str, chinese: str) -> None:
+    assert translated(said, "zh") == chinese
 
 
 def test_names_that_the_core_gives_are_said_in_chinese() -> None:

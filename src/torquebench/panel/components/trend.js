@@ -12,6 +12,7 @@ function niceStep(span) {
 }
 
 function clockText(seconds) {
+  if (seconds < -1e-6) return ""; // before the bench was opened
   const whole = Math.floor(seconds + 1e-6);
   const pad = (value) => String(value).padStart(2, "0");
   const hours = Math.floor(whole / 3600);
@@ -132,7 +133,7 @@ export default {
             type: "value", gridIndex: place, position: second ? "right" : "left", name: text,
             nameTextStyle: { color: ink, align: second ? "right" : "left", fontSize: 13, padding: second ? [0, -20, 0, 0] : [0, 0, 0, narrow ? -40 : -60] },
             nameGap: 8, min: 0, max: 1, show: text !== "",
-            axisLabel: { color: ink, fontSize: 13, formatter: numberText }, axisLine: { show: false },
+            axisLabel: { color: ink, fontSize: 13, formatter: numberText }, axisLine: { show: false, onZero: false },
             splitNumber: 3, splitLine: { show: !second, lineStyle: { color: line, opacity: 0.5 } },
           });
           this.axes.push({ floor, low: 0, high: 1 });

@@ -143,7 +143,8 @@ class _Frame:
         with self._alarm:
             icon("warning")
             self._alarm_text = words("div", "")
-            link_button(self.text("frame.to_alarms"), "/alarms")
+            if self._path != "/alarms":
+                link_button(self.text("frame.to_alarms"), "/alarms")
         self._alarm.set_visibility(False)
         self._lost = words("div", "", "note bad", role="alert")
         self._lost.set_visibility(False)

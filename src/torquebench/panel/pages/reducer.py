@@ -38,6 +38,7 @@ class _ReducerPage:
         self._shown: tuple[Any, ...] | None = None
         self._drawn = ""
         self._began: float | None = None
+        self._stage = ""
 
     def build(self) -> None:
         with box("div", "stack"):
@@ -138,10 +139,10 @@ class _ReducerPage:
                     comparison(self.visitor, job.result)
 
     def _grow(self, job: JobView) -> None:
-        """Draw what the bench has read since the test began, at most ten minutes."""
+        """Draw what the bench has read since this part of the test began, at most ten minutes."""
         live = self.visitor.service.live
-        if self._began is None:
-            self._began = live.bench_time_s
+        if self._began is None or self._stage != job.stage:
+            self._stage, self._began = job.stage, live.bench_time_s
         part = self._runs_of(job)
         x, y = (self._read(name) for name in AXES[part])
         past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -29,6 +30,25 @@ def number(value: float) -> str:
     return "—" if value != value else f"{value:.5g}".replace("-", "−")
 
 
+def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
+    """Return a value and its expanded uncertainty to the same digit, as GUM 7.2.6 has it.
+
+    The uncertainty keeps two significant digits, the value none that it can't answer for.
+
+    Examples
+    --------
+    >>> with_uncertainty(416.2514, 1.04), with_uncertainty(-0.51322, 0.00688)
+    (('416.3', '1.0'), ('−0.5132', '0.0069'))
+    >>> with_uncertainty(1234.0, 345.0), with_uncertainty(0.5, 0.0)
+    (('1234', '345'), ('0.5', '0'))
+    """
+    if not (math.isfinite(value) and math.isfinite(uncertainty) and uncertainty > 0.0):
+        return number(value), number(uncertainty)
+    leading = int(f"{uncertainty:.1e}".partition("e")[2])
+    decimals = max(0, 1 - leading)
+    return f"{value:.{decimals}f}".replace("-", "−"), f"{uncertainty:.{decimals}f}"
+
+
 def outcomes(text: Text, details: Mapping[str, Any]) -> None:
     """Show every outcome of a test."""
     for outcome in details["outcomes"]:
@@ -40,8 +60,7 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
             rows = [
                 (
                     text.core(quantity["title"]),
-                    number(quantity["value"]),
-                    f"{quantity['expanded_uncertainty']:.2g}",
+                    *with_uncertainty(quantity["value"], quantity["expanded_uncertainty"]),
                     quantity["unit"],
                     quantity["limit"] or "—",
                     text.maybe(f"verdict.{quantity['verdict']}", "—"),

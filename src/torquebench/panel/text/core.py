@@ -87,6 +87,9 @@ def _found(said: str, language: str) -> str:
     exact = core_templates(language)
     if said in exact:
         return exact[said]
+    head, _, tail = said.partition(": ")
+    if head in exact and tail and not _left(after := _found(tail, language)):
+        return f"{exact[head]}：{after}"
     whole = _matched(said, language)
     if whole is not None and not WORDY.search(whole):
         return whole
@@ -97,8 +100,15 @@ def _found(said: str, language: str) -> str:
             part != before or not WORDY.search(before)
             for part, before in zip(parts, cut.parts, strict=True)
         ):
-            return cut.joint.join(parts) + cut.end
+            pieced = cut.joint.join(parts) + cut.end
+            if whole is None or _left(pieced) < _left(whole):
+                return pieced
     return said if whole is None else whole
+
+
+def _left(said: str) -> int:
+    """Return how many words are English still."""
+    return len(WORDY.findall(said))
 
 
 def _matched(said: str, language: str) -> str | None:
