@@ -172,9 +172,12 @@ def _scipy_spline(_chain: Chain, data: CalibrationSet) -> Predict:
     from scipy.interpolate import make_smoothing_spline
 
     scaling = _Scaling.of(data)
-    order = np.argsort(data.X[:, 0])
-    x, y = scaling.inputs(data.X)[order, 0], scaling.target(data)[order]
-    spline = make_smoothing_spline(x, y)
+    # A coarse display repeats readings, which SciPy's spline wants once: their mean, weighted.
+    x, place, number = np.unique(
+        scaling.inputs(data.X)[:, 0], return_inverse=True, return_counts=True
+    )
+    y = np.bincount(place, scaling.target(data)) / number
+    spline = make_smoothing_spline(x, y, w=number.astype(np.float64))
     return lambda X: (scaling.torque(X, spline(scaling.inputs(X)[:, 0])), None)
 
 

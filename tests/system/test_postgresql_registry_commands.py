@@ -77,8 +77,9 @@ def test_certificate_and_export_work_from_the_server_alone(
     verified = run("--registry", server, "records", "verify", "--data", "data", cwd=calibrated)
     assert verified.returncode == 0, verified.stdout
     (archived,) = (tmp_path / "elsewhere" / "certificates").glob("*/*.pdf")
-    archived.unlink()
+    moved = archived.rename(tmp_path / archived.name)
     missing = run("--registry", server, "records", "verify", "--data", "data", cwd=calibrated)
+    moved.rename(archived)
     assert missing.returncode == 1
     assert "missing" in missing.stdout
 
