@@ -48,3 +48,14 @@ def test_a_restarted_panel_takes_a_verified_calibration_up_again(tmp_path: Path)
             assert after.result.run_ids == before.result.run_ids
         with pytest.raises(RecordError):
             service.recall(BEN, 7)
+        of_another_version = tmp_path / "of-another-version.json"
+        of_another_version.write_text("{}")
+        registry = service.station.registry
+        model = registry.add_model(
+            registry.calibration(1), kind="hybrid", file=of_another_version, side="output"
+        )
+        registry.activate(model.model_id)
+    with BenchService.open(None, tmp_path, fast=True) as service:
+        output = service.snapshot().sides["output"]
+        assert output.compensation is None
+        assert "of-another-version.json" in output.compensation_problem

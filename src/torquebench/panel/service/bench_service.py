@@ -290,7 +290,7 @@ class BenchService:
         station = self.station
         try:
             active = station.activate_compensation(side)
-        except (ModelMismatchError, RecordError) as error:
+        except (InputError, ModelMismatchError, RecordError) as error:
             station.deactivate_compensation(side)
             self._compensation[side] = (None, error.found)
             return
