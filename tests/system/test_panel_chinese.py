@@ -81,6 +81,7 @@ def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
     confirm(ana)
     all_chinese(ana, "models.before_after", "models.compare_explained")
     assert "40" in ana.text
+    ana.press(CHINESE("calibrate.again"))
     ana.press(CHINESE("frame.give_command"))
     assert ana.problems() == []
 
@@ -118,6 +119,8 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     ana.press(CHINESE("records.take_up", number="").strip())
     all_chinese(ana, "models.before_after", "models.compare")
     assert "100" in ana.text
+    ana.press(CHINESE("calibrate.again"))
+    all_chinese(ana, "preview.title", "prepare.check_presence")
     assert ana.problems() == []
 
 
