@@ -56,7 +56,7 @@ from torquebench.station import Station, recover_unfinished
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 FULL = 300
-QUICK_WIRE, FULL_WIRE = 5, 49
+QUICK_WIRE, FULL_WIRE = 3, 49
 TRIES = 5
 MET_LATER = ("drive refuses commands", "disk full for documents", "wild reading")
 """Met with the next command or point, or where it exceeds a limit: counted from the alarm."""
