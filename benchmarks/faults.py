@@ -23,6 +23,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -303,10 +304,7 @@ def campaign(
     kept = kept or Kept(None)
     outcomes = []
     for index, (kind, procedure) in enumerate(drawn(number, seed)):
-
-        def run(index: int = index, kind: Kind = kind, procedure: Procedure = procedure) -> Outcome:
-            return numbered(index, seed, kind, procedure)
-
+        run = partial(numbered, index, seed, kind, procedure)
         outcomes.append(kept.go("simulated", seed, index, run))
         told(line_of(outcomes[-1]))
     return outcomes

@@ -15,6 +15,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -305,10 +306,7 @@ def network_campaign(
     kept = kept or Kept(None)
     outcomes = []
     for index in range(min(number, len(wire_faults()))):
-
-        def run(index: int = index) -> Outcome:
-            return numbered_wire(index, seed)
-
+        run = partial(numbered_wire, index, seed)
         outcomes.append(kept.go("sockets", seed, index, run))
         told(line_of(outcomes[-1]))
     return outcomes

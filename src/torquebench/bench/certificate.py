@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.bench.roles import Side
+from torquebench.bench.certificate_table import read_rows
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 
 __all__ = ["ReferenceCertificate", "read_certificate"]
@@ -88,50 +88,16 @@ def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
     InputError
         With file, line and column.
     """
-    file = Path(path)
-    try:
-        with file.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-    except OSError as error:
-        raise InputError(
-            f"certificate {file}: {error.strerror}",
-            "a readable CSV file",
-            "correct `certificate` in the bench description",
-        ) from error
-    missing = [column for column in _COLUMNS if not rows or column not in rows[0]]
-    if missing:
-        raise InputError(
-            f"certificate {file}: no column {', '.join(missing)}",
-            "columns " + ", ".join(_COLUMNS),
-            "add the columns with their units in the header",
-        )
-    points: dict[str, list[tuple[float, float, float]]] = {"input": [], "output": []}
-    for line, row in enumerate(rows, start=2):
-        if row["side"] not in points:
-            raise InputError(
-                f"certificate {file} line {line}: side {row['side']!r}", "input, output"
-            )
-        points[row["side"]].append(
-            (
-                _number(file, line, row, "torque_nm"),
-                _number(file, line, row, "error_nm"),
-                _number(file, line, row, "expanded_uncertainty_nm"),
-            )
-        )
+    points: dict[str, list[tuple[float, ...]]] = {"input": [], "output": []}
+    remedy = "correct `certificate` in the bench description"
+    for row in read_rows(path, _COLUMNS, "certificate", remedy):
+        side = row.cells["side"]
+        if side not in points:
+            raise InputError(f"{row.place}: side {side!r}", "input, output")
+        points[side].append(tuple(row.number(column) for column in _COLUMNS[1:]))
     found: dict[Side, ReferenceCertificate] = {}
-    for side in ("input", "output"):
+    for side in SIDES:
         if points[side]:
             columns = np.array(sorted(points[side]), dtype=np.float64).T
             found[side] = ReferenceCertificate(columns[0], columns[1], columns[2])
     return found
-
-
-def _number(file: Path, line: int, row: dict[str, str], column: str) -> float:
-    try:
-        return float(row[column])
-    except (TypeError, ValueError):
-        raise InputError(
-            f"certificate {file} line {line}: {column} = {row[column]!r}",
-            "a number with a decimal point",
-            "correct the line",
-        ) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.bench.certificate_table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 
@@ -98,27 +98,13 @@ def read_encoder_certificate(path: Path | str) -> EncoderCertificate:
     InputError
         With file, line and column.
     """
-    file = Path(path)
-    try:
-        with file.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-    except OSError as error:
-        raise InputError(
-            f"encoder certificate {file}: {error.strerror}",
-            "a readable CSV file",
-            "correct `certificate` of the encoder in the bench description",
-        ) from error
-    missing = [column for column in _COLUMNS if not rows or column not in rows[0]]
-    if missing:
-        raise InputError(
-            f"encoder certificate {file}: no column {', '.join(missing)}",
-            "columns " + ", ".join(_COLUMNS),
-            "add the columns with their units in the header",
-        )
-    points = sorted(
-        tuple(_number(file, line, row, column) for column in _COLUMNS)
-        for line, row in enumerate(rows, start=2)
+    rows = read_rows(
+        path,
+        _COLUMNS,
+        "encoder certificate",
+        "correct `certificate` of the encoder in the bench description",
     )
+    points = sorted(tuple(row.number(column) for column in _COLUMNS) for row in rows)
     angle, error_arcsec, expanded = np.array(points, dtype=np.float64).T
     arcsec = np.pi / 648000.0
     return EncoderCertificate(np.radians(angle), error_arcsec * arcsec, expanded * arcsec)
@@ -134,14 +120,3 @@ def encoder_certificates(
         if path is not None:
             found[side] = read_encoder_certificate(path)
     return found
-
-
-def _number(file: Path, line: int, row: dict[str, str], column: str) -> float:
-    try:
-        return float(row[column])
-    except (TypeError, ValueError):
-        raise InputError(
-            f"encoder certificate {file} line {line}: {column} = {row[column]!r}",
-            "a number with a decimal point",
-            "correct the line",
-        ) from None

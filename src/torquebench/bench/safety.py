@@ -11,6 +11,7 @@ hardware watchdog belong to the drive and the safety relay.
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import threading
 import time
@@ -386,7 +387,7 @@ class SafetySupervisor:
 
         for side, hand in self._hands.items():
             self._commands.side(side).off(self._clock.now())  # from now on it may be off
-            hand.disable(lambda was_told, side=side: done(side, was_told))  # type: ignore[misc]
+            hand.disable(functools.partial(done, side))
 
     def _leave_alone(self, told: Mapping[Side, bool]) -> None:
         """Give drives that couldn't be told the time that their own watchdogs need."""

@@ -175,7 +175,7 @@ def _prepare(kind: Candidates) -> _Prepared:
 
 
 @njit(cache=True)
-def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def]
+def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def] # Numba infers
     """Return Gram matrices, and for every scale posterior covariance, ½ log determinant, trace."""
     count, width, _ = columns.shape
     gram = np.empty((count, width, width))
@@ -200,7 +200,7 @@ def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _fill_gram(columns, gram):  # type: ignore[no-untyped-def]
+def _fill_gram(columns, gram):  # type: ignore[no-untyped-def] # Numba infers
     for p in range(columns.shape[0]):
         for q in range(p + 1):
             total = 0.0
@@ -210,7 +210,7 @@ def _fill_gram(columns, gram):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def]
+def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def] # Numba infers
     """Turn a matrix into its Cholesky factor, fill in that one's inverse; return Σ log diagonal."""
     log_diagonal = 0.0
     for p in range(matrix.shape[0]):
@@ -230,7 +230,7 @@ def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-def]
+def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-def] # Numba infers
     """Return posterior means and second moments of the coefficients, absence included."""
     scales, count, width = mu.shape
     means, moments = np.zeros((count, width)), np.zeros((count, width, width))
@@ -247,7 +247,7 @@ def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def _ascend(  # type: ignore[no-untyped-def]
+def _ascend(  # type: ignore[no-untyped-def] # Numba infers
     target, columns, gram, covariance, constant, trace, log_absent, weights, mu, sweeps, tolerance
 ):
     """Take turns until the bound stays; fill weights and coefficients of every effect."""
@@ -282,7 +282,7 @@ def _ascend(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _single_effect(  # type: ignore[no-untyped-def]
+def _single_effect(  # type: ignore[no-untyped-def] # Numba infers
     columns, gram, covariance, constant, trace, log_absent, residual, fit, weights, mu
 ):
     """Fill in one effect's exact posterior; return −KL, spread and probability of presence."""
@@ -307,7 +307,7 @@ def _single_effect(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _log_weights(columns, covariance, constant, residual, weights, mu):  # type: ignore[no-untyped-def]
+def _log_weights(columns, covariance, constant, residual, weights, mu):  # type: ignore[no-untyped-def] # Numba infers
     """Fill in unnormalised log posterior probabilities and the coefficients' posterior means."""
     count, width, points = columns.shape
     projected = np.empty(width)
@@ -329,7 +329,7 @@ def _log_weights(columns, covariance, constant, residual, weights, mu):  # type:
 
 
 @njit(cache=True)
-def _moments(columns, gram, trace, weights, mu, fit):  # type: ignore[no-untyped-def]
+def _moments(columns, gram, trace, weights, mu, fit):  # type: ignore[no-untyped-def] # Numba infers
     """Fill in the mean of an effect at the points; return its second moment summed over them."""
     scales, count, width = mu.shape
     fit[:] = 0.0

@@ -83,7 +83,7 @@ def curve_variance(
 
 
 @njit(cache=True)
-def _add_effect(  # type: ignore[no-untyped-def]
+def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
     columns, turns, train_columns, gain, means, moments, value, variance
 ):
     """Add what all copies of one kind add to the mean and to the variance of the curve.
@@ -114,7 +114,7 @@ def _add_effect(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _add_moments(left, means, moments, single, variance):  # type: ignore[no-untyped-def]
+def _add_moments(left, means, moments, single, variance):  # type: ignore[no-untyped-def] # Numba infers
     """Add one candidate's second moment to the variance, and its mean to every copy's."""
     for p in range(left.shape[0]):
         for q in range(left.shape[0]):

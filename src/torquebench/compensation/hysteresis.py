@@ -61,7 +61,7 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
 
 
 @njit(cache=True)
-def _follow(reading, widths, weights, lowest, highest, low, high):  # type: ignore[no-untyped-def]
+def _follow(reading, widths, weights, lowest, highest, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Move the plays along the readings; `lowest` and `highest` are the states' bounds."""
     for k in range(reading.size):
         x = reading[k]
@@ -418,7 +418,7 @@ def _places(
 
 
 @njit(cache=True)
-def _mix(  # type: ignore[no-untyped-def]
+def _mix(  # type: ignore[no-untyped-def] # Numba infers
     low, high, falling, rising, torque, std, amplitude, others, result
 ):
     """Fill torque, place, half-width and standard uncertainty between the bounds of the state.

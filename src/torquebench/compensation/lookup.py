@@ -159,27 +159,27 @@ def _block_signature(reading: Any, branch: Any, out: Any, table: Any, grid: Any)
 
 
 @intrinsic
-def _linear_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def _linear_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def] # Numba infers # noqa: ARG001
     return _block_signature(reading, branch, out, table, grid), _block_code(1, False)
 
 
 @intrinsic
-def _linear_branch_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def _linear_branch_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def] # Numba infers # noqa: ARG001
     return _block_signature(reading, branch, out, table, grid), _block_code(1, True)
 
 
 @intrinsic
-def _cubic_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def _cubic_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def] # Numba infers # noqa: ARG001
     return _block_signature(reading, branch, out, table, grid), _block_code(2, False)
 
 
 @intrinsic
-def _cubic_branch_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def]  # noqa: ARG001
+def _cubic_branch_block(context, reading, branch, out, table, at, stride, grid):  # type: ignore[no-untyped-def] # Numba infers # noqa: ARG001
     return _block_signature(reading, branch, out, table, grid), _block_code(2, True)
 
 
 @njit(cache=True, nogil=True)
-def _linear(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def]
+def _linear(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def] # Numba infers
     outside = 0
     for at in range(0, reading.size - 7, 8):
         outside += _linear_block(reading, branch, out, table, at, stride, grid)
@@ -187,7 +187,7 @@ def _linear(reading, branch, out, table, stride, grid):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)
-def _linear_branch(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def]
+def _linear_branch(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def] # Numba infers
     outside = 0
     for at in range(0, reading.size - 7, 8):
         outside += _linear_branch_block(reading, branch, out, table, at, stride, grid)
@@ -195,7 +195,7 @@ def _linear_branch(reading, branch, out, table, stride, grid):  # type: ignore[n
 
 
 @njit(cache=True, nogil=True)
-def _cubic(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def]
+def _cubic(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def] # Numba infers
     outside = 0
     for at in range(0, reading.size - 7, 8):
         outside += _cubic_block(reading, branch, out, table, at, stride, grid)
@@ -203,7 +203,7 @@ def _cubic(reading, branch, out, table, stride, grid):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True)
-def _cubic_branch(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def]
+def _cubic_branch(reading, branch, out, table, stride, grid):  # type: ignore[no-untyped-def] # Numba infers
     outside = 0
     for at in range(0, reading.size - 7, 8):
         outside += _cubic_branch_block(reading, branch, out, table, at, stride, grid)

@@ -16,12 +16,11 @@ from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.reducer_setup import RAD_S_PER_RPM, check_speeds
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
-
-RAD_S_PER_RPM = 2.0 * np.pi / 60.0
 
 
 @dataclass(frozen=True)
@@ -56,11 +55,7 @@ class FrictionSettings:
     zero_s: float = 1.0
 
     def __post_init__(self) -> None:
-        speeds = self.speeds_rpm
-        if not speeds or any(b <= a for a, b in zip((0.0, *speeds), speeds, strict=False)):
-            raise InputError(f"speeds {speeds} rpm", "speeds above 0 that rise")
-        if self.repeats < 1:
-            raise InputError(f"{self.repeats} repeats", "at least 1")
+        check_speeds(self.speeds_rpm, self.repeats)
         if not (self.clockwise or self.counter_clockwise):
             raise InputError("no direction", "clockwise, counter-clockwise or both")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
@@ -11,10 +11,14 @@ import numpy as np
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
-from torquebench.errors import InputError
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress
-from torquebench.procedures.reducer_setup import RAD_S_PER_RPM, ReducerLimits, stamp
+from torquebench.procedures.reducer_setup import (
+    RAD_S_PER_RPM,
+    ReducerLimits,
+    check_speeds,
+    stamp,
+)
 from torquebench.procedures.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.setup import REST_S, Plan, power_off, set_mode, unloaded_after
 
@@ -46,16 +50,12 @@ class EmptyRunSettings:
     zero_s: float = 1.0
 
     def __post_init__(self) -> None:
-        speeds = self.speeds_rpm
-        if not speeds or any(b <= a for a, b in zip((0.0, *speeds), speeds, strict=False)):
-            raise InputError(f"speeds {speeds} rpm", "speeds above 0 that rise")
-        if self.repeats < 1:
-            raise InputError(f"{self.repeats} repeats", "at least 1")
+        check_speeds(self.speeds_rpm, self.repeats)
 
     def within(self, limits: ReducerLimits) -> EmptyRunSettings:
         """Return the settings without speeds at which the reducer isn't driven."""
         speeds = tuple(s for s in self.speeds_rpm if s <= limits.largest_input_rpm)
-        return EmptyRunSettings(**{**self.__dict__, "speeds_rpm": speeds})
+        return replace(self, speeds_rpm=speeds)
 
     def points(self) -> list[Asked]:
         """Return all points in the order in which they are driven.

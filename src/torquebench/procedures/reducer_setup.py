@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import bluesky.plan_stubs as bps
@@ -24,6 +25,7 @@ __all__ = [
     "ReducerLimits",
     "WarmUp",
     "check_followed",
+    "check_speeds",
     "run_metadata",
     "temperature_c",
     "turn_output",
@@ -374,3 +376,17 @@ def check_followed(
 def stamp(devices: BenchDevices, **fields: Any) -> Plan[None]:
     """Mark the following events with a point."""
     yield from move(devices.point, Point(**fields))
+
+
+def check_speeds(speeds_rpm: tuple[float, ...], repeats: int) -> None:
+    """Refuse a sweep whose speeds don't rise from above 0, or that isn't driven at all.
+
+    Raises
+    ------
+    InputError
+        With the speeds or the repeats that were found.
+    """
+    if not speeds_rpm or any(b <= a for a, b in pairwise((0.0, *speeds_rpm))):
+        raise InputError(f"speeds {speeds_rpm} rpm", "speeds above 0 that rise")
+    if repeats < 1:
+        raise InputError(f"{repeats} repeats", "at least 1")

@@ -20,7 +20,7 @@ _WORDS_PER_GROUP = 8
 
 
 @njit(cache=True)
-def _changes(word, before, highest_first):  # type: ignore[no-untyped-def]
+def _changes(word, before, highest_first):  # type: ignore[no-untyped-def] # Numba infers
     """Bits of a word that differ from the sample before them."""
     if highest_first:
         return word ^ ((word >> uint64(1)) | (before << uint64(63)))
@@ -28,7 +28,7 @@ def _changes(word, before, highest_first):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _flag_words(words, low, high, before, flags):  # type: ignore[no-untyped-def]
+def _flag_words(words, low, high, before, flags):  # type: ignore[no-untyped-def] # Numba infers
     """Flag words in which the level changes, lowest bit first, without a branch."""
     word = words[low]
     flags[0] = (word ^ ((word << uint64(1)) | (before >> uint64(63)))) != uint64(0)
@@ -41,7 +41,7 @@ def _flag_words(words, low, high, before, flags):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
-def _flag_swapped_words(words, low, high, before, flags):  # type: ignore[no-untyped-def]
+def _flag_swapped_words(words, low, high, before, flags):  # type: ignore[no-untyped-def] # Numba infers
     """Flag words likewise, highest bit of the first byte first."""
     word = byte_swap(words[low])
     flags[0] = (word ^ ((word >> uint64(1)) | (before << uint64(63)))) != uint64(0)
@@ -55,7 +55,7 @@ def _flag_swapped_words(words, low, high, before, flags):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def find_transitions(  # type: ignore[no-untyped-def]
+def find_transitions(  # type: ignore[no-untyped-def] # Numba infers
     words, first, before, highest_first, offset, flags, up_and_down
 ):
     """Find the samples at which the level differs from the sample before.

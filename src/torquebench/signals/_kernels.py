@@ -24,7 +24,7 @@ _GROUP = 2048
 
 
 @njit(cache=True)
-def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def]
+def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def] # Numba infers
     i = min(guess, ticks.size)
     while i < ticks.size and ticks[i] < tick:
         i += 1
@@ -34,7 +34,7 @@ def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def]
+def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba infers
     for i in range(max(low, 2), high):
         interval = ticks[i] - ticks[i - 1]
         previous = ticks[i - 1] - ticks[i - 2]
@@ -44,7 +44,7 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _sum(ticks, low, high):  # type: ignore[no-untyped-def]
+def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     # A slice handed over would count references, which costs as much as a short sum.
     window = ticks[low:high]
     total = int64(0)
@@ -54,7 +54,7 @@ def _sum(ticks, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def]
+def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Sum of (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
 
     What `slope_and_intervals_in_lanes` does, for windows of few edges or the first of a train.
@@ -75,7 +75,7 @@ def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def]
+def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     for i in range(max(low, 1), high):
         if ticks[i] <= ticks[i - 1]:
             return i
@@ -83,7 +83,7 @@ def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def]
+def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def] # Numba infers
     """Count one train over windows; `begin` is about the first edge of the first window.
 
     Returns the first edge that isn't later than the one before it (-1 for none), and the edge
@@ -144,7 +144,7 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
 
 
 @njit(cache=True)
-def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def]
+def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] # Numba infers
     """T = numerator/denominator in ticks per edge; for the regression T is six times that."""
     if method == REGRESSION:
         for k in range(edges.size):
@@ -160,7 +160,7 @@ def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _largest(edges, starts, stops):  # type: ignore[no-untyped-def]
+def _largest(edges, starts, stops):  # type: ignore[no-untyped-def] # Numba infers
     """Largest product of edges² and ticks of a window, which bounds its sums."""
     largest = 0.0
     for k in range(edges.size):
@@ -169,7 +169,7 @@ def _largest(edges, starts, stops):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-untyped-def]
+def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-untyped-def] # Numba infers
     """Add a second train's sums, edges and faults to the first's."""
     for k in range(edges.size):
         sums[0, k] += more[0, k]
@@ -180,7 +180,7 @@ def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-
 
 
 @njit(cache=True, error_model="numpy")
-def _convert(  # type: ignore[no-untyped-def]
+def _convert(  # type: ignore[no-untyped-def] # Numba infers
     starts, stops, numerator, denominator, edges, fault, trains, method, timebase, edge_noise,
     time, frequency, uncertainty,
 ):  # fmt: skip
@@ -212,7 +212,7 @@ def _convert(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def count(  # type: ignore[no-untyped-def]
+def count(  # type: ignore[no-untyped-def] # Numba infers
     rising,
     falling,
     both,
@@ -303,7 +303,7 @@ def count(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no-untyped-def]
+def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no-untyped-def] # Numba infers
     """Mark windows whose number repeats the one before it for the `longest`th time or more.
 
     Parameters

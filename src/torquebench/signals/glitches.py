@@ -11,7 +11,7 @@ __all__ = ["GlitchFilter"]
 
 
 @njit(cache=True)
-def _after_dead_time(ticks, last, least, kept):  # type: ignore[no-untyped-def]
+def _after_dead_time(ticks, last, least, kept):  # type: ignore[no-untyped-def] # Numba infers
     """Keep edges that come `least` ticks or more after the one kept before."""
     count = 0
     for tick in ticks:
@@ -23,7 +23,7 @@ def _after_dead_time(ticks, last, least, kept):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _without_short_pulses(ticks, least, waiting, kept):  # type: ignore[no-untyped-def]
+def _without_short_pulses(ticks, least, waiting, kept):  # type: ignore[no-untyped-def] # Numba infers
     """Leave out both edges of every pulse and pause shorter than `least` ticks."""
     count = waiting.size
     kept[:count] = waiting

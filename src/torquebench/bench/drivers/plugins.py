@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import import_module, metadata
 from types import ModuleType
 from typing import Any, Literal
@@ -114,8 +115,13 @@ def protocols() -> dict[str, Callable[[], DriverPlugin]]:
     for point in metadata.entry_points(group=ENTRY_POINTS):
         found[point.name] = point.load
     for name, module in _BUILT_IN.items():
-        found[name] = lambda module=module: import_module(module).PLUGIN  # type: ignore[misc]
+        found[name] = partial(_built_in, module)
     return found
+
+
+def _built_in(module: str) -> DriverPlugin:
+    plugin: DriverPlugin = import_module(module).PLUGIN
+    return plugin
 
 
 def find_plugin(name: str, key: str) -> DriverPlugin:
