@@ -13,6 +13,8 @@ from pathlib import Path
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["MPLBACKEND"] = "Agg"
+# Benches in real time would take the processor from the tests beside them.
+os.environ["TORQUEBENCH_PRIORITY"] = "usual"
 
 import pytest
 from hypothesis import HealthCheck, settings

@@ -4,7 +4,8 @@ A violation between two looks waits for three things: the processor, which other
 too; the interpreter, which another thread of this process may hold; and the processor again, for
 the thread that holds it. So acquisition and supervisor ask for real-time priority, all other
 threads of the process for a better one than other programs have, and the interpreter is handed
-over quickly. What the system doesn't grant stays as it was, and is said.
+over quickly. What the system doesn't grant stays as it was, and is said. Where something else on
+the computer matters more, `TORQUEBENCH_PRIORITY=usual` asks the system for nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +16,13 @@ import sys
 import threading
 from enum import IntEnum
 
-__all__ = ["Priority", "available_priority", "lift_process", "prefer_this_thread"]
+from torquebench.errors import InputError
+
+__all__ = ["PRIORITY", "Priority", "available_priority", "lift_process", "prefer_this_thread"]
+
+PRIORITY = "TORQUEBENCH_PRIORITY"
+"""Environment variable: `best` (default) asks for all that the system grants, `usual` for none."""
+BEST, USUAL = "best", "usual"
 
 NICENESS = -10
 REAL_TIME_LEVEL = 1
@@ -37,12 +44,20 @@ class Priority(IntEnum):
         return self.name.lower().replace("_", "-")
 
 
+def _asked() -> bool:
+    """Whether to ask for priority at all."""
+    asked = os.environ.get(PRIORITY) or BEST
+    if asked not in (BEST, USUAL):
+        raise InputError(f"{PRIORITY}={asked}", "best or usual", "change it, or unset it for best")
+    return asked == BEST
+
+
 def prefer_this_thread() -> Priority:
     """Ask for the best priority there is for the calling thread; return what was granted.
 
     Threads and processes that it starts don't inherit it.
     """
-    if sys.platform != "linux":
+    if sys.platform != "linux" or os.environ.get(PRIORITY) == USUAL:
         return Priority.USUAL
     policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
     with contextlib.suppress(OSError):
@@ -52,7 +67,15 @@ def prefer_this_thread() -> Priority:
 
 
 def available_priority() -> Priority:
-    """Try what the system would grant, on a thread of its own."""
+    """Try what the system would grant, on a thread of its own.
+
+    Raises
+    ------
+    InputError
+        `TORQUEBENCH_PRIORITY` is neither `best` nor `usual`.
+    """
+    if not _asked():
+        return Priority.USUAL
     granted = [Priority.USUAL]
     trying = threading.Thread(target=lambda: granted.append(prefer_this_thread()))
     trying.start()
@@ -80,12 +103,14 @@ class _Lift:
 
     def begin(self) -> None:
         with self._lock:
+            asked = _asked()
             self._benches += 1
             if self._benches > 1:
                 return
             niceness = os.getpriority(os.PRIO_PROCESS, 0) if sys.platform == "linux" else 0
             self._before = (sys.getswitchinterval(), niceness)
-            self._apply(min(sys.getswitchinterval(), SWITCH_INTERVAL_S), min(niceness, NICENESS))
+            lifted = min(niceness, NICENESS) if asked else niceness
+            self._apply(min(sys.getswitchinterval(), SWITCH_INTERVAL_S), lifted)
 
     def end(self) -> None:
         with self._lock:
@@ -105,7 +130,13 @@ _LIFT = _Lift()
 
 
 def lift_process() -> contextlib.ExitStack:
-    """Lift the process above other programs until what is returned is closed."""
+    """Lift the process above other programs until what is returned is closed.
+
+    Raises
+    ------
+    InputError
+        `TORQUEBENCH_PRIORITY` is neither `best` nor `usual`.
+    """
     _LIFT.begin()
     lifted = contextlib.ExitStack()
     lifted.callback(_LIFT.end)

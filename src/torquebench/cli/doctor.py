@@ -129,7 +129,7 @@ def installation() -> Iterator[Finding]:
 
 def _priority() -> Finding:
     """Try whether the threads that safety depends on come before other programs."""
-    from torquebench.bench.safety_priority import Priority, available_priority
+    from torquebench.bench.safety_priority import PRIORITY, Priority, available_priority
 
     granted = available_priority()
     if granted is Priority.REAL_TIME:
@@ -138,7 +138,9 @@ def _priority() -> Finding:
         "priority",
         "note",
         f"{granted.description}: other programs may delay a stop",
-        "on Linux allow the account `rtprio 1` and `nice -10` in /etc/security/limits.conf",
+        f"unset {PRIORITY}, which asks for no more"
+        if os.environ.get(PRIORITY) == "usual"
+        else "on Linux allow the account `rtprio 1` and `nice -10` in /etc/security/limits.conf",
     )
 
 

@@ -8,12 +8,19 @@ import pytest
 from torquebench.bench import safety_priority
 from torquebench.bench.safety_priority import (
     NICENESS,
+    PRIORITY,
     SWITCH_INTERVAL_S,
     Priority,
     available_priority,
     lift_process,
     prefer_this_thread,
 )
+from torquebench.errors import InputError
+
+
+@pytest.fixture(autouse=True)
+def _best_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(PRIORITY)  # the other tests ask for none
 
 
 def niceness() -> int:
@@ -60,3 +67,23 @@ def test_what_a_preferred_thread_starts_is_usual_again() -> None:
     granted, inherited = on_a_thread(question)
     assert granted is available_priority()
     assert inherited == os.SCHED_OTHER
+
+
+def test_usual_priority_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(PRIORITY, "usual")
+    before = niceness()
+    with lift_process():
+        assert niceness() == before
+        assert on_a_thread(lambda: (prefer_this_thread(), os.sched_getscheduler(0))) == (
+            Priority.USUAL,
+            os.SCHED_OTHER,
+        )
+    assert available_priority() is Priority.USUAL
+
+
+@pytest.mark.parametrize("asking", [lift_process, available_priority])
+def test_an_unknown_priority_is_refused(monkeypatch: pytest.MonkeyPatch, asking: Any) -> None:
+    monkeypatch.setenv(PRIORITY, "highest")
+    with pytest.raises(InputError, match="TORQUEBENCH_PRIORITY=highest"):
+        asking()
+    assert sys.getswitchinterval() > SWITCH_INTERVAL_S
