@@ -16,7 +16,9 @@ from tests.system.networked import canopen, daqmx, described, modbus
 from tests.system.test_station_runs import staircase
 
 from torquebench.bench.description import load_bench
+from torquebench.bench.drivers.simulated import open_simulated
 from torquebench.bench.drivers.simulation_control import SimulationControl
+from torquebench.bench.encoder_certificate import encoder_certificates
 from torquebench.cli.doctor_bench import drives, instruments
 from torquebench.errors import BenchError, InputError, TorquebenchError
 from torquebench.simulators import KINDS, Simulators
@@ -118,6 +120,16 @@ def test_orders_come_over_the_control_channel() -> None:
                 control.ask("mount", mounting="elephant")
         finally:
             control.close()
+
+
+def test_simulated_encoders_bring_their_certificates_over_the_network(station: Station) -> None:
+    local = described()
+    alike = local.model_copy(update={"driver": {"seed": 1}})
+    brought = open_simulated(alike).encoder_certificates
+    found = encoder_certificates(station.description, station.devices.context.drivers)
+    assert set(found) == {"input", "output"}
+    for side, certificate in found.items():
+        np.testing.assert_array_equal(certificate.error_rad, brought[side].error_rad)
 
 
 def test_a_bench_of_real_instruments_has_no_simulators() -> None:

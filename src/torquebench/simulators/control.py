@@ -6,8 +6,9 @@ Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do
 "kind": "silent", "duration_s": 0.2}` (and `amount`; of the signal itself, in bench time),
 `{"do": "truth", "side": "output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s`
 to `stop_s` of the client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}`
-(noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator). Every
-answer is an object, with `error` where the request can't be done.
+(noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator),
+`{"do": "encoder_certificates"}`. Every answer is an object, with `error` where the request can't
+be done.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ class ControlServer(LineServer):
             "truth": self._truth,
             "sweep": self._sweep,
             "certificates": self._certificates,
+            "encoder_certificates": self._encoder_certificates,
         }
         super().__init__(WireFaults("control", random.Random(0)), host, port)
 
@@ -161,4 +163,15 @@ class ControlServer(LineServer):
                 for side, certificate in sides.items()
             }
             for mounting, sides in self._plant.bench.certificates().items()
+        }
+
+    def _encoder_certificates(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        del request
+        return {
+            side: {
+                "angle_rad": certificate.angle_rad.tolist(),
+                "error_rad": certificate.error_rad.tolist(),
+                "expanded_uncertainty_rad": certificate.expanded_uncertainty_rad.tolist(),
+            }
+            for side, certificate in self._plant.bench.encoder_certificates().items()
         }

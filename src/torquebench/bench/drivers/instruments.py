@@ -32,6 +32,7 @@ from torquebench.bench.drivers.simulation_control import (
     SimulatedTruth,
     SimulationControl,
     simulated_certificates,
+    simulated_encoder_certificates,
 )
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import Side
@@ -129,6 +130,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             reference=None if options.reference is None else open_one("reference"),
             truth=None if control is None else SimulatedTruth(control),
             certificates={} if control is None else simulated_certificates(control),
+            encoder_certificates={} if control is None else simulated_encoder_certificates(control),
             simulated_time=on_demand,
             shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),

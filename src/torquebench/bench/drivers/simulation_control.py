@@ -16,9 +16,16 @@ from numpy.typing import NDArray
 from torquebench.bench.certificate import ReferenceCertificate
 from torquebench.bench.drivers.base import Mounting, Seating, Side
 from torquebench.bench.drivers.links import Link, WireError, split_address
+from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.errors import BenchError, InterlockError
 
-__all__ = ["SimulatedOperator", "SimulatedTruth", "SimulationControl", "simulated_certificates"]
+__all__ = [
+    "SimulatedOperator",
+    "SimulatedTruth",
+    "SimulationControl",
+    "simulated_certificates",
+    "simulated_encoder_certificates",
+]
 
 LONGEST_LINE = 1_000_000
 
@@ -101,6 +108,15 @@ def simulated_certificates(
             for side, columns in sides.items()
         }
         for mounting, sides in answer.items()
+    }
+
+
+def simulated_encoder_certificates(control: SimulationControl) -> dict[Side, EncoderCertificate]:
+    """Ask for the certificates that come with the simulated encoders."""
+    answer: dict[Side, dict[str, list[float]]] = control.ask("encoder_certificates")  # type: ignore[assignment]
+    return {
+        side: EncoderCertificate(**{key: np.array(values) for key, values in columns.items()})
+        for side, columns in answer.items()
     }
 
 
