@@ -7,13 +7,17 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.fault_judging import Outcome, line_of
 
-__all__ = ["Kept", "section", "summary"]
+__all__ = ["Kept", "Start", "section", "summary"]
+
+Fault = Callable[[int, int], Outcome]
+Start = Callable[[Fault, int, int], Callable[[], Outcome]]
 
 PERCENTILES = (50.0, 90.0, 99.0, 100.0)
 
@@ -36,16 +40,40 @@ class Kept:
                 outcome = Outcome(**values | {"problems": tuple(values["problems"])})
                 self.outcomes[part, outcome.seed, outcome.index] = outcome
 
-    def go(self, part: str, seed: int, index: int, run: Callable[[], Outcome]) -> Outcome:
-        """Return what became of a fault, now or in an earlier slice."""
-        known = self.outcomes.get((part, seed, index))
-        if known is not None:
-            return known
-        outcome = self.outcomes[part, seed, index] = run()
+    def begin(
+        self, part: str, fault: Fault, number: int, seed: int, start: Start = partial
+    ) -> list[Callable[[], Outcome]]:
+        """Begin with so many faults of a part; return what returns their outcomes, in order.
+
+        Parameters
+        ----------
+        part : str
+        fault : callable
+            Goes through one, by its index and seed.
+        number, seed : int
+        start : callable
+            Takes `fault`, index and seed, and returns what returns the outcome: by default it is
+            gone through when that is asked for. Not called where the outcome is known from an
+            earlier slice.
+        """
+        known = {index: self.outcomes.get((part, seed, index)) for index in range(number)}
+        runs = {index: start(fault, index, seed) for index in known if known[index] is None}
+        return [
+            partial(self._keep, part, runs[index]) if outcome is None else partial(_same, outcome)
+            for index, outcome in known.items()
+        ]
+
+    def _keep(self, part: str, run: Callable[[], Outcome]) -> Outcome:
+        outcome = run()
+        self.outcomes[part, outcome.seed, outcome.index] = outcome
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([part, asdict(outcome)]) + "\n")
         return outcome
+
+
+def _same(outcome: Outcome) -> Outcome:
+    return outcome
 
 
 def _times(outcomes: Sequence[Outcome], name: str) -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import os
 import signal
 import sys
@@ -22,8 +23,10 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +44,7 @@ from benchmarks.fault_judging import (
     status_of,
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
-from benchmarks.fault_report import Kept, section, summary
+from benchmarks.fault_report import Kept, Start, section, summary
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
@@ -58,6 +61,8 @@ SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 FULL = 300
 QUICK_WIRE, FULL_WIRE = 3, 49
+AT_ONCE = 3
+"""Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
 TRIES = 5
 MET_LATER = ("drive refuses commands", "disk full for documents", "wild reading")
 """Met with the next command or point, or where it exceeds a limit: counted from the alarm."""
@@ -277,8 +282,9 @@ def drawn(number: int, seed: int) -> list[tuple[Kind, Procedure]]:
     return plan
 
 
-def numbered(index: int, seed: int, kind: Kind, procedure: Procedure) -> Outcome:
+def numbered(index: int, seed: int) -> Outcome:
     """Go through one fault on a bench of its own; again where it came after the end."""
+    kind, procedure = drawn(index + 1, seed)[-1]
     draw = np.random.default_rng([seed, index])
     with tempfile.TemporaryDirectory() as scratch:
         for attempt in range(TRIES):
@@ -293,64 +299,80 @@ def numbered(index: int, seed: int, kind: Kind, procedure: Procedure) -> Outcome
     return replace(outcome, index=index, seed=seed)
 
 
-def campaign(
-    number: int,
-    seed: int,
-    *,
-    kept: Kept | None = None,
-    told: Callable[[str], None] = lambda _line: None,
-) -> list[Outcome]:
-    """Go through so many faults, those left out that were kept before."""
-    kept = kept or Kept(None)
+def gone_through(begun: Sequence[Callable[[], Outcome]], *, tell: bool) -> list[Outcome]:
+    """Return what became of faults, in order."""
     outcomes = []
-    for index, (kind, procedure) in enumerate(drawn(number, seed)):
-        run = partial(numbered, index, seed, kind, procedure)
-        outcomes.append(kept.go("simulated", seed, index, run))
-        told(line_of(outcomes[-1]))
+    for outcome in begun:
+        outcomes.append(outcome())
+        if tell:
+            print(line_of(outcomes[-1]), flush=True)
     return outcomes
+
+
+@contextlib.contextmanager
+def starting(at_once: int) -> Iterator[Start]:
+    """Have so many faults gone through at once, in processes of their own where it is several."""
+    if at_once == 1:
+        yield partial
+        return
+    with ProcessPoolExecutor(at_once, mp_context=get_context("fork")) as others:
+        yield lambda *fault: others.submit(*fault).result
+
+
+def computing_s() -> float:
+    """Return what this process and those that it has ended have computed, s."""
+    return sum(os.times()[:4])
 
 
 def main() -> int:
     """Go through the campaign; 1 where a fault wasn't survived."""
+    arguments = parsed()
+    from benchmarks.network_faults import numbered_wire  # imports this module
+
+    logging.getLogger("torquebench").addHandler(logging.NullHandler())  # it breaks on purpose
+    seed = arguments.seed
+    for index, fault in ((arguments.only, numbered), (arguments.only_wire, numbered_wire)):
+        if index is not None:
+            print(outcome := fault(index, seed))
+            return int(bool(outcome.problems))
+    number, wires = (len(KINDS), QUICK_WIRE) if arguments.quick else (FULL, FULL_WIRE)
+    number = number if arguments.faults is None else arguments.faults
+    wires = wires if arguments.wires is None else arguments.wires
+    tell = arguments.verbose or arguments.quick
+    kept, began = Kept(arguments.into), time.monotonic()
+    parts: dict[str, Sequence[Outcome]] = {}
+    with starting(arguments.at_once or (AT_ONCE if arguments.quick else 1)) as start:
+        # What waits for time-outs comes first, so that the others compute meanwhile.
+        over_sockets = kept.begin("sockets", numbered_wire, wires, seed, start)
+        simulated = kept.begin("simulated", numbered, number, seed, start)
+        for name, begun in (
+            ("simulated bench", simulated),
+            ("simulated instruments over sockets", over_sockets),
+        ):
+            parts[name] = gone_through(begun, tell=tell)
+            print("\n".join(summary(parts[name], name)), flush=True)
+    print(f"\n{time.monotonic() - began:.0f} s, of which {computing_s():.0f} s computing")
+    if arguments.docs:
+        write_section(BENCHMARKS, "faults", section(parts, arguments.docs))
+    return int(any(outcome.problems for outcomes in parts.values() for outcome in outcomes))
+
+
+def parsed() -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="one fault of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--faults", type=int, help=f"on the simulated bench, {FULL} by default")
     parser.add_argument("--wires", type=int, help=f"over sockets, {FULL_WIRE} by default")
+    parser.add_argument(
+        "--at-once", type=int, help=f"faults at a time: {AT_ONCE} of --quick, else 1 by default"
+    )
     parser.add_argument("--into", type=Path, help="keep outcomes here, and go on from there")
     parser.add_argument("--only", type=int, help="one fault on the simulated bench")
     parser.add_argument("--only-wire", type=int, help="one fault over sockets")
     parser.add_argument("--docs", default="", help="write the report, with this remark on it")
-    parser.add_argument("--verbose", action="store_true", help="say each fault")
-    arguments = parser.parse_args()
-    from benchmarks.network_faults import network_campaign, numbered_wire  # imports this module
-
-    seed = arguments.seed
-    if arguments.only is not None:
-        kind, procedure = drawn(arguments.only + 1, seed)[-1]
-        print(outcome := numbered(arguments.only, seed, kind, procedure))
-        return int(bool(outcome.problems))
-    if arguments.only_wire is not None:
-        print(outcome := numbered_wire(arguments.only_wire, seed))
-        return int(bool(outcome.problems))
-    number, wires = (len(KINDS), QUICK_WIRE) if arguments.quick else (FULL, FULL_WIRE)
-    number = number if arguments.faults is None else arguments.faults
-    wires = wires if arguments.wires is None else arguments.wires
-    told = print if arguments.verbose else lambda _line: None
-    kept = Kept(arguments.into)
-    parts: dict[str, Sequence[Outcome]] = {}
-    for name, go, count in (
-        ("simulated bench", campaign, number),
-        ("simulated instruments over sockets", network_campaign, wires),
-    ):
-        began, began_cpu = time.monotonic(), time.process_time()
-        parts[name] = go(count, seed, kept=kept, told=told)
-        print("\n".join(summary(parts[name], name)))
-        cpu_s = time.process_time() - began_cpu
-        print(f"  {time.monotonic() - began:.0f} s, of which {cpu_s:.0f} s computing")
-    if arguments.docs:
-        write_section(BENCHMARKS, "faults", section(parts, arguments.docs))
-    return int(any(outcome.problems for outcomes in parts.values() for outcome in outcomes))
+    parser.add_argument("--verbose", action="store_true", help="say each fault, as --quick does")
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -13,9 +13,8 @@ import threading
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +23,11 @@ from benchmarks.fault_judging import (
     Outcome,
     differing,
     ended_badly,
-    line_of,
     record_of,
     slipped,
     status_of,
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
-from benchmarks.fault_report import Kept
 from benchmarks.faults import TRIES
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.description_errors import validated
@@ -41,7 +38,7 @@ from torquebench.procedures.reducer_turning import TransmissionRecording
 from torquebench.simulators import KINDS, MisbehaviourKind, Simulators
 from torquebench.station import Station
 
-__all__ = ["WireFault", "network_campaign", "networked", "numbered_wire", "wire_faults"]
+__all__ = ["WireFault", "networked", "numbered_wire", "wire_faults"]
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "networked.toml"
 ENDPOINTS = ("counter", "input_drive", "output_drive", "reference", "temperature", "modes", "clamp")
@@ -293,20 +290,3 @@ def numbered_wire(index: int, seed: int) -> Outcome:
             if outcome.status != "too late":
                 break
     return replace(outcome, index=index, seed=seed)
-
-
-def network_campaign(
-    number: int,
-    seed: int,
-    *,
-    kept: Kept | None = None,
-    told: Callable[[str], None] = lambda _line: None,
-) -> list[Outcome]:
-    """Go through so many faults on the wire; each gets a bench of its own."""
-    kept = kept or Kept(None)
-    outcomes = []
-    for index in range(min(number, len(wire_faults()))):
-        run = partial(numbered_wire, index, seed)
-        outcomes.append(kept.go("sockets", seed, index, run))
-        told(line_of(outcomes[-1]))
-    return outcomes
