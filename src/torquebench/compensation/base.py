@@ -110,7 +110,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     effective_parameters_ : float
         Number of parameters that the data determine.
     degrees_of_freedom_ : float
-        Those of `noise_nm_`: points (after averaging in bins) minus effective parameters.
+        Those of `noise_nm_`: points (after averaging) minus effective parameters.
 
     uncertainty_ : CurveUncertainty or None
         Standard uncertainty of the curve; None for fewer than eight points, where the model's own
@@ -133,7 +133,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     complexity: ClassVar[int] = 50
     """Rank for the selection: of equally good models, the one with the lower rank wins."""
     maximum_points: ClassVar[int | None] = 2000
-    """More points than this are averaged in narrow bins, with a `PointsReducedWarning`."""
+    """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
     """Columns that the model looks at; others are ignored."""
 

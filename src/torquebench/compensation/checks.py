@@ -40,7 +40,7 @@ class OutlierWarning(UserWarning):
 
 
 class PointsReducedWarning(UserWarning):
-    """More calibration points than a model can use in bounded time were averaged in bins."""
+    """More calibration points than a model can use in bounded time were averaged."""
 
 
 @storable
@@ -246,8 +246,10 @@ def reduce_points(
     maximum: int | None,
     used_features: tuple[str, ...],
 ) -> tuple[CalibrationPoints, FloatArray]:
-    """Average points in narrow bins of reading when there are more than a model can use.
+    """Average neighbouring readings when there are more points than a model can use.
 
+    Groups hold equally many points, so that steps which stand close together, where a chain changes
+    fast, stay apart, and none is wide, so that few points among many elsewhere stay apart, too.
     Points of different branch or series, or at different speed or temperature (eighths of their
     span), are never averaged with each other where the model looks at that column.
 
@@ -276,13 +278,7 @@ def reduce_points(
     count = points.y.size
     if maximum is None or count <= maximum:
         return points, weights
-    stratum = _strata(points.X, used_features)
-    bins_per_stratum = max(8, maximum // (int(stratum.max()) + 1))
-    low, span = points.reading[0], points.reading[-1] - points.reading[0]
-    bin_in_stratum = np.minimum(
-        (bins_per_stratum * (points.reading - low) / span).astype(np.intp), bins_per_stratum - 1
-    )
-    _, group = np.unique(stratum * bins_per_stratum + bin_in_stratum, return_inverse=True)
+    group = _neighbours(points.reading, _strata(points.X, used_features), maximum)
     total = np.bincount(group, weights)
     X = np.column_stack([np.bincount(group, weights * column) / total for column in points.X.T])
     y = np.bincount(group, weights * points.y) / total
@@ -295,6 +291,25 @@ def reduce_points(
     )
     order = CalibrationPoints(X, y, np.arange(total.size)).sorted().rows
     return CalibrationPoints(X[order], y[order], rows[order]), np.asarray(total[order], np.float64)
+
+
+def _neighbours(reading: FloatArray, stratum: NDArray[np.intp], maximum: int) -> NDArray[np.intp]:
+    """Give sorted points the number of their group: equally many in each, wide groups divided."""
+    width = max(float(reading[-1] - reading[0]), 1e-300)
+    group = np.empty(stratum.size, dtype=np.intp)
+    first = 0
+    for name in np.unique(stratum):
+        here = np.flatnonzero(stratum == name)
+        half = max(4, maximum * here.size // (2 * stratum.size))
+        many = np.arange(here.size) * half // here.size
+        place = half * (reading[here] - reading[0]) / width
+        starts = np.flatnonzero(np.diff(many, prepend=-1) > 0)
+        ends = np.append(starts[1:], here.size) - 1
+        wide = np.repeat(place[ends] - place[starts] > 2.0, ends - starts + 1)
+        apart = (np.diff(many) > 0) | (wide[1:] & (np.diff(np.floor(place)) > 0))
+        group[here] = first + np.concatenate([[0], np.cumsum(apart)])
+        first = int(group[here[-1]]) + 1
+    return group
 
 
 def _strata(X: FloatArray, used_features: tuple[str, ...]) -> NDArray[np.intp]:

@@ -232,3 +232,16 @@ def test_temperature_is_kept_apart_only_where_a_model_looks_at_it() -> None:
     with pytest.warns(PointsReducedWarning):
         together, _ = reduce_points(points, np.ones(5000), 100, ("reading_nm",))
     assert np.ptp(apart.X[:, 4]) > 15.0 > np.ptp(together.X[:, 4])
+
+
+def test_steps_that_stand_close_together_stay_apart_where_points_are_averaged() -> None:
+    generator = np.random.default_rng(3)
+    close, far = np.arange(0.0, 1.0, 0.05), np.arange(1.0, 20.0, 1.0)
+    reading = np.repeat(np.concatenate([close, far]), 16)
+    reading = reading + generator.normal(0.0, 1e-3, reading.size)
+    points = CalibrationPoints(reading[:, None], reading, np.arange(reading.size)).sorted()
+    with pytest.warns(PointsReducedWarning):
+        few, _ = reduce_points(points, np.ones(reading.size), 160, ("reading_nm",))
+    assert few.y.size <= 160
+    missed = np.abs(few.reading[:, None] - close).min(axis=0)
+    assert np.all(missed < 5e-3)  # in bins of equal width four of them were one
