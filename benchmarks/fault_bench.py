@@ -61,6 +61,7 @@ class FaultyBench:
         self.drive_fault = ""
         self.insisting: Callable[[], None] | None = None
         self.mute = self.deaf = self.unfed = False
+        self.stuck = self.reversed = False
         self.lost_probe = self.dead_probes = False
         self.heat_k = 0.0
         self.counter_error: Exception | None = None
@@ -114,7 +115,7 @@ class _Counter:
 
 
 class _Drive:
-    """A drive that may not answer, may not do, and may not be fed."""
+    """A drive that may not answer, may not do or do something else, and may not be fed."""
 
     def __init__(self, owner: FaultyBench, drive: Drive) -> None:
         self._owner = owner
@@ -124,17 +125,19 @@ class _Drive:
         return getattr(self._drive, name)
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
-        self._obey()
-        self._drive.command_torque(torque_nm, ramp_nm_per_s)
+        if self._obeys():
+            sign = -1.0 if self._owner.reversed else 1.0
+            self._drive.command_torque(sign * torque_nm, ramp_nm_per_s)
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
-        self._obey()
-        self._drive.command_speed(speed_rad_s, ramp_rad_per_s2)
+        if self._obeys():
+            sign = -1.0 if self._owner.reversed else 1.0
+            self._drive.command_speed(sign * speed_rad_s, ramp_rad_per_s2)
 
     def ramp_to_zero(self, duration_s: float) -> None:
-        self._obey()
-        self._owner.insisting = None
-        self._drive.ramp_to_zero(duration_s)
+        if self._obeys():
+            self._owner.insisting = None
+            self._drive.ramp_to_zero(duration_s)
 
     def feed_watchdog(self) -> None:
         if not self._owner.unfed:
@@ -147,9 +150,10 @@ class _Drive:
         fault = self._owner.drive_fault
         return replace(state, fault=fault) if fault else state
 
-    def _obey(self) -> None:
+    def _obeys(self) -> bool:
         if self._owner.deaf:
             raise BenchError("the drive refuses the command", "an answer", "check the drive")
+        return not self._owner.stuck
 
 
 class _Temperature:
@@ -245,6 +249,17 @@ def _spins(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
         _insist(faulty, lambda: drive.command_speed(speed, 1e4))
 
 
+def _turns_round(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> None:
+    """Have a drive do the opposite of what it is told, from now on."""
+    drive, module = faulty.bench.drives[side], faulty.bench.description.module(side)
+    faulty.reversed = True
+    state = drive.state()
+    if state.enabled and state.torque_nm:
+        drive.command_torque(-state.torque_nm, module.drive.torque_rate_nm_per_s)
+    elif state.enabled and state.speed_rad_s:
+        drive.command_speed(-state.speed_rad_s, module.drive.speed_rate_rad_per_s2)
+
+
 def _counter_error(faulty: FaultyBench, _side: Side, _draw: np.random.Generator) -> None:
     faulty.counter_error = BenchError("the counter's connection is lost", "samples", "check it")
 
@@ -269,6 +284,8 @@ KINDS: tuple[Kind, ...] = (
     Kind("drive refuses commands", _set("deaf", True)),
     Kind("drive pulls too much", _runs_away),
     Kind("drive turns too fast", _spins),
+    Kind("drive keeps what it does", _set("stuck", True)),
+    Kind("drive does the opposite", _turns_round),
     Kind("watchdog isn't fed", _set("unfed", True)),
     Kind("probes lost", _set("lost_probe", True)),
     Kind("probes fail", _set("dead_probes", True), needs_power=False),

@@ -64,7 +64,13 @@ QUICK_WIRE, FULL_WIRE = 3, 49
 AT_ONCE = 3
 """Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
 TRIES = 5
-MET_LATER = ("drive refuses commands", "disk full for documents", "wild reading")
+MET_LATER = (
+    "drive refuses commands",
+    "drive keeps what it does",
+    "drive does the opposite",
+    "disk full for documents",
+    "wild reading",
+)
 """Met with the next command or point, or where it exceeds a limit: counted from the alarm."""
 ENDS_ACQUISITION = ("counter lost", "probes fail")
 NOT_ITS_KIND = ("encoder slips",)

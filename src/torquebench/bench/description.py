@@ -229,7 +229,8 @@ class SafetyDescription(_Section):
     below it. With `presence_s` a drive has power only while somebody has confirmed within that
     time to be at the bench; 0 asks for nobody. `procedure_s` is how long a procedure may send
     nothing without waiting for the bench or for a person. A module and the standard on its side
-    may differ by `disagreement_percent` while a drive has power.
+    may differ by `disagreement_percent` while a drive has power. What a drive does may differ from
+    what it was told up to `following_s` before by `following_percent`; 0 compares nothing.
     """
 
     look_s: Annotated[float, Field(ge=0.002, le=1.0, description="s")] = 0.005
@@ -238,6 +239,8 @@ class SafetyDescription(_Section):
     presence_s: Annotated[float, Field(ge=0.0, le=3600.0, description="s")] = 0.0
     procedure_s: Annotated[float, Field(ge=1.0, le=3600.0, description="s")] = 60.0
     disagreement_percent: Annotated[float, Field(gt=0, le=100.0, description="% of range")] = 5.0
+    following_percent: Annotated[float, Field(ge=0, le=100.0, description="% of range")] = 10.0
+    following_s: Annotated[float, Field(ge=0.1, le=60.0, description="s")] = 0.5
     ramp_to_zero_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.2
     signal_loss_s: Annotated[float, Field(ge=0.0, le=5.0, description="s")] = 0.03
     stuck_s: Annotated[float, Field(ge=0.05, le=60.0, description="s")] = 0.25

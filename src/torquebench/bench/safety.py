@@ -27,12 +27,13 @@ from torquebench.bench.safety_alarms import (
     AlarmKind,
     AlarmLevel,
     StandingAlarm,
+    Violation,
 )
 from torquebench.bench.safety_drives import DriveHand
 from torquebench.bench.safety_heartbeats import Heartbeats
 from torquebench.bench.safety_limits import LimitBook, SideLimits, StepLimits
 from torquebench.bench.safety_priority import lift_process, prefer_this_thread
-from torquebench.bench.safety_signals import Change, Glance, SignalJudge, Violation
+from torquebench.bench.safety_signals import Change, Glance, SignalJudge
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
@@ -367,7 +368,7 @@ class SafetySupervisor:
     def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
         """Tell a drive to go to zero torque and speed, and disable one that can't."""
         self._hands[side].ramp_to_zero(ramp_s)
-        self._commands.side(side).at_zero(self._clock.now())
+        self._commands.side(side).at_zero(self._clock.now(), ramp_s)
 
     def disable(self) -> None:
         """Take the power off both drives; with an alarm latched this ends the way to safety.

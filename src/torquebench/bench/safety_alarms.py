@@ -16,7 +16,7 @@ from torquebench.errors import (
     TorquebenchError,
 )
 
-__all__ = ["Alarm", "AlarmBook", "AlarmKind", "AlarmLevel", "StandingAlarm"]
+__all__ = ["Alarm", "AlarmBook", "AlarmKind", "AlarmLevel", "StandingAlarm", "Violation"]
 
 
 class AlarmKind(Enum):
@@ -29,6 +29,7 @@ class AlarmKind(Enum):
     TEMPERATURE_LIMIT = "temperature limit"
     SIGNAL_LOST = "signal lost"
     DISAGREEMENT = "signals disagree"
+    FOLLOWING = "command not followed"
     DRIVE_FAULT = "drive fault"
     JOURNAL = "journal failed"
     AUDIT = "audit log failed"
@@ -57,6 +58,17 @@ _ERRORS: dict[AlarmKind, type[TorquebenchError]] = {
     AlarmKind.JOURNAL: RecordError,
     AlarmKind.AUDIT: RecordError,
 }
+
+
+@dataclass(frozen=True)
+class Violation:
+    """What is wrong, in the words of an alarm."""
+
+    kind: AlarmKind
+    source: str
+    found: str
+    allowed: str
+    remedy: str
 
 
 @dataclass(frozen=True)

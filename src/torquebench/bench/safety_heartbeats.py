@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from torquebench.bench.safety_alarms import AlarmKind
-from torquebench.bench.safety_signals import Violation
+from torquebench.bench.safety_alarms import AlarmKind, Violation
 
 __all__ = ["Heartbeats"]
 

@@ -16,13 +16,14 @@ import numpy as np
 from torquebench.bench.description import BenchDescription, TransducerDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
-from torquebench.bench.safety_alarms import AlarmKind, AlarmLevel
+from torquebench.bench.safety_alarms import AlarmKind, AlarmLevel, Violation
+from torquebench.bench.safety_following import FollowingJudge
 from torquebench.bench.safety_limits import LimitBook, Watch
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.signals import EdgeBlock, SignalFaultKind
 
-__all__ = ["Change", "Glance", "SignalJudge", "Violation"]
+__all__ = ["Change", "Glance", "SignalJudge"]
 
 RPM = 60.0 / (2.0 * math.pi)
 TEMPERATURE_WARNING_K = 5.0
@@ -42,17 +43,6 @@ class Glance(Protocol):
 
     def torque(self, frequency_hz: float) -> float:
         """Torque of one frequency by the present zero, N·m."""
-
-
-@dataclass(frozen=True)
-class Violation:
-    """What is wrong, in the words of an alarm."""
-
-    kind: AlarmKind
-    source: str
-    found: str
-    allowed: str
-    remedy: str
 
 
 @dataclass(frozen=True)
@@ -108,6 +98,7 @@ class SignalJudge:
         self._last_angle: dict[Side, tuple[float, float]] = {}
         self._stood_at: dict[Side, tuple[tuple[int, float], float]] = {}
         self._held: dict[Side, _Held] = {}
+        self._following = FollowingJudge(description, commands)
         self._warnings: list[Change] = []
         self._violation: Violation | None = None
 
@@ -119,6 +110,7 @@ class SignalJudge:
         self._held.clear()
         self._last_torque.clear()
         self._last_speed.clear()
+        self._following.forget()
 
     def _result(self) -> tuple[Violation | None, list[Change]]:
         found = self._violation, self._warnings
@@ -211,8 +203,10 @@ class SignalJudge:
             self._faulty(block)
             self._holding(block)
             self._disagreeing(block)
+            self._violation = self._violation or self._following.judge(block)
         elif not self._commands.any_enabled:
             self._held.clear()
+            self._following.forget()
         return self._result()
 
     def _temperature(self, side: Side, temperatures: Mapping[str, float]) -> None:

@@ -2,12 +2,42 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from torquebench.bench.roles import SIDES, Side
 
-__all__ = ["CommandState", "SideCommands"]
+__all__ = ["CommandState", "Quantity", "SetPoint", "SideCommands"]
+
+Quantity = Literal["torque", "speed"]
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """Where a drive was asked to go, and how it may go there.
+
+    Parameters
+    ----------
+    quantity : {"torque", "speed"}
+        What the drive controls from then on.
+    value : float
+        N·m or rad/s.
+    rate : float
+        Of the drive's ramp, N·m/s or rad/s².
+    within_s : float
+        The ramp takes no less, s of bench time.
+    asked_s, told_s : float
+        Bench time before and after the drive was told; infinity while it isn't yet.
+    """
+
+    quantity: Quantity = "torque"
+    value: float = 0.0
+    rate: float = math.inf
+    within_s: float = 0.0
+    asked_s: float = 0.0
+    told_s: float = 0.0
 
 
 @dataclass
@@ -24,6 +54,8 @@ class SideCommands:
         Bench time of the last change of a set point.
     enabled_wall_s : float
         Monotonic wall time at which the drive was enabled: what it said before doesn't count.
+    set_point : SetPoint
+        The last one, from the moment at which the drive is asked for it.
     """
 
     enabled: bool = False
@@ -31,16 +63,33 @@ class SideCommands:
     speed_rad_s: float = 0.0
     changed_s: float = 0.0
     enabled_wall_s: float = 0.0
+    set_point: SetPoint = field(default_factory=SetPoint)
+
+    def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> None:
+        """Note that the drive is about to be told."""
+        self.set_point = SetPoint(quantity, value, rate, asked_s=time_s, told_s=math.inf)
+
+    def told(self, quantity: Quantity, value: float, time_s: float) -> None:
+        """Note that the drive has been told."""
+        if quantity == "torque":
+            self.torque_nm = value
+        else:
+            self.speed_rad_s = value
+        self.changed_s = time_s
+        self.set_point = replace(self.set_point, told_s=time_s)
 
     def on(self) -> None:
-        """Note that the drive has power."""
+        """Note that the drive has power, at zero torque."""
+        self.set_point = replace(self.set_point, quantity="torque")
         self.enabled_wall_s = time.monotonic()
         self.enabled = True
 
-    def at_zero(self, time_s: float) -> None:
-        """Note that torque and speed were told to go to zero."""
+    def at_zero(self, time_s: float, ramp_s: float = 0.0) -> None:
+        """Note that torque and speed were told to go to zero, and for how long."""
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
+        controls = self.set_point.quantity
+        self.set_point = SetPoint(controls, within_s=ramp_s, asked_s=time_s, told_s=time_s)
 
     def off(self, time_s: float) -> None:
         """Note that the drive has no power."""

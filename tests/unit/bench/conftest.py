@@ -61,10 +61,15 @@ class LowBench:
         self.drivers.modes.set_mode("input", "locked")
         self.drivers.modes.set_mode("output", "driven")
         self.drivers.drives["output"].enable()
-        self.commands.output.enabled = True
-        self.drivers.drives["output"].command_torque(torque_nm, 1e5)
-        self.commands.output.torque_nm = torque_nm
-        self.commands.output.changed_s = self.clock.now()
+        self.commands.output.at_zero(self.clock.now())
+        self.commands.output.on()
+        self.command_torque(torque_nm, 1e5)
+
+    def command_torque(self, torque_nm: float, rate_nm_per_s: float) -> None:
+        """Command the output module, past every interlock."""
+        self.commands.output.ask("torque", torque_nm, rate_nm_per_s, self.clock.now())
+        self.drivers.drives["output"].command_torque(torque_nm, rate_nm_per_s)
+        self.commands.output.told("torque", torque_nm, self.clock.now())
 
     def zeroed_and_off(self) -> bool:
         """Whether the supervisor's way to safety has been gone to its end."""

@@ -179,7 +179,7 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     compensated = block.compensated["output"]
     np.testing.assert_allclose(compensated.torque_nm, 1.01 * reading + 0.5, atol=1e-6)
     assert (compensated.standard_uncertainty_nm >= 0.0).all()
-    bench.drivers.drives["output"].command_torque(500.0, 1e5)
+    bench.command_torque(500.0, 1e5)
     bench.clock.wait(0.5)
     beyond = bench.acquisition.latest_block.compensated["output"]
     assert np.isnan(beyond.torque_nm).all(), "beyond the calibrated range there is no number"

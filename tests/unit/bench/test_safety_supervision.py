@@ -43,10 +43,10 @@ def test_a_warning_comes_below_the_limit_and_goes_with_hysteresis(open_bench: Op
         assert sources
         assert {each.alarm.level for each in bench.supervisor.alarms} == {AlarmLevel.WARNING}
         assert bench.supervisor.alarm is None
-        bench.drivers.drives["output"].command_torque(470.0, 1e5)
+        bench.command_torque(470.0, 1e5)
         bench.clock.wait(1.0)
         assert bench.supervisor.alarms, "within the hysteresis"
-        bench.drivers.drives["output"].command_torque(300.0, 1e5)
+        bench.command_torque(300.0, 1e5)
         bench.clock.wait(1.0)
         assert bench.supervisor.alarms == ()
         assert (AlarmLevel.WARNING, True) in heard
@@ -66,7 +66,7 @@ def test_a_step_tightens_a_limit_while_it_lasts(
         bench.load_output(250.0 if kind is AlarmKind.TORQUE_LIMIT else 0.0)
         bench.clock.wait(0.5)
         assert bench.supervisor.alarm is None
-        bench.drivers.drives["output"].command_torque(500.0, 1e4)
+        bench.command_torque(500.0, 1e4)
         with pytest.raises(LimitError):
             bench.clock.wait(2.0)
     assert bench.supervisor.alarm is not None
@@ -199,7 +199,7 @@ def test_a_violation_is_seen_between_blocks_in_real_time(open_bench: OpenBench) 
         bench.load_output(300.0)
         bench.clock.wait(0.6)
         blocks = bench.acquisition.blocks
-        bench.drivers.drives["output"].command_torque(800.0, 1e5)
+        bench.command_torque(800.0, 1e5)
         with pytest.raises(TorquebenchError, match="torque limit"):
             bench.clock.wait(5.0)
         assert bench.acquisition.blocks - blocks <= 1, "not only when its block was full"

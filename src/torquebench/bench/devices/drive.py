@@ -15,7 +15,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.devices.ramp import TorqueRamp
+from torquebench.bench.devices.ramp import TorqueRamp, command
 from torquebench.bench.roles import Side
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
@@ -57,22 +57,15 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
             The value is beyond the limits of the bench description.
         """
         context, side = self._context, self._side
-        drive, commands = context.drivers.drives[side], context.commands.side(side)
         description = context.description.module(side).drive
         before = self._present()
         if self._quantity == "torque":
             context.interlocks.check_torque(side, value)
             rate = description.torque_rate_nm_per_s
-            if commands.enabled:
-                await context.call(drive.command_torque, value, rate)
-            commands.torque_nm = value
         else:
             context.interlocks.check_speed(side, value)
             rate = description.speed_rate_rad_per_s2
-            if commands.enabled:
-                await context.call(drive.command_speed, value, rate)
-            commands.speed_rad_s = value
-        commands.changed_s = context.clock.now()
+        await command(context, side, self._quantity, value, rate)
         await context.clock.sleep(abs(value - before) / rate)
 
     async def stop(self, success: bool = True) -> None:

@@ -9,9 +9,31 @@ from ophyd_async.core import AsyncStatus, Device
 
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import Side
+from torquebench.bench.state import Quantity
 from torquebench.errors import InputError
 
-__all__ = ["RampTo", "TorqueRamp"]
+__all__ = ["RampTo", "TorqueRamp", "command"]
+
+
+async def command(
+    context: BenchContext, side: Side, quantity: Quantity, value: float, rate: float
+) -> None:
+    """Tell a drive where to go, if it has power, and note it before and after.
+
+    Parameters
+    ----------
+    context : BenchContext
+    side : {"input", "output"}
+    quantity : {"torque", "speed"}
+    value, rate : float
+        N·m and N·m/s, or rad/s and rad/s².
+    """
+    drive, commands = context.drivers.drives[side], context.commands.side(side)
+    commands.ask(quantity, value, rate, context.clock.now())
+    if commands.enabled:
+        tell = drive.command_torque if quantity == "torque" else drive.command_speed
+        await context.call(tell, value, rate)
+    commands.told(quantity, value, context.clock.now())
 
 
 @dataclass(frozen=True)
@@ -63,13 +85,9 @@ class TorqueRamp(Device, Movable[RampTo]):
             The torque is beyond the limits of the bench description.
         """
         context, side = self._context, self._side
-        commands = context.commands.side(side)
-        before = commands.torque_nm
+        before = context.commands.side(side).torque_nm
         context.interlocks.check_torque(side, value.torque_nm)
         fastest = context.description.module(side).drive.torque_rate_nm_per_s
         rate = min(value.rate_nm_per_s, fastest)
-        if commands.enabled:
-            await context.call(context.drivers.drives[side].command_torque, value.torque_nm, rate)
-        commands.torque_nm = value.torque_nm
-        commands.changed_s = context.clock.now()
+        await command(context, side, "torque", value.torque_nm, rate)
         await context.clock.sleep(abs(value.torque_nm - before) / rate)

@@ -1,0 +1,159 @@
+"""Whether the drives do what they were told: command and reading held against each other.
+
+A drive that pulls the other way, keeps its torque or turns on its own says "enabled, no fault";
+so does one whose torque transducer reads something else. Where the drive would be if it obeyed is
+known from the commands and their ramps. It may obey late, and a shaft that is free to turn takes
+up less than it is given, so what is compared is a band.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.safety_alarms import AlarmKind, Violation
+from torquebench.bench.samples import AcquiredBlock
+from torquebench.bench.state import CommandState, Quantity, SetPoint
+
+__all__ = ["FollowingJudge"]
+
+RPM = 60.0 / (2.0 * math.pi)
+ASTRAY_S = 0.1
+"""How long a drive may be outside its band, s of bench time."""
+
+
+class _Course:
+    """Where a drive would be that obeys at once, and was a little earlier.
+
+    Parameters
+    ----------
+    time_s, found : float
+        When it got power, and what the bench read then.
+    """
+
+    def __init__(self, time_s: float, found: float) -> None:
+        self._point = SetPoint()
+        self._rate = math.inf
+        self._time_s, self._value = time_s, 0.0
+        self._before = deque([(time_s, found), (time_s, 0.0)])
+        self.astray_s = 0.0
+
+    def go_on(self, point: SetPoint, stop_s: float, found: float, late_s: float) -> None:
+        """Go on to a time, towards a set point that may be obeyed late."""
+        if point is not self._point:
+            if point.quantity != self._point.quantity:
+                self._value = 0.0
+                self._before = deque([(stop_s, found), (stop_s, 0.0)])
+            self._time_s = max(self._time_s, point.asked_s)
+            apart = abs(point.value - self._value)
+            slowest = apart / point.within_s if point.within_s > 0.0 else math.inf
+            self._rate = min(point.rate, slowest)
+            self._point = point
+        apart = point.value - self._value
+        way = self._rate * (stop_s - self._time_s) if apart else 0.0
+        self._value = point.value if abs(apart) <= way else self._value + math.copysign(way, apart)
+        self._time_s = stop_s
+        self._before.append((stop_s, self._value))
+        late_s += point.told_s - point.asked_s  # without end while it is still being told
+        while self._before[0][0] < stop_s - late_s:
+            self._before.popleft()
+
+    def band(self) -> tuple[float, float]:
+        """Return between which values the drive may be."""
+        values = [value for _, value in self._before]
+        return min(values), max(values)
+
+
+class FollowingJudge:
+    """Holds what a drive was told against what the bench reads; called by acquisition's thread.
+
+    With a standard mounted the flanges are held, so the whole commanded torque has to be there.
+    With a reducer, which may turn, the torque is between nothing and what was commanded; the same
+    holds for the speed of a drive that controls speed.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    commands : CommandState
+    """
+
+    def __init__(self, description: BenchDescription, commands: CommandState) -> None:
+        self._description = description
+        self._share = description.safety.following_percent / 100.0
+        self._late_s = description.safety.following_s
+        self._commands = commands
+        self._courses: dict[Side, _Course] = {}
+
+    def forget(self) -> None:
+        """Begin afresh after an acknowledgement."""
+        self._courses.clear()
+
+    def judge(self, block: AcquiredBlock) -> Violation | None:
+        """Take a block; return what a drive does that it wasn't told."""
+        for side in SIDES:
+            commands = self._commands.side(side)
+            if not (self._share and commands.enabled):
+                self._courses.pop(side, None)
+                continue
+            found = self._judge(side, commands.set_point, block)
+            if found is not None:
+                return found
+        return None
+
+    def _judge(self, side: Side, point: SetPoint, block: AcquiredBlock) -> Violation | None:
+        values = _values(point.quantity, side, block)
+        known = values[np.isfinite(values)]
+        course = self._courses.get(side)
+        if known.size == 0:
+            return None  # a missing signal is judged elsewhere
+        last = float(known[-1])
+        if course is None:
+            course = self._courses[side] = _Course(block.stop_s, last)
+        course.go_on(point, block.stop_s, last, self._late_s)
+        low, high = course.band()
+        held = reference_channel(side) in block.channels
+        if not held:
+            low, high = min(low, 0.0), max(high, 0.0)
+        elif point.quantity == "speed":  # the standard's shaft turns, the drive doesn't
+            return None
+        allowed = self._share * self._range(side, point.quantity)
+        apart = float(np.min(np.maximum(low - known, known - high)))
+        if apart <= allowed:
+            course.astray_s = 0.0
+            return None
+        course.astray_s += block.stop_s - block.start_s
+        if course.astray_s < ASTRAY_S:
+            return None
+        told = low if last < low else high
+        return _violation(side, point.quantity, last, told, allowed)
+
+    def _range(self, side: Side, quantity: Quantity) -> float:
+        module = self._description.module(side)
+        return module.range_nm if quantity == "torque" else module.limits.speed_rpm / RPM
+
+
+def _values(quantity: Quantity, side: Side, block: AcquiredBlock) -> NDArray[np.float64]:
+    """Return what the bench reads of a quantity."""
+    if quantity == "speed":
+        return np.array([block.speed_rad_s.get(side, math.nan)])
+    samples = block.channels.get(torque_channel(side))
+    return np.empty(0) if samples is None else samples.torque_nm
+
+
+def _violation(
+    side: Side, quantity: Quantity, found: float, told: float, allowed: float
+) -> Violation:
+    scale, unit = (1.0, "N·m") if quantity == "torque" else (RPM, "rpm")
+    found, told, allowed = scale * found, scale * told, scale * allowed
+    return Violation(
+        AlarmKind.FOLLOWING,
+        side,
+        f"{side} drive: {found:.1f} {unit} instead of {told:.1f} {unit}",
+        f"at most {allowed:g} {unit} apart",
+        "find out whether the drive or its transducer is wrong before going on",
+    )

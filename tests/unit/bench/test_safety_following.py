@@ -1,0 +1,172 @@
+"""Drives that don't do what they are told, and drives that do, only late."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from torquebench.bench.description import default_bench
+from torquebench.bench.safety import AlarmKind
+from torquebench.bench.safety_following import FollowingJudge
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.bench.state import CommandState
+from torquebench.errors import BenchError
+
+if TYPE_CHECKING:
+    from tests.unit.bench.conftest import LowBench
+else:
+    LowBench = Any
+
+OpenBench = Callable[..., Any]
+BLOCK_S = 0.05
+RATE = 4000.0
+
+
+def test_a_drive_that_pulls_the_other_way_is_stopped(bench: LowBench) -> None:
+    bench.load_output(900.0)
+    bench.clock.wait(1.0)
+    assert bench.supervisor.alarm is None
+    bench.drivers.drives["output"].command_torque(-900.0, RATE)
+    began_s = bench.clock.now()
+    with pytest.raises(BenchError, match=r"not followed: output drive: .* instead of 900\.0 N·m"):
+        bench.clock.wait(5.0)
+    alarm = bench.supervisor.alarm
+    assert alarm is not None
+    assert (alarm.kind, alarm.source) == (AlarmKind.FOLLOWING, "output")
+    assert alarm.allowed == "at most 200 N·m apart"
+    assert alarm.time_s - began_s < 0.8
+    assert bench.supervisor.wait_safe(60.0)
+    assert bench.zeroed_and_off()
+
+
+def test_a_drive_that_keeps_its_torque_is_stopped(bench: LowBench) -> None:
+    bench.load_output(900.0)
+    bench.clock.wait(1.0)
+    bench.commands.output.ask("torque", 100.0, RATE, bench.clock.now())
+    bench.commands.output.told("torque", 100.0, bench.clock.now())  # it never hears of it
+    with pytest.raises(BenchError, match=r"instead of 100\.0 N·m"):
+        bench.clock.wait(5.0)
+
+
+@pytest.mark.parametrize("percent", [0.0, 30.0])
+def test_how_far_apart_they_may_be_is_the_benchs_own_matter(
+    open_bench: OpenBench, percent: float
+) -> None:
+    with open_bench(safety__following_percent=percent) as bench:
+        bench.load_output(300.0)
+        bench.clock.wait(0.5)
+        bench.drivers.drives["output"].command_torque(-200.0, RATE)
+        bench.clock.wait(2.0)
+        assert bench.supervisor.alarm is None
+
+
+class Read:
+    """Judges torques and speeds that nothing but this test has made."""
+
+    def __init__(self, *, standard: bool) -> None:
+        self.commands = CommandState()
+        self.judge = FollowingJudge(default_bench(), self.commands)
+        self.standard = standard
+        self.now_s = 0.0
+
+    def block(self, torque_nm: float, speed_rad_s: float = 0.0) -> str:
+        """Take one block; return what is found wrong."""
+        start_s, self.now_s = self.now_s, self.now_s + BLOCK_S
+        one = ChannelSamples(
+            "output_torque",
+            "output",
+            False,
+            np.linspace(start_s, self.now_s, 5),
+            np.full(5, 60e3),
+            np.full(5, torque_nm),
+            np.zeros(5, dtype=np.uint8),
+        )
+        channels = {"output_torque": one}
+        if self.standard:
+            channels["output_reference"] = replace(one, channel="output_reference", standard=True)
+        speeds: Any = {"input": 0.0, "output": speed_rad_s}
+        found = self.judge.judge(
+            AcquiredBlock(0, start_s, self.now_s, channels, {}, {}, speeds, {}, {})
+        )
+        return "" if found is None else found.found
+
+
+targets = st.lists(
+    st.tuples(st.floats(-2000.0, 2000.0), st.integers(1, 40)), min_size=1, max_size=6
+)
+
+
+@settings(max_examples=50)
+@given(targets, st.floats(0.0, 0.4), st.booleans())
+def test_a_drive_that_follows_late_is_never_called_astray(
+    commanded: list[tuple[float, int]], late_s: float, standard: bool
+) -> None:
+    read = Read(standard=standard)
+    read.commands.output.on()
+    read.block(0.0)
+    path = [(0.0, 0.0)]  # where a drive would be that follows at once
+    for target_nm, blocks in commanded:
+        read.commands.output.ask("torque", target_nm, RATE, read.now_s)
+        read.commands.output.told("torque", target_nm, read.now_s)
+        for _ in range(blocks):
+            time_s, torque_nm = path[-1]
+            step = np.clip(target_nm - torque_nm, -RATE * BLOCK_S, RATE * BLOCK_S)
+            path.append((time_s + BLOCK_S, torque_nm + float(step)))
+            times, torques = zip(*path, strict=True)
+            present = float(np.interp(time_s + BLOCK_S - late_s, times, torques))
+            assert read.block(present) == ""
+
+
+def test_nothing_is_held_against_a_drive_while_it_is_being_told() -> None:
+    read = Read(standard=True)
+    read.commands.output.on()
+    read.commands.output.ask("torque", 1000.0, RATE, 0.0)
+    assert {read.block(0.0) for _ in range(40)} == {""}  # two seconds on a bad wire
+    read.commands.output.told("torque", 1000.0, read.now_s)
+    assert {read.block(0.0) for _ in range(10)} == {""}  # it may have come at their end
+    assert "0.0 N·m instead of" in [read.block(0.0) for _ in range(10)][-1]
+
+
+@pytest.mark.parametrize("standard", [True, False])
+def test_a_side_that_is_free_to_turn_may_take_up_less(standard: bool) -> None:
+    read = Read(standard=standard)
+    read.commands.output.on()
+    read.commands.output.ask("torque", 1000.0, RATE, 0.0)
+    read.commands.output.told("torque", 1000.0, 0.0)
+    found = {read.block(0.0) for _ in range(40)}
+    assert (found == {""}) is not standard
+
+
+@pytest.mark.parametrize(("turns", "wrong"), [(1.0, False), (0.0, False), (-1.0, True)])
+def test_a_drive_that_turns_the_other_way_is_astray(turns: float, wrong: bool) -> None:
+    read = Read(standard=False)
+    read.commands.output.on()
+    read.commands.output.ask("speed", 1.0, 10.0, 0.0)
+    read.commands.output.told("speed", 1.0, 0.0)
+    found = {read.block(0.0, turns) for _ in range(40)}
+    assert any("rpm instead of" in each for each in found) is wrong
+
+
+def test_a_reading_that_is_missing_says_nothing_of_the_drive() -> None:
+    read = Read(standard=True)
+    read.commands.output.on()
+    read.commands.output.ask("torque", 1000.0, RATE, 0.0)
+    read.commands.output.told("torque", 1000.0, 0.0)
+    assert {read.block(float("nan")) for _ in range(40)} == {""}
+
+
+def test_a_drive_that_was_off_begins_anew() -> None:
+    read = Read(standard=True)
+    read.commands.output.on()
+    read.commands.output.ask("torque", 1000.0, RATE, 0.0)
+    read.commands.output.told("torque", 1000.0, 0.0)
+    for torque_nm in (200.0, 400.0, 600.0, 800.0, 1000.0):
+        assert read.block(torque_nm) == ""
+    read.commands.output.off(read.now_s)
+    assert {read.block(0.0) for _ in range(5)} == {""}
+    read.commands.output.on()
+    assert {read.block(0.0) for _ in range(40)} == {""}
