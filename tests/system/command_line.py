@@ -1,8 +1,10 @@
 """Starts the installed `torquebench` command as a user does: real processes, real terminals."""
 
+import atexit
 import contextlib
 import errno
 import fcntl
+import functools
 import os
 import pty
 import select
@@ -15,6 +17,8 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from tests.system.prepared_commands import PreparedCommands
+
 COMMAND = str(Path(sys.executable).parent / "torquebench")
 TIMEOUT_S = 240.0
 
@@ -24,8 +28,22 @@ def environment(**changes: str) -> dict[str, str]:
     return {**kept, "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", **changes}
 
 
+@functools.cache
+def prepared() -> PreparedCommands:
+    commands = PreparedCommands(environment())
+    atexit.register(commands.close)
+    return commands
+
+
 def run(*arguments: object, cwd: Path, **changes: str) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end, output and messages apart."""
+    """Run the command to its end, output and messages apart.
+
+    With changes of its environment it is started as a user does, otherwise from a process that has
+    imported everything.
+    """
+    if not changes:
+        command = [COMMAND, *map(str, arguments)]
+        return prepared().run(command, cwd, environment(), TIMEOUT_S)
     return subprocess.run(
         [COMMAND, *map(str, arguments)],
         cwd=cwd,
