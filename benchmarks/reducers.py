@@ -68,7 +68,9 @@ TESTS = (
     "efficiency",
 )
 SETTINGS = ReducerTestSettings(
-    no_load=NoLoadSettings(FrictionSettings(speeds_rpm=(100.0, 400.0, 1000.0)), COLD),
+    no_load=NoLoadSettings(
+        FrictionSettings(speeds_rpm=(100.0, 400.0, 1000.0), settle_s=1.0, window_s=1.0), COLD
+    ),
     starting=BreakawaySettings(positions=3),
     back_driving=BreakawaySettings(positions=3),
     hysteresis=HysteresisSettings(loops=1),

@@ -36,6 +36,8 @@ class ReducerTest:
         Makes its plan; None for the test that runs all others.
     warm_up : callable
         Returns the longest warm-up of the test, s.
+    repeats_on : bool
+        Whether it repeats until its means are known well enough.
     """
 
     name: TestName
@@ -43,6 +45,7 @@ class ReducerTest:
     about: str
     plan: MakePlan | None
     warm_up: Callable[[ReducerTestSettings], float] = lambda _settings: 0.0
+    repeats_on: bool = False
 
 
 def _no_load(devices: BenchDevices, limits: ReducerLimits, of: ReducerTestSettings) -> Plan[Any]:
@@ -107,6 +110,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 "Input driven in steps of speed, output free, warm: friction against speed.",
                 _no_load,
                 lambda settings: settings.no_load.warm_up.longest_s,
+                repeats_on=True,
             ),
             ReducerTest(
                 "efficiency",
@@ -114,6 +118,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 "Input driven, output braking, warm: efficiency over torque and speed.",
                 _efficiency,
                 lambda settings: settings.efficiency.warm_up.longest_s,
+                repeats_on=True,
             ),
             ReducerTest("full", "Full test", "All tests, cold ones first, in one report.", None),
         )

@@ -190,6 +190,8 @@ class TestRehearsal:
     name, title : str
     duration_s : float
         Bench time without waiting for steady temperature or settling, s.
+    longest_s : float
+        The same with all repeats that a test may add until its means are known well enough, s.
     longest_warm_up_s : float
         How much longer the warm-up may take, s.
     points : int
@@ -205,6 +207,7 @@ class TestRehearsal:
     name: str
     title: str
     duration_s: float
+    longest_s: float
     longest_warm_up_s: float
     points: int
     largest_torque_nm: Mapping[str, float] = field(default_factory=dict)

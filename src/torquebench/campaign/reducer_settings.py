@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 from torquebench.procedures.friction import FrictionSettings
@@ -55,13 +55,17 @@ class ReducerTestSettings:
     empty_run: EmptyRunSettings | None = field(default_factory=EmptyRunSettings)
     twist_arcmin_per_nm: float | None = None
 
+    def longest(self) -> Self:
+        """Return the settings with all repeats that tests may add."""
+        return replace(self, no_load=self.no_load.longest(), efficiency=self.efficiency.longest())
+
     @classmethod
     def short(cls) -> Self:
         """Return settings for a first look: few points, no warming up, no empty run."""
         cold = WarmUp(longest_s=0.0)
         sweep = FrictionSettings(speeds_rpm=(100.0, 200.0, 300.0, 500.0, 700.0, 1000.0), repeats=2)
         return cls(
-            no_load=NoLoadSettings(sweep, cold),
+            no_load=NoLoadSettings(sweep, cold, target_percent=None),
             starting=BreakawaySettings(positions=2),
             back_driving=BreakawaySettings(positions=2),
             hysteresis=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
@@ -71,6 +75,7 @@ class ReducerTestSettings:
                 speeds_rpm=(300.0, 900.0),
                 counter_clockwise=False,
                 repeats=1,
+                target_points=None,
                 warm_up=cold,
             ),
             bench_twist=BenchTwistSettings(cycles=1),

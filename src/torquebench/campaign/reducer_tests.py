@@ -42,7 +42,8 @@ def rehearse_reducer_test(
 ) -> tuple[TestRehearsal, ...]:
     """Go through the plans of a test without moving anything.
 
-    What the bench measures of itself before (its twist, an empty run) comes first.
+    What the bench measures of itself before (its twist, an empty run) comes first. A test that
+    repeats until its means are known is gone through with the fewest repeats and with the most.
 
     Raises
     ------
@@ -55,16 +56,26 @@ def rehearse_reducer_test(
     tests, devices = chosen_tests(name), station.devices
     before = preparations([test.name for test in tests], limits, settings)
     parts = [
-        _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices)), 0.0)
-        for each in before
+        _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices))) for each in before
     ]
     for test in tests:
         found = rehearse(devices, plan_of(test, devices, limits, settings))
-        parts.append(_rehearsed(test.name, test.title, found, test.warm_up(settings)))
+        longest = found
+        if test.repeats_on:
+            longest = rehearse(devices, plan_of(test, devices, limits, settings.longest()))
+        parts.append(
+            _rehearsed(test.name, test.title, found, longest.duration_s, test.warm_up(settings))
+        )
     return tuple(parts)
 
 
-def _rehearsed(name: str, title: str, found: Rehearsal[Any], warm_up_s: float) -> TestRehearsal:
+def _rehearsed(
+    name: str,
+    title: str,
+    found: Rehearsal[Any],
+    longest_s: float = 0.0,
+    warm_up_s: float = 0.0,
+) -> TestRehearsal:
     torque: dict[str, float] = dict.fromkeys(SIDES, 0.0)
     speed: dict[str, float] = dict.fromkeys(SIDES, 0.0)
     modes: dict[str, list[str]] = {side: [] for side in SIDES}
@@ -84,6 +95,7 @@ def _rehearsed(name: str, title: str, found: Rehearsal[Any], warm_up_s: float) -
         name=name,
         title=title,
         duration_s=found.duration_s,
+        longest_s=max(found.duration_s, longest_s),
         longest_warm_up_s=warm_up_s,
         points=found.points,
         largest_torque_nm=torque,

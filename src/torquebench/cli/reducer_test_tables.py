@@ -43,6 +43,8 @@ def rehearsal_table(
             most.append("\n".join(words) or "–")
         warm = f"≤ {part.longest_warm_up_s / 60:.0f} min" if part.longest_warm_up_s else "–"
         minutes = f"{part.duration_s / 60:.1f} min"
+        if part.longest_s > part.duration_s:
+            minutes = f"{part.duration_s / 60:.0f}–{part.longest_s / 60:.0f} min"
         table.add_row(part.title, minutes, warm, str(part.points), *most)
     return table
 

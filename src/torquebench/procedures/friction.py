@@ -68,13 +68,17 @@ class FrictionSettings:
         >>> [(point.speed_rpm, point.branch) for point in settings.points()]
         [(100.0, 1), (200.0, 1), (100.0, -1), (-100.0, 1), (-200.0, 1), (-100.0, -1)]
         """
+        for repeat in range(1, self.repeats + 1):
+            yield from self.repeat(repeat)
+
+    def repeat(self, number: int) -> Iterator[FrictionPoint]:
+        """Return the points of one repeat: each direction a series, speeds up and down."""
         path = [(speed, 1) for speed in self.speeds_rpm]
         path += [(speed, -1) for speed in self.speeds_rpm[-2::-1]]
         signs = [1] * self.clockwise + [-1] * self.counter_clockwise
-        for repeat in range(1, self.repeats + 1):
-            for series, sign in enumerate(signs, start=1):
-                for number, (speed, branch) in enumerate(path):
-                    yield FrictionPoint(repeat, series, number, sign * speed, branch)
+        for series, sign in enumerate(signs, start=1):
+            for place, (speed, branch) in enumerate(path):
+                yield FrictionPoint(number, series, place, sign * speed, branch)
 
     def steady(self, speed_rpm: float) -> SteadySettings:
         """Return how the torque at one speed is averaged: over whole revolutions.

@@ -35,7 +35,8 @@ class EmptyRunSettings:
         Rising input speeds above 0, 1/min; each in both directions. The output turns by as much
         less as it does through the reducer.
     repeats : int
-        How often all speeds are driven.
+        How often all speeds are driven. What is taken off scatters as the test itself does, so
+        that few repeats here would spoil many there.
     settle_s, window_s : float
         Time after a speed is reached, and the shortest window; it is lengthened to whole input
         turns, s.
@@ -44,7 +45,7 @@ class EmptyRunSettings:
     """
 
     speeds_rpm: tuple[float, ...] = (100.0, 400.0, 700.0, 1000.0, 1200.0)
-    repeats: int = 3
+    repeats: int = 8
     settle_s: float = 0.5
     window_s: float = 1.0
     zero_s: float = 1.0

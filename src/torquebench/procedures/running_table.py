@@ -153,13 +153,17 @@ class RunningTable:
 
     # -- what came out ----------------------------------------------------------------------
 
+    def compensated(self) -> bool:
+        """Tell whether every torque of all sides in use was compensated."""
+        return all(self._modelled(side) for side in self.sides)
+
+    def _modelled(self, side: Side) -> bool:
+        return bool(self.rows) and all("torque_nm" in rows[side] for rows in self.rows)
+
     def recording(self) -> RunningRecording:
         """Return all points as columns."""
         known = all("true_torque_nm" in row for rows in self.rows for row in rows.values())
-        model = {
-            side: all("torque_nm" in rows[side] for rows in self.rows) and bool(self.rows)
-            for side in self.sides
-        }
+        model = {side: self._modelled(side) for side in self.sides}
         empty = np.full(len(self.rows), np.nan)
         torque, uncertainty = {}, {}
         for side in self.sides:

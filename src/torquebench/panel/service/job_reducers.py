@@ -49,6 +49,9 @@ def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
     torque_limit, speed_limit = limits(place.station.description)
     warm_up_s = max(part.longest_warm_up_s for part in parts)
     remarks = [f"{part.title}: {part.points} points in {part.duration_s:.0f} s" for part in parts]
+    repeats_s = sum(part.longest_s - part.duration_s for part in parts)
+    if repeats_s > 0.0:
+        remarks.append(f"Repeats until means are known may take {repeats_s / 60:.0f} min more.")
     if warm_up_s > 0.0:
         remarks.append(f"Warming up may take {warm_up_s / 60:.0f} min more.")
     return JobPreview(
