@@ -4,6 +4,8 @@ import { echarts } from "nicegui-echart";
 
 const BUCKETS = 600;
 const STALE_AFTER_MS = 1000;
+const ANSWER_EVERY = 4; // messages: the server holds back when too many aren't painted yet
+const MOST_BUSY = 0.5; // share of its time that a page may paint: stop and menus come first
 
 function niceStep(span) {
   const power = 10 ** Math.floor(Math.log10(span));
@@ -67,6 +69,7 @@ class Buckets {
 }
 
 export default {
+  emits: ["painted"],
   template: '<div class="trend" role="img" :aria-label="label"></div>',
   props: {
     label: String,
@@ -81,6 +84,7 @@ export default {
     this.hidden = new Set();
     this.newest = 0;
     this.last = performance.now();
+    this.received = this.answered = 0;
     this.statistics = window.torquebench ??= { painted: 0 };
     this.statistics.painted = 0;
     this.statistics.rows = 0;
@@ -103,6 +107,7 @@ export default {
     this.observer.disconnect();
     this.media.removeEventListener("change", this.onMedia);
     cancelAnimationFrame(this.frame);
+    clearTimeout(this.resting);
     this.chart.dispose();
   },
   methods: {
@@ -171,6 +176,7 @@ export default {
     },
     push(part) {
       this.numbers = part.n;
+      this.received = part.i;
       if (part.t.length) {
         this.last = performance.now();
         this.statistics.rows += part.t.length;
@@ -188,9 +194,21 @@ export default {
       document.getElementById(this.region)?.classList.toggle("stale", stale);
     },
     schedule() {
+      if (this.resting !== undefined) return;
       this.frame ??= requestAnimationFrame(() => {
         this.frame = undefined;
-        if (this.dirty) this.paint();
+        if (!this.dirty) return;
+        const began = performance.now();
+        this.paint();
+        const rest = (performance.now() - began) * (1 / MOST_BUSY - 1);
+        this.resting = setTimeout(() => {
+          this.resting = undefined;
+          if (this.dirty) this.schedule();
+        }, rest);
+        if (this.received - this.answered >= ANSWER_EVERY) {
+          this.answered = this.received;
+          this.$emit("painted", this.received);
+        }
       });
     },
     paint() {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -10,6 +11,11 @@ import nicegui.elements.echart  # noqa: F401 - puts ECharts within the component
 from nicegui.element import Element
 
 __all__ = ["Band", "Trace", "Trend"]
+
+MOST_AHEAD = 12
+"""How many messages may be under way that the browser hasn't painted: a third of a second's."""
+PATIENCE_S = 2.0
+"""After so long without an answer one message is sent all the same: an answer may get lost."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,19 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
             for name, (element, decimals) in places.items()
         }
         self.props["region"] = region.html_id
+        self._sent = self._painted = 0
+        self._sent_at = 0.0
+        self.on("painted", self._answered)
+
+    def _answered(self, event: Any) -> None:
+        self._painted = min(max(self._painted, int(event.args)), self._sent)
+
+    @property
+    def ready(self) -> bool:
+        """Whether the browser keeps up; one that doesn't gets fewer and larger messages."""
+        if self._sent - self._painted < MOST_AHEAD:
+            return True
+        return time.monotonic() - self._sent_at > PATIENCE_S
 
     def reset(self, seconds: float, trend: Any) -> None:
         """Show another span of time, beginning with the past that the server holds."""
@@ -102,6 +121,8 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
 
     def push(self, increment: Any, numbers: Mapping[str, float | None]) -> None:
         """Send rows that are new, and the newest numbers."""
+        self._sent += 1
+        self._sent_at = time.monotonic()
         self.run_method(
             "push",
             {
@@ -110,6 +131,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
                 "h": _lists(increment.high),
                 "v": _lists(increment.values),
                 "n": numbers,
+                "i": self._sent,
             },
         )
 

@@ -19,6 +19,8 @@ __all__ = ["live_page"]
 
 PUSH_S = 1.0 / 40.0
 """How often a page asks for new rows: more often than they come, so that none waits long."""
+MOST_ROWS = 300
+"""That come one by one; a page that lacks more gets the whole past again, reduced."""
 SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
 LINES = {
     "raw": ("input_raw_nm", "output_raw_nm"),
@@ -213,8 +215,10 @@ class _LivePage:
         if hub is not self.hub:  # the first time, and when the bench was opened again
             self.choose(self.span)
             return
-        if hub.sequence == self.sequence:
+        if hub.sequence == self.sequence or not self.trend.ready:
             return
+        if hub.sequence - self.sequence > MOST_ROWS:  # a page that was hidden, or much too slow
+            self.choose(self.span)
         increment = hub.since(self.sequence, [trace.name for trace in _traces()])
         self.sequence = increment.sequence
         latest = hub.latest()
