@@ -6,10 +6,13 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from sklearn.base import clone
 
+from torquebench import __version__
 from torquebench.calibration import CalibrationData, summarise_errors
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.results import FitResult
@@ -20,8 +23,11 @@ from torquebench.compensation import (
     Comparison,
     CompensationModel,
     OutlierWarning,
+    Provenance,
+    StoredModel,
     compare,
     make_model,
+    save_model,
 )
 from torquebench.errors import InputError
 
@@ -29,9 +35,11 @@ __all__ = [
     "FittedModel",
     "ModelChoice",
     "feature_columns",
+    "fit_metrics",
     "fit_models",
     "fit_table",
     "model_title",
+    "store_model",
 ]
 
 _TITLES = {
@@ -255,3 +263,38 @@ def _remarks(data: CalibrationData, comparison: Comparison) -> tuple[str, ...]:
 
 COMPARED_COLUMNS = 2
 """Reading and branch, which every table has; the model taken is fitted to those that it uses."""
+
+
+def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
+    """Return figures of a fit on its own points, names with their unit."""
+    torque = fitted.model.predict(data.features(feature_columns(fitted.model)))
+    errors = summarise_errors(torque, data.standard_nm, data.range_nm)
+    return {
+        "fit_worst_percent_fs": errors.worst_percent_fs,
+        "fit_rms_percent_fs": errors.rms_percent_fs,
+        "noise_nm": fitted.model.scatter_nm,
+        "effective_parameters": float(fitted.model.effective_parameters_),
+        "fit_seconds": fitted.seconds,
+    }
+
+
+def store_model(
+    path: Path, model: CompensationModel, data: CalibrationData, metrics: Mapping[str, float]
+) -> StoredModel:
+    """Write a model file that names the chain, the points and the software it comes from."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stored = StoredModel(
+        model,
+        Provenance(
+            range_nm=data.range_nm,
+            side=data.side,
+            transducer_serial=data.transducer_serial,
+            counter_identity=data.counter_identity,
+            training_data_sha256=data.sha256(),
+            metrics=dict(metrics),
+            software_version=__version__,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+        ),
+    )
+    save_model(path, stored)
+    return stored

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from torquebench import __version__
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import (
     RAW,
-    CalibrationData,
     ErrorSummary,
     Profile,
     VerificationResult,
@@ -22,15 +19,18 @@ from torquebench.calibration import (
     summarise_errors,
     verify,
 )
-from torquebench.campaign.fitting import FittedModel, feature_columns, model_title
+from torquebench.campaign.fitting import (
+    FittedModel,
+    feature_columns,
+    fit_metrics,
+    model_title,
+    store_model,
+)
 from torquebench.campaign.measuring import Measured, operator_name
 from torquebench.campaign.results import CompensationResult, DenseSweep, ModuleResult
 from torquebench.compensation import (
     CompensationModel,
-    Provenance,
-    StoredModel,
     features,
-    save_model,
 )
 from torquebench.procedures import StaircaseResult
 from torquebench.records import MANIFEST, CalibrationEntry, ModelEntry, sha256_of_file
@@ -42,7 +42,6 @@ __all__ = [
     "evaluate_module",
     "register_calibration",
     "register_verification",
-    "store_model",
 ]
 
 DENSE_POINTS_PER_BRANCH = 1001
@@ -122,41 +121,6 @@ def _summary(measured: Measured[StaircaseResult]) -> dict[str, Any]:
     if result.placement is not None:
         summary["placement"] = result.placement.sentence
     return summary
-
-
-def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
-    """Return figures of a fit on its own points, names with their unit."""
-    torque = fitted.model.predict(data.features(feature_columns(fitted.model)))
-    errors = summarise_errors(torque, data.standard_nm, data.range_nm)
-    return {
-        "fit_worst_percent_fs": errors.worst_percent_fs,
-        "fit_rms_percent_fs": errors.rms_percent_fs,
-        "noise_nm": fitted.model.scatter_nm,
-        "effective_parameters": float(fitted.model.effective_parameters_),
-        "fit_seconds": fitted.seconds,
-    }
-
-
-def store_model(
-    path: Path, model: CompensationModel, data: CalibrationData, metrics: Mapping[str, float]
-) -> StoredModel:
-    """Write a model file that names the chain, the points and the software it comes from."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    stored = StoredModel(
-        model,
-        Provenance(
-            range_nm=data.range_nm,
-            side=data.side,
-            transducer_serial=data.transducer_serial,
-            counter_identity=data.counter_identity,
-            training_data_sha256=data.sha256(),
-            metrics=dict(metrics),
-            software_version=__version__,
-            created=datetime.now(UTC).isoformat(timespec="seconds"),
-        ),
-    )
-    save_model(path, stored)
-    return stored
 
 
 def register_verification(

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData, ErrorSummary, ModelVerification
 from torquebench.compensation import Comparison, CompensationModel
-from torquebench.procedures import FrictionSweep
+
+if TYPE_CHECKING:
+    from torquebench.procedures import FrictionSweep
 
 __all__ = [
     "CompensationResult",
     "DemoResult",
     "DenseSweep",
     "FitResult",
-    "FrictionSweep",
     "ModuleResult",
 ]
 

@@ -68,8 +68,7 @@ def fit(
     Models are compared by cross-validation: by their errors at steps that they weren't fitted to.
     The simplest within one standard error of the best is taken unless --model names another.
     """
-    from torquebench.campaign.fitting import fit_table
-    from torquebench.campaign.modules import store_model
+    from torquebench.campaign.fitting import fit_table, store_model
     from torquebench.cli.progress import TerminalProgress
     from torquebench.compensation import make_model
     from torquebench.records import read_calibration_csv

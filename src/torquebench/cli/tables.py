@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from torquebench.calibration import ErrorSummary
-    from torquebench.campaign.results import CompensationResult, FrictionSweep, ModuleResult
+    from torquebench.campaign.results import CompensationResult, ModuleResult
     from torquebench.compensation import Comparison
+    from torquebench.procedures import FrictionSweep
 
 __all__ = [
     "comparison_table",

@@ -30,8 +30,10 @@ from torquebench.calibration import (
 from torquebench.campaign.fitting import (
     COMPARED_COLUMNS,
     ModelChoice,
+    fit_metrics,
     fit_models,
     model_title,
+    store_model,
 )
 from torquebench.campaign.measuring import (
     Measured,
@@ -41,10 +43,8 @@ from torquebench.campaign.measuring import (
 )
 from torquebench.campaign.modules import (
     RegisteredCalibration,
-    fit_metrics,
     register_calibration,
     register_verification,
-    store_model,
 )
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.compensation import (
