@@ -83,7 +83,7 @@ class HybridModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 40
-    maximum_points: ClassVar[int | None] = 400
+    maximum_points: ClassVar[int | None] = 800
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
     judged: ClassVar[bool] = False
 
