@@ -55,6 +55,7 @@ class FaultyBench:
         self.breaking: Callable[[], None] = lambda: None
         self.broken_s: float | None = None
         self.safe_s: float | None = None
+        self.resting_s: float | None = None
         self.powered = self.wants_power = False
         self.side: Side = "output"
         self.on_blocks = 0
@@ -94,8 +95,12 @@ class FaultyBench:
             return
         if self.insisting is not None and on:
             self.insisting()  # whatever the procedure commands meanwhile
-        if self.safe_s is None and self.at_rest():
-            self.safe_s = now
+        if not self.at_rest():
+            self.resting_s = None
+        elif self.resting_s is None:
+            self.resting_s = now
+        if self.safe_s is None:
+            self.safe_s = self.resting_s
 
 
 class _Counter:

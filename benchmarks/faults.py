@@ -221,10 +221,10 @@ def time_to_rest(faulty: FaultyBench, kind: Kind, alarms: Sequence[Alarm]) -> fl
     """Return the time from a fault to both drives off, s of bench time; NaN where none was on."""
     if not (alarms and faulty.powered) or faulty.broken_s is None:
         return float("nan")
-    if faulty.safe_s is None:
-        faulty.tick()
-    begun_s = alarms[0].time_s if kind.name in MET_LATER else faulty.broken_s
-    return (faulty.safe_s or float("inf")) - begun_s
+    faulty.tick()
+    if kind.name in MET_LATER:  # the drives may have been off and on again before
+        return (faulty.resting_s or float("inf")) - alarms[0].time_s
+    return (faulty.safe_s or float("inf")) - faulty.broken_s
 
 
 def acknowledged(data: Path) -> int:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import logging
 import math
 import threading
 import time
@@ -29,7 +30,7 @@ from torquebench.bench.safety_alarms import (
     StandingAlarm,
     Violation,
 )
-from torquebench.bench.safety_drives import DriveHand
+from torquebench.bench.safety_drives import DriveHand, untold
 from torquebench.bench.safety_heartbeats import Heartbeats
 from torquebench.bench.safety_limits import LimitBook, SideLimits, StepLimits
 from torquebench.bench.safety_priority import lift_process, prefer_this_thread
@@ -47,6 +48,8 @@ __all__ = [
     "StepLimits",
 ]
 
+logger = logging.getLogger(__name__)
+
 WATCH_PERIOD_S = 0.005
 """How often the supervisor's thread looks in real time, s of wall time."""
 IDLE_PERIOD_S = 0.05
@@ -57,6 +60,8 @@ FAST_PATIENCE = 15.0
 """How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
 HAND_PATIENCE_S = 0.1
 """How long simulated time stands for a drive that takes its time to answer, s of wall time."""
+ANSWER_S = 10.0
+"""How long a drive may take to be told to go off, with all tries of its wire, s of wall time."""
 
 ROUNDING_S = 1e-6
 
@@ -109,7 +114,11 @@ class SafetySupervisor:
         self._left_alone_s = self._left_alone_wall = math.inf
         self._safe = threading.Event()
         self._safe.set()
+        self._told: Mapping[Side, bool] = dict.fromkeys(self._hands, True)
+        self._answered_wall = math.inf
+        self._failed = ""
         self._busy_since: float | None = None
+        self._checked_wall = time.monotonic()
         self._enabled_since: dict[Side, float] = {}
         self._closing = threading.Event()
         self._lifted = contextlib.ExitStack()
@@ -182,7 +191,9 @@ class SafetySupervisor:
             if not who.strip():
                 raise InterlockError("acknowledgement by nobody", "a person's name")
             self._signals.forget()
-            return self._book.acknowledge(who.strip())
+            acknowledged = self._book.acknowledge(who.strip())
+        self._book.announce(*acknowledged)  # without the lock: a listener may wait for a disk
+        return alarm
 
     def subscribe(self, listener: Callable[[StandingAlarm], None]) -> None:
         """Call this when an alarm or a warning comes, is cleared or is acknowledged.
@@ -242,6 +253,7 @@ class SafetySupervisor:
 
     def check(self, block: AcquiredBlock) -> None:
         """Judge a block; act on what is wrong, go on with an action that has begun."""
+        self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
         if self._clock.fast:  # time passes with blocks only, so the rest is looked at with them
             self._look_around()
@@ -290,20 +302,11 @@ class SafetySupervisor:
             since = self._enabled_since.get(side)
             if since is None:
                 continue
-            silent_s = hand.silent_s(since)
-            # What it said before it was switched on says nothing of now.
-            state = hand.state if hand.asked >= since else None
+            commands = self._commands.side(side)
             watchdog_s = self._description.module(side).drive.watchdog_s
-            if hand.failure or silent_s > max(watchdog_s, WATCH_PERIOD_S):
-                found = hand.failure or f"no answer for {silent_s:.2f} s"
-            elif hand.asked < self._commands.side(side).enabled_wall_s:
-                continue  # what it said is from before it was enabled
-            elif state is not None and (state.fault or not state.enabled):
-                found = state.fault or "lost its enable"
-            else:
-                continue
+            found = hand.found_wrong(since, commands.enabled_wall_s, watchdog_s)
             # It may have been switched off meanwhile: what was told last is what counts.
-            if self._commands.side(side).enabled:
+            if found and commands.enabled:
                 return Violation(
                     AlarmKind.DRIVE_FAULT,
                     side,
@@ -321,25 +324,30 @@ class SafetySupervisor:
         While one alarm is latched a further one is only added to the history.
         """
         with self._lock:
-            latched = self._book.latched
-            if latched is None:
-                self._safe.clear()
+            first = self._book.latched is None
+            if first:  # before anybody else sees that a way to safety is being gone
+                settled_s = self._allow_for_ramp()
                 self._cut = False
                 self._left_alone_s = self._left_alone_wall = math.inf
+                self._safe.clear()
             alarm = self._book.add(Alarm(kind, source, found, allowed, remedy, self._clock.now()))
-            if latched is not None:
-                self._book.announce(alarm.number)
-                return alarm
-            ramp_s = self._description.safety.ramp_to_zero_s
-            for side in SIDES:
-                self._ramp_to_zero(side, ramp_s)
-            settled_s = self._clock.now() + ramp_s + self._description.counter.block_s
-            self._disable_at_s = settled_s
-            self._disable_at_wall = time.monotonic() + ramp_s + self._description.safety.stall_s
-        self._clock.interrupt(alarm.error())
-        self._clock.require(settled_s)
-        self._book.announce(alarm.number)
+            if first:
+                for side in SIDES:
+                    self._ramp_to_zero(side, self._description.safety.ramp_to_zero_s)
+                settled_s = self._allow_for_ramp()
+        if first:
+            self._clock.interrupt(alarm.error())
+            self._clock.require(settled_s)
+        self._book.announce(alarm.number)  # without the lock: a listener may wait for a disk
         return alarm
+
+    def _allow_for_ramp(self) -> float:
+        """Put off the end of the power until a ramp from now is over; return that bench time."""
+        ramp_s = self._description.safety.ramp_to_zero_s
+        settled_s = self._clock.now() + ramp_s + self._description.counter.block_s
+        self._disable_at_s = settled_s
+        self._disable_at_wall = time.monotonic() + ramp_s + self._description.safety.stall_s
+        return settled_s
 
     def _trip_for(self, found: Violation) -> None:
         self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
@@ -359,6 +367,7 @@ class SafetySupervisor:
                 ramp_s = max(
                     abs(commands.torque_nm) / rates.torque_rate_nm_per_s,
                     abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
+                    commands.set_point.uncertain_s,
                 )
                 if commands.enabled and ramp_s > 0.0:  # else it is there, or on its way
                     self._ramp_to_zero(side, ramp_s)
@@ -376,13 +385,15 @@ class SafetySupervisor:
         A drive that can't be told is an alarm. It isn't fed any more, and the bench counts as safe
         when that drive's own watchdog has had its time to act.
         """
-        self._cut = True
         told: dict[Side, bool] = {}
+        self._told = told
+        self._answered_wall = time.monotonic() + ANSWER_S
+        self._cut = True
 
         def done(side: Side, was_told: bool) -> None:
             told[side] = was_told
             if not was_told and self._book.latched is None:
-                self._trip_for(_untold(side))
+                self._trip_for(untold(side))
             elif len(told) == len(self._hands):
                 self._arrive() if all(told.values()) else self._leave_alone(told)
 
@@ -429,31 +440,60 @@ class SafetySupervisor:
         if not self._clock.fast:
             prefer_this_thread()
         while not self._closing.wait(period_s):
-            busy_since = self._busy_since
-            stalled = busy_since is not None and time.monotonic() - busy_since > self._stall_s
-            if stalled and self._book.latched is None and self._commands.any_enabled:
-                self.trip(
-                    AlarmKind.STALL,
-                    "acquisition",
-                    f"no block of samples for {self._stall_s:g} s of wall time",
-                    "a block in its own time",
-                    "check the counter's connection and the computer's load",
-                )
-            if not self._clock.fast:
-                self._look_around()
-            if self._safe.is_set():
-                continue
-            if time.monotonic() > self._left_alone_wall:
+            try:
+                self._watch_once()
+            except Exception as error:  # nobody watches the watcher, so it goes on
+                self._fail(error)
+
+    def _watch_once(self) -> None:
+        if self._stalls() and self._book.latched is None and self._commands.any_enabled:
+            found = f"no block of samples for {self._stall_s:g} s of wall time"
+            remedy = "check the counter's connection and the computer's load"
+            self.trip(AlarmKind.STALL, "acquisition", found, "a block in its own time", remedy)
+        if not self._clock.fast:
+            self._look_around()
+        now = time.monotonic()
+        if self._cut and len(self._told) < len(self._hands) and now > self._answered_wall:
+            self._give_up()
+        elif not self._safe.is_set():
+            if now > self._left_alone_wall:
                 self._arrive()
-            elif time.monotonic() > self._disable_at_wall and not self._cut:
+            elif now > self._disable_at_wall and not self._cut:
                 self.disable()
 
+    def _stalls(self) -> bool:
+        """Whether a block takes too long, or in real time none is being made any more."""
+        busy_since, now = self._busy_since, time.monotonic()
+        if busy_since is not None:
+            return now - busy_since > self._stall_s
+        between_s = self._stall_s + self._description.counter.block_s
+        return not self._clock.fast and now - self._checked_wall > between_s
 
-def _untold(side: Side) -> Violation:
-    return Violation(
-        AlarmKind.DRIVE_FAULT,
-        side,
-        f"{side} drive: it can't be told to go off",
-        "a drive that takes commands",
-        "check its connection; its own watchdog takes the power off",
-    )
+    def _give_up(self) -> None:
+        """Leave alone drives that haven't even answered to being told to go off."""
+        self._answered_wall = math.inf
+        silent = [side for side in self._hands if side not in self._told]
+        if self._book.latched is None:
+            self._trip_for(untold(silent[0]))  # and then the way to safety, with a second try
+        else:
+            self._leave_alone({**dict.fromkeys(silent, False), **self._told})
+
+    def _fail(self, error: Exception) -> None:
+        """Go to the safe state, since the supervisor can't tell any more whether all is well."""
+        found = f"{type(error).__name__}: {error}"
+        if found == self._failed:
+            return  # it comes with every look
+        self._failed = found
+        logger.error("the supervisor failed", exc_info=error)
+        try:
+            self.trip(
+                AlarmKind.SUPERVISOR,
+                "supervisor",
+                found,
+                "a supervisor that sees everything",
+                "open the bench again; if it comes again, report it",
+            )
+        except Exception:  # not even that: the power goes off without ceremony
+            logger.exception("the supervisor can't stop the bench in order")
+            for hand in self._hands.values():
+                hand.disable(lambda _told: None)

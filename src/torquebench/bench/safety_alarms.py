@@ -36,6 +36,7 @@ class AlarmKind(Enum):
     HEARTBEAT = "heartbeat missing"
     PRESENCE = "operator missing"
     STALL = "acquisition stalled"
+    SUPERVISOR = "supervisor failed"
     DRIVER = "instrument failed"
     STOP = "stop requested"
 
@@ -186,9 +187,9 @@ class AlarmBook:
                 self._latched = numbered
         return numbered
 
-    def announce(self, number: int) -> None:
-        """Tell the listeners of an alarm."""
-        self._tell([self._entries[number - 1]])
+    def announce(self, *numbers: int) -> None:
+        """Tell the listeners of alarms, or of what has become of them."""
+        self._tell([self._entries[number - 1] for number in numbers])
 
     def clear(self, number: int) -> None:
         """Note that a warning's cause has gone."""
@@ -199,19 +200,18 @@ class AlarmBook:
             entry = self._entries[number - 1] = replace(entry, cleared=datetime.now(UTC))
         self._tell([entry])
 
-    def acknowledge(self, who: str) -> Alarm | None:
-        """Acknowledge every alarm that stands; return the one that was latched."""
+    def acknowledge(self, who: str) -> tuple[int, ...]:
+        """Acknowledge every alarm that stands; return their numbers, for `announce`."""
         with self._lock:
-            latched, self._latched = self._latched, None
+            self._latched = None
             moment = datetime.now(UTC)
             changed = []
             for place, entry in enumerate(self._entries):
                 if entry.stands and entry.acknowledged is None:
                     entry = replace(entry, acknowledged_by=who, acknowledged=moment)
                     self._entries[place] = entry
-                    changed.append(entry)
-        self._tell(changed)
-        return latched
+                    changed.append(place + 1)
+        return tuple(changed)
 
     def _tell(self, entries: list[StandingAlarm]) -> None:
         for entry in entries:

@@ -14,12 +14,14 @@ from collections.abc import Callable
 
 from torquebench.bench.drivers.base import Drive, DriveState
 from torquebench.bench.roles import Side
+from torquebench.bench.safety_alarms import AlarmKind, Violation
 from torquebench.bench.safety_priority import prefer_this_thread
 
-__all__ = ["DriveHand"]
+__all__ = ["DriveHand", "untold"]
 
 Order = Callable[[], None]
 Answer = Callable[[bool], None]
+SHORTEST_SILENCE_S = 0.005
 ENDING_S = 2.0
 """How long a hand that is told to end may still be busy with its drive, s."""
 
@@ -102,6 +104,26 @@ class DriveHand:
         put = self._put
         return 0.0 if self._idle.is_set() else time.monotonic() - max(put, since)
 
+    def found_wrong(self, since: float, enabled: float, watchdog_s: float) -> str:
+        """Return what is wrong with a drive that has power; empty where nothing is known to be.
+
+        Parameters
+        ----------
+        since : float
+            When it was first seen with power, in `time.monotonic` seconds.
+        enabled : float
+            When it was switched on: what it said before says nothing of now.
+        watchdog_s : float
+            How long it may be silent, s.
+        """
+        silent_s = self.silent_s(since)
+        if self.failure or silent_s > max(watchdog_s, SHORTEST_SILENCE_S):
+            return self.failure or f"no answer for {silent_s:.2f} s"
+        state = self.state
+        if state is None or self.asked < max(since, enabled):
+            return ""
+        return state.fault or ("" if state.enabled else "lost its enable")
+
     def wait_looked(self) -> None:
         """Wait until the drive has been asked, as long as patience lasts."""
         if self._thread is not None and self._patience_s:
@@ -168,3 +190,14 @@ class DriveHand:
             self.failure = ""
         finally:
             self._idle.set()
+
+
+def untold(side: Side) -> Violation:
+    """Return what to say of a drive that doesn't hear that it is to go off."""
+    return Violation(
+        AlarmKind.DRIVE_FAULT,
+        side,
+        f"{side} drive: it can't be told to go off",
+        "a drive that takes commands",
+        "check its connection; its own watchdog takes the power off",
+    )

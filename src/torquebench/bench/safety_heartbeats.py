@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -96,5 +97,6 @@ class Heartbeats:
                     "restart the software that hangs",
                 )
             if heartbeat.ping is not None:
-                heartbeat.ping()
+                with contextlib.suppress(Exception):  # who can't even be asked doesn't beat
+                    heartbeat.ping()
         return None

@@ -99,11 +99,18 @@ class SignalJudge:
         self._stood_at: dict[Side, tuple[tuple[int, float], float]] = {}
         self._held: dict[Side, _Held] = {}
         self._following = FollowingJudge(description, commands)
+        self._forgetting = False
         self._warnings: list[Change] = []
         self._violation: Violation | None = None
 
     def forget(self) -> None:
-        """Begin afresh after an acknowledgement."""
+        """Begin afresh after an acknowledgement, with the next look; from any thread."""
+        self._forgetting = True
+
+    def _begin(self) -> None:
+        if not self._forgetting:
+            return
+        self._forgetting = False
         self._faulty_s.clear()
         self._read_until_s.clear()
         self._stood_at.clear()
@@ -131,6 +138,7 @@ class SignalJudge:
         changes : list of Change
             Warnings that came or went.
         """
+        self._begin()
         for name in self._read_until_s.keys() - raw.edges.keys():
             del self._read_until_s[name]  # it isn't timed any more, and silent for nobody
         for name, edges in raw.edges.items():
@@ -185,6 +193,7 @@ class SignalJudge:
 
     def judge(self, block: AcquiredBlock) -> tuple[Violation | None, list[Change]]:
         """Judge a block after the whole signal path; returns like `look`."""
+        self._begin()
         for side in SIDES:
             speed = block.speed_rad_s.get(side)  # a silent encoder: see below
             if speed is not None:
@@ -203,7 +212,11 @@ class SignalJudge:
             self._faulty(block)
             self._holding(block)
             self._disagreeing(block)
-            self._violation = self._violation or self._following.judge(block)
+            astray = self._following.judge(block)
+            if astray is not None:
+                self._violated(
+                    astray.kind, astray.source, astray.found, astray.allowed, astray.remedy
+                )
         elif not self._commands.any_enabled:
             self._held.clear()
             self._following.forget()
@@ -262,8 +275,10 @@ class SignalJudge:
                 faulty_s = longest_s = before_s + (block.stop_s - block.start_s)
                 kind = SignalFaultKind.LOST_DATA
             else:
-                faulty_s, longest_s = _faulty_time(samples.fault, before_s, window_s)
-                kind = SignalFaultKind(int(samples.fault.max()))
+                faulty = (samples.fault != 0) | np.isnan(samples.torque_nm)
+                faulty_s, longest_s = _faulty_time(faulty, before_s, window_s)
+                named = SignalFaultKind(int(samples.fault.max()))
+                kind = named if named.value else SignalFaultKind.LOST_DATA
             self._faulty_s[name] = faulty_s
             if longest_s > self._description.safety.signal_loss_s:
                 self._lost(name, kind, longest_s)
@@ -420,11 +435,11 @@ class SignalJudge:
 
 
 def _faulty_time(
-    fault: np.ndarray[tuple[int], np.dtype[np.uint8]], before_s: float, window_s: float
+    faulty: np.ndarray[tuple[int], np.dtype[np.bool_]], before_s: float, window_s: float
 ) -> tuple[float, float]:
     """Return how long the fault lasts at the end, and how long it lasted at its longest, s."""
     present_s, longest_s = before_s, 0.0
-    for code in fault.tolist():
-        present_s = present_s + window_s if code else 0.0
+    for wrong in faulty.tolist():
+        present_s = present_s + window_s if wrong else 0.0
         longest_s = max(longest_s, present_s)
     return present_s, longest_s

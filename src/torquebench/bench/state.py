@@ -39,6 +39,11 @@ class SetPoint:
     asked_s: float = 0.0
     told_s: float = 0.0
 
+    @property
+    def uncertain_s(self) -> float:
+        """How long the way back takes where the drive may have been told or not, s; else 0."""
+        return 0.0 if math.isfinite(self.told_s) else abs(self.value) / self.rate
+
 
 @dataclass
 class SideCommands:

@@ -391,7 +391,9 @@ class Station:
             event += " acknowledged"
         elif entry.cleared is not None:
             event += " cleared"
-        self.audit.write(
+        # Acquisition and supervisor, who note what comes and goes, wait for no disk.
+        write = self.audit.write_soon if entry.acknowledged is None else self.audit.write
+        write(
             event,
             number=alarm.number,
             alarm=alarm.name,

@@ -76,11 +76,11 @@ def test_a_drive_that_runs_away_is_stopped(open_bench: OpenBench) -> None:
 
 
 def test_heat_stops_the_bench(open_bench: OpenBench) -> None:
-    with open_bench(output__limits__temperature_c=24.5) as bench:
+    with open_bench(output__limits__temperature_c=23.7) as bench:
         bench.load_output(100.0)
         bench.clock.wait(1.0)
         assert bench.supervisor.alarm is None
-        bench.simulated.twin.set_ambient(90.0)
+        bench.simulated.twin.set_ambient(500.0)
         with pytest.raises(LimitError, match="temperature limit: probe output_transducer"):
             bench.clock.wait(600.0)
         assert_safe(bench, AlarmKind.TEMPERATURE_LIMIT, "output_transducer")
@@ -190,7 +190,7 @@ def test_the_torque_goes_off_although_acquisition_hangs(open_bench: OpenBench) -
         counters.append(HangingCounter(drivers))
         return replace(drivers, counter=counters[0])
 
-    with open_bench(wrap=wrap, safety__stall_s=0.3) as bench:
+    with open_bench(wrap=wrap, safety__stall_s=0.2) as bench:
         bench.load_output(500.0)
         bench.clock.wait(0.5)
         counters[0].hang.set()
