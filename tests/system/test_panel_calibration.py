@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.system.panel_browser import PEOPLE, Visitor, browser, running_panel
+from tests.system.panel_browser import PEOPLE, SLOW, Visitor, browser, running_panel
+
+pytestmark = SLOW
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,8 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("Compensated:")
     ana.sees("(k = 2)")
     ana.press("Give up command")
+    ana.sees("Nobody is in command")
+    ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
     assert ana.problems() == ben.problems() == []
 
 
@@ -79,7 +83,7 @@ def test_a_specimen_is_tested_for_hysteresis_and_compared(
     ben.sees("What would happen")
     assert "Duration" in ben.text
     ben.press("Mount the reducer and begin")
-    ben.sees("Data sheet", 100.0)
+    ben.sees("Data sheet")
     for quantity in ("backlash", "lost motion", "stiffness"):
         assert quantity in ben.text.lower()
     ben.sees("Compared with earlier specimens")

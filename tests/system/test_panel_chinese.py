@@ -10,15 +10,14 @@ from selenium.common.exceptions import (
     InvalidElementStateException,
 )
 from selenium.webdriver.common.by import By
-from tests.system.panel_browser import Visitor, browser, running_panel
+from tests.system.panel_browser import SLOW, Visitor, browser, running_panel
 
 from torquebench.bench.description import DEFAULT_BENCH
 from torquebench.panel.text import Text
 from torquebench.reducers import available_reducers, load_reducer
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = SLOW
 CHINESE = Text("zh")
-PATIENCE_S = 150.0
 TABLE = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
 REDUCERS = [load_reducer(name).name for name in available_reducers()]
 
@@ -39,7 +38,7 @@ def ana(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visitor]:
 def all_chinese(ana: Visitor, *keys: str) -> None:
     """Wait for some texts of a page; then nothing on it may be English."""
     for key in keys:
-        ana.sees(CHINESE(key), PATIENCE_S)
+        ana.sees(CHINESE(key))
     assert ana.english(*REDUCERS) == []
 
 
@@ -71,7 +70,7 @@ def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
     ana.sees(CHINESE("presence.left", seconds=3600)[:20])
     ana.press(CHINESE("prepare.start"))
     first = CHINESE("measure.last", number="#", reading="", standard="", error="").partition("#")[0]
-    ana.sees(first, PATIENCE_S)
+    ana.sees(first)
     ana.press(CHINESE("job.pause"))
     all_chinese(ana, "job.state_paused")
     ana.press(CHINESE("job.abort"))
@@ -100,10 +99,10 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     large.write_text("reading_nm,standard_nm\n" + "1,2\n" * 140_000)
     wrong.write_text("reading_nm,standard_nm\n1,2\n3,many\n")
     chosen.send_keys(str(large))
-    ana.sees("524288", PATIENCE_S)
+    ana.sees("524288")
     chosen.send_keys(str(wrong))
     ana.press(CHINESE("elsewhere.look"))
-    ana.sees("'many'", PATIENCE_S)
+    ana.sees("'many'")
     all_chinese(ana, "elsewhere.title")
     chosen.send_keys(str(TABLE))
     ana.press(CHINESE("elsewhere.look"))
