@@ -1,4 +1,6 @@
+import contextlib
 import json
+import sqlite3
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -320,6 +322,20 @@ def test_a_model_file_that_was_changed_never_compensates(station: Station) -> No
     with pytest.raises(RecordError, match="changed"):
         station.activate_compensation("output")
     assert station.acquisition.compensation("output") is None
+
+
+def test_a_run_that_the_registry_does_not_take_leaves_no_folder(station: Station) -> None:
+    with contextlib.closing(sqlite3.connect(station.data_dir / "registry.sqlite")) as database:
+        database.execute(
+            "CREATE TRIGGER full BEFORE INSERT ON runs "
+            "BEGIN SELECT RAISE(ABORT, 'database or disk is full'); END"
+        )
+        with pytest.raises(RecordError, match="disk is full"):
+            station.run(set_up(station.devices), kind="set-up")
+        assert list((station.data_dir / "runs").iterdir()) == []
+        database.execute("DROP TRIGGER full")
+    station.run(set_up(station.devices), kind="set-up")
+    assert len(station.registry.runs()) == 1
 
 
 def test_closing_a_loaded_bench_takes_the_torque_off(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import secrets
+import shutil
 import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from typing import Any, Literal, Self
 from numpy.typing import ArrayLike
 
 import torquebench
-from torquebench.errors import InputError, RecordError
+from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.records.edge_archive import read_edges, seal_edges
 from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, RecordedEdges, torn_bytes
 from torquebench.records.files import (
@@ -122,12 +123,17 @@ class RunWriter:
             "created": datetime.now(UTC),
             "software_version": torquebench.__version__,
         }
-        write_atomically(path / _METADATA, json_text(content, indent=2) + "\n")
-        self._events = (path / _EVENTS).open("xb", buffering=0)
+        try:
+            write_atomically(path / _METADATA, json_text(content, indent=2) + "\n")
+            sync_folder(path.parent)
+            self._events = (path / _EVENTS).open("xb", buffering=0)
+        except (OSError, TorquebenchError) as error:
+            shutil.rmtree(path, ignore_errors=True)  # nothing is half begun
+            remedy = "make room on the disk or repair it"
+            raise RecordError(f"can't create {path} ({error})", "", remedy) from error
         self._raw = RawStream(path / "raw.arrow")
         self._edges = EdgeStream(path / EDGE_STREAM)
         sync_folder(path)
-        sync_folder(path.parent)
 
     @property
     def run_id(self) -> str:
@@ -263,6 +269,11 @@ class RunWriter:
             self._raw.close()
         finally:
             self._edges.close()
+
+    def discard(self) -> None:
+        """Take the whole folder away again: of a run that couldn't be begun."""
+        self.close()
+        shutil.rmtree(self.path, ignore_errors=True)
 
     def __enter__(self) -> Self:
         return self

@@ -51,8 +51,12 @@ class Recording:
         head = str(registry.head())  # ties the folder to all records before it
         self.known: dict[str, Any] = {**run_metadata(context), "registry_head": head, **metadata}
         self.writer = RunFolder.create(runs, self.known, kind=kind)
-        self._hold = RunHold(self.writer.path)
-        registry.add_run(run_summary(self.writer, kind, self.known))
+        try:
+            self._hold = RunHold(self.writer.path)
+            registry.add_run(run_summary(self.writer, kind, self.known))
+        except BaseException:  # the records know nothing of it, so nobody would look for it
+            self.writer.discard()
+            raise
         operator = str(self.known.get("operator", ""))
         audit.begin_run(self.writer.run_id, operator, self.writer.path)
         audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))

@@ -324,3 +324,19 @@ def test_a_stream_of_blocks_that_were_never_written_is_torn_and_empty(tmp_path: 
     (tmp_path / "raw.arrow").write_bytes(b"\xff\xff" + b"\0" * 17)
     found = read_raw(tmp_path)
     assert (found.rows, found.torn_bytes) == (0, 19)
+
+
+def test_a_folder_that_cannot_be_begun_is_not_left_behind(runs):
+    RunFolder.create(runs, {}, kind="zero").seal()
+    script = (
+        "import resource, sys; from pathlib import Path; from torquebench.records import RunFolder;"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10));"  # no room for run.json
+        "RunFolder.create(Path(sys.argv[1]), {'operator': 'Ana'}, kind='calibrate-output')"
+    )
+    before = sorted(runs.iterdir())
+    child = subprocess.run(
+        [sys.executable, "-c", script, str(runs)], capture_output=True, text=True, check=False
+    )
+    assert "RecordError: can't create" in child.stderr
+    assert "make room on the disk" in child.stderr
+    assert sorted(runs.iterdir()) == before
