@@ -39,7 +39,6 @@ from torquebench.procedures.reducer_breakaway import BreakawaySettings
 from torquebench.procedures.reducer_loop import BenchTwistSettings, HysteresisSettings
 from torquebench.procedures.reducer_running import EfficiencySettings, NoLoadSettings
 from torquebench.procedures.reducer_setup import WarmUp
-from torquebench.procedures.reducer_turning import TransmissionSettings
 from torquebench.reducers import LOST_MOTION_RULES, ReducerDescription, load_reducer
 from torquebench.station import Station
 from torquebench.twin.reducer import ReducerConstants
@@ -74,7 +73,6 @@ SETTINGS = ReducerTestSettings(
     starting=BreakawaySettings(positions=3),
     back_driving=BreakawaySettings(positions=3),
     hysteresis=HysteresisSettings(loops=1),
-    transmission=TransmissionSettings(output_rpm=1.0),
     efficiency=EfficiencySettings(
         torque_shares=(0.2, 1.0), speeds_rpm=(300.0, 900.0), counter_clockwise=True, warm_up=COLD
     ),

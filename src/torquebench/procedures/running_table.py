@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
-from torquebench.compensation import features
+from torquebench.compensation import HistoryCompensator, features
 from torquebench.procedures.reducer_setup import check_followed, temperature_c
 from torquebench.procedures.setup import Plan, power_on, set_mode
 from torquebench.procedures.zeroing import measure_zero, zero
@@ -204,7 +204,7 @@ class RunningTable:
 
         The small cycles of a test lie inside the calibration's hysteresis loop: on neither of its
         branches, with a zero of their own. So the middle of the loop counts, and the uncertainty
-        that the model has on a branch.
+        that the model has on a branch, with what plays leave between that middle and a small cycle.
         """
         active = self.devices.context.acquisition.compensation(side)
         if active is None or active.history is None or active.accepted is not None:
@@ -218,8 +218,8 @@ class RunningTable:
         # A cycle so far below the loop's own width opens it in proportion only.
         range_nm = self.devices.context.description.module(side).range_nm
         opened = np.minimum(np.abs(middle) / (LOOP_SHARE * range_nm), 1.0)
-        loop = 0.5 * np.abs(up - down) * opened / np.sqrt(3.0)
-        return middle, np.hypot(np.maximum(first, second), loop)
+        loop = np.hypot(0.5 * np.abs(up - down) * opened, _in_small_cycles(active.history, reading))
+        return middle, np.hypot(np.maximum(first, second), loop / np.sqrt(3.0))
 
     def _interval(self, side: Side) -> NDArray[np.int64]:
         """Return the number of the zero before each point."""
@@ -243,3 +243,18 @@ class RunningTable:
         moved = np.interp(self._column(side, "time_s"), at, frequency) - frequency[before]
         spread = float(np.sqrt(np.mean(np.diff(frequency) ** 2))) if len(zeros) > 1 else 0.0
         return moved / per_nm + standing[before], 0.5 * spread / per_nm / np.sqrt(3.0)
+
+
+def _in_small_cycles(history: HistoryCompensator, reading_nm: FloatArray) -> FloatArray:
+    """Return by how much plays shift cycles 0 → x → 0 → −x against the loop's middle, N·m.
+
+    How the plays share the loop isn't known well enough to take that off.
+    """
+    operator = history.operator
+    shift = []
+    for reading in reading_nm:
+        tracker = operator.tracker()
+        tracker.settle(0.0)
+        state, _ = tracker.push([reading, 0.0, -reading, 0.0, reading])
+        shift.append(operator.amplitude_nm * (state[4] - state[3]))
+    return np.abs(np.array(shift, dtype=np.float64))
