@@ -1,3 +1,4 @@
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -40,11 +41,12 @@ def test_live_windows_get_what_the_model_says(kind: str) -> None:
     assert one == pytest.approx((torque_nm[7], uncertainty_nm[7]))
 
 
-def loop_model(kind: str = "hybrid") -> CompensationModel:
+@cache
+def loop_model(kind: str) -> CompensationModel:
     """A chain whose loop is ten times its noise, calibrated up and down in both directions."""
-    draw = np.random.default_rng(6)
-    size = np.concatenate((np.linspace(0.04, 1.0, 25), np.linspace(0.98, 0.02, 25)))
-    side, up = np.repeat([1.0, -1.0], 50), np.tile(np.repeat([1.0, -1.0], 25), 2)
+    draw, steps = np.random.default_rng(6), 13
+    size = np.concatenate((np.linspace(0.04, 1.0, steps), np.linspace(0.98, 0.02, steps)))
+    side, up = np.repeat([1.0, -1.0], 2 * steps), np.tile(np.repeat([1.0, -1.0], steps), 2)
     u = side * np.tile(size, 2)
     extra = 1e-3 * u + 2e-3 * u * np.abs(u) + side * up * LOOP * (1.0 - np.abs(u))
     reading = FULL_SCALE_NM * u
@@ -82,7 +84,7 @@ def test_the_branch_of_live_windows_follows_from_those_before(kind: str) -> None
 
 
 def test_a_fault_a_gap_and_the_start_make_the_past_unknown() -> None:
-    active = ActiveCompensation(loop_model(), "1", "hybrid")
+    active = ActiveCompensation(loop_model("hybrid"), "1", "hybrid")
     path = ramp(0.0, 1.0, 0.0, 1.0, 0.5)
     time_s = 1e-3 * np.arange(path.size + 10)
 
@@ -109,7 +111,7 @@ def test_a_fault_a_gap_and_the_start_make_the_past_unknown() -> None:
 
 
 def test_a_steady_value_is_taken_where_the_stream_stands_and_moves_nothing() -> None:
-    active = ActiveCompensation(loop_model(), "1", "hybrid")
+    active = ActiveCompensation(loop_model("hybrid"), "1", "hybrid")
     active.warm_up()
     half = FULL_SCALE_NM / 2
     _, unknown = active.value(half, 0.0, 23.0)
