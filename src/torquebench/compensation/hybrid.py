@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.compensation.base import (
     CompensationModel,
@@ -15,6 +16,7 @@ from torquebench.compensation.base import (
 )
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.hybrid_effects import (
+    KINDS,
     Dictionary,
     EffectPoints,
     all_columns,
@@ -22,6 +24,7 @@ from torquebench.compensation.hybrid_effects import (
     path_clocks,
 )
 from torquebench.compensation.hybrid_inference import (
+    MANY_CANDIDATES,
     Member,
     Problem,
     deviation_kernel,
@@ -182,8 +185,8 @@ class HybridModel(CompensationModel):
         """Return the mean additional torque as a fraction of full scale."""
         mean = main_columns(u) @ self.main_ + deviation_kernel(u, self.train_u_) @ self.deviation_
         columns = all_columns(at_zero_time(u, branch), self.dictionary_)
-        # without waves, their columns are empty and the last
-        for new, means in zip(columns, self.effects_, strict=False):
+        # models stored by earlier versions hold fewer kinds; new ones are the last
+        for new, means in zip(columns.values(), self.effects_, strict=False):
             mean += np.einsum("jqn,jq->n", new, means)
         return np.asarray(mean)
 
@@ -205,26 +208,17 @@ def _without_negligible(
     problem: Problem, effects: list[FloatArray]
 ) -> tuple[Dictionary, list[FloatArray]]:
     """Leave out ripple and bumps whose coefficients add up to nothing that could be measured."""
-    loop, step, ripple, bump, offset, *wave = effects
-    waves = wave[0] if wave else np.zeros((0, 1))
-    frequencies, wandering, bumps = (_worth_keeping(means) for means in (ripple, waves, bump))
-    whole = problem.dictionary
-    dictionary = Dictionary(
-        whole.step_widths,
-        whole.loop_shapes,
-        whole.frequencies[frequencies],
-        whole.stretches[frequencies],
-        whole.wave_frequencies[wandering],
-        whole.bump_centres[bumps],
-        whole.bump_widths[bumps],
-    )
-    kept = [loop, step, ripple[frequencies], bump[bumps], offset]
-    return dictionary, kept + [means[wandering] for means in wave]
+    means = {"wave": np.zeros((0, 12))}  # without candidates, there is no such kind
+    means |= {kind.name: mean for kind, mean in zip(problem.kinds, effects, strict=True)}
+    kept = {name: _worth_keeping(means[name]) for name in MANY_CANDIDATES}
+    for name, candidates in kept.items():
+        means[name] = means[name][candidates]
+    return problem.dictionary.limited_to(kept), [means[name] for name in KINDS]
 
 
-def _worth_keeping(means: FloatArray) -> FloatArray:
+def _worth_keeping(means: FloatArray) -> NDArray[np.intp]:
     size = np.abs(means).sum(axis=1)
     order = np.argsort(size)
     kept = np.ones(size.size, dtype=bool)
     kept[order[np.cumsum(size[order]) < _NEGLIGIBLE]] = False
-    return np.asarray(np.flatnonzero(kept))
+    return np.flatnonzero(kept)

@@ -19,6 +19,9 @@ Where the shapes come from
                 where the torques are close-set enough.
     bump        one local engagement error.
     offset      a zero that was taken wrongly, beyond what the main form allows for.
+    skew        what a loop differs by from all those shapes: smooth, closed at full scale, alike in
+                both directions or not. With little noise no formula fits a real loop, and what it
+                leaves would pass for a zero that creeps.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ from torquebench.compensation.averaging import Candidates
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
 
-__all__ = ["Dictionary", "Effect", "EffectPoints", "make_dictionary", "smallest_torque"]
+__all__ = ["KINDS", "Dictionary", "Effect", "EffectPoints", "make_dictionary", "smallest_torque"]
 
 _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
@@ -49,10 +52,14 @@ _SCALES = {
     "loop": (1e-4, 4e-4, 3e-3),
     "step": (1.5e-4, 6e-4, 4e-3),
     "ripple": (1.5e-4,),
-    "wave": (0.7e-4, 2e-4),
     "bump": (1e-4, 4e-4, 3e-3),
     "offset": (3e-4, 3e-3),
+    "wave": (0.7e-4, 2e-4),
+    "skew": (1e-5, 4e-5, 1.5e-4),
 }
+KINDS = tuple(_SCALES)
+"""Kinds of effects, in the order in which they are first looked for."""
+_COPIES = {"bump": 3}
 _STRETCHES = (-0.2, 0.2)
 _STRETCHED_SHARE = 0.2  # each, of ripple that doesn't stretch
 _FEWEST_TO_STRETCH = 3.0  # cycles per full scale
@@ -61,6 +68,7 @@ _WAVE_CENTRES = np.linspace(-1.0, 1.0, 6)
 _WAVE_REACH = 0.24  # standard deviation of the windows
 _FEWEST_LEVELS_FOR_WAVES = 16
 _LOOP_DIFFERENCE = 0.2  # how much loops of both directions differ
+_SKEW_WAVES = 4  # half waves over a direction, the first of them none
 
 
 @dataclass(frozen=True)
@@ -136,6 +144,11 @@ class Effect:
     log_prior: FloatArray
     log_absent: float
     copies: int = 1
+
+    @property
+    def turns(self) -> bool:
+        """Whether it changes its sign with the branch."""
+        return self.name in ("loop", "skew")
 
     def limited_to(self, kept: NDArray[np.intp]) -> Effect:
         """Return some of the candidates, each as probable as before."""
@@ -281,16 +294,28 @@ def bump_columns(points: EffectPoints, centres: FloatArray, widths: FloatArray) 
     return np.exp(-0.5 * distance**2)[:, None, :]
 
 
-def all_columns(points: EffectPoints, dictionary: Dictionary) -> list[FloatArray]:
-    """Return the columns of every kind of effect, in the order of `make_effects`."""
-    return [
-        loop_columns(points, dictionary.loop_shapes),
-        step_columns(points, dictionary.step_widths),
-        ripple_columns(points, dictionary.frequencies, dictionary.stretches),
-        bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
-        np.ones((1, 1, points.u.size)),
-        wave_columns(points, dictionary.wave_frequencies),
-    ]
+def skew_columns(points: EffectPoints) -> FloatArray:
+    """Return smooth loops, shape (1, 7, n): some with the torque's sign, some with the same sign.
+
+    The latter vanish at zero, where one direction passes into the other.
+    """
+    x, side = np.minimum(np.abs(points.u), 1.0), np.tanh(points.u / _SIDELESS)
+    order = np.arange(_SKEW_WAVES)[:, None]
+    course = points.branch * (1.0 - x) * np.cos(np.pi * order * x) / (1.0 + order)
+    return np.concatenate([side * course, 2.0 * x * course[:-1]])[None]
+
+
+def all_columns(points: EffectPoints, dictionary: Dictionary) -> dict[str, FloatArray]:
+    """Return the columns of every kind of effect, in the order of `KINDS`."""
+    return {
+        "loop": loop_columns(points, dictionary.loop_shapes),
+        "step": step_columns(points, dictionary.step_widths),
+        "ripple": ripple_columns(points, dictionary.frequencies, dictionary.stretches),
+        "bump": bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
+        "offset": np.ones((1, 1, points.u.size)),
+        "wave": wave_columns(points, dictionary.wave_frequencies),
+        "skew": skew_columns(points),
+    }
 
 
 def make_effects(
@@ -310,25 +335,33 @@ def make_effects(
     Returns
     -------
     effects : list of Effect
-        Loop, step, ripple, bumps, offset, waves.
+        Loop, step, ripple, bumps, offset, waves where there are candidates, skew.
     """
-    loop, step, ripple, bump, offset, wave = all_columns(points, dictionary)
-    scales = {name: prior_scale * np.array(pair) for name, pair in _SCALES.items()}
+    columns = all_columns(points, dictionary)
     loops = len(dictionary.loop_shapes)
     loop_prior = np.log(np.repeat(np.array(_LOOP_SHARES) / loops, loops))
     stretched = np.where(dictionary.stretches == 0.0, 1.0, _STRETCHED_SHARE)
     ripple_prior = stretched / dictionary.frequencies
-    effects = [
-        Effect("loop", loop, scales["loop"], loop_prior, float(np.log(1.0 - sum(_LOOP_SHARES)))),
-        Effect("step", step, scales["step"], *_prior(np.ones(len(step)), 0.2)),
-        Effect("ripple", ripple, scales["ripple"], *_prior(ripple_prior, 0.4)),
-        Effect("bump", bump, scales["bump"], *_prior(dictionary.bump_widths, 0.4), copies=3),
-        Effect("offset", offset, scales["offset"], *_prior(np.ones(1), 0.75)),
+    priors = {
+        "loop": (loop_prior, float(np.log(1.0 - sum(_LOOP_SHARES)))),
+        "step": _prior(np.ones(len(columns["step"])), 0.2),
+        "ripple": _prior(ripple_prior, 0.4),
+        "bump": _prior(dictionary.bump_widths, 0.4),
+        "offset": _prior(np.ones(1), 0.75),
+        "wave": _prior(1.0 / dictionary.wave_frequencies, 0.6),
+        "skew": _prior(np.ones(1), 0.4),
+    }
+    return [
+        Effect(
+            name,
+            columns[name],
+            prior_scale * np.array(_SCALES[name]),
+            *priors[name],
+            copies=_COPIES.get(name, 1),
+        )
+        for name in KINDS
+        if len(columns[name])
     ]
-    if len(wave):
-        prior = _prior(1.0 / dictionary.wave_frequencies, 0.6)
-        effects.append(Effect("wave", wave, scales["wave"], *prior))
-    return effects
 
 
 def _prior(weights: FloatArray, absent: float) -> tuple[FloatArray, float]:

@@ -44,6 +44,7 @@ from torquebench.compensation.hybrid_effects import (
 __all__ = [
     "GROWTHS",
     "LEAST_NOISE",
+    "MANY_CANDIDATES",
     "Member",
     "Problem",
     "Setting",
@@ -69,7 +70,8 @@ _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
 _USUAL_NOISE = 2e-4
 _KEPT_CHANCE = 0.99
-_MANY_CANDIDATES = ("ripple", "bump", "wave")
+MANY_CANDIDATES = ("ripple", "bump", "wave")
+"""Kinds of which most candidates can be left out once they have had their chance."""
 
 
 def main_columns(u: FloatArray) -> FloatArray:
@@ -232,7 +234,7 @@ class Problem:
         for kind in self.kinds:
             effects = range(start, start + kind.copies)
             start += kind.copies
-            if kind.name in _MANY_CANDIDATES:
+            if kind.name in MANY_CANDIDATES:
                 chances = [m.effects.weights[k].sum(axis=0) for m in members for k in effects]
                 kept[kind.name] = _likely(np.array(chances))
         return self._limited_to(kept)

@@ -61,14 +61,13 @@ def curve_variance(
         )
         value, variance = np.tile(cross @ member.solved, (2, 1)), np.tile(common, (2, 1))
         start = 0
-        for kind, new in zip(problem.kinds, columns, strict=False):
+        for kind in problem.kinds:
             means = member.effects.means[start : start + kind.copies]
             moments = member.effects.moments[start : start + kind.copies]
             start += kind.copies
-            turns = -1.0 if kind.name == "loop" else 1.0
             _add_effect(
-                new,
-                turns,
+                columns[kind.name],
+                -1.0 if kind.turns else 1.0,
                 kind.columns,
                 gain,
                 np.array(means),

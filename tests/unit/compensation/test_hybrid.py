@@ -269,8 +269,8 @@ def test_prior_probabilities_add_up_to_one() -> None:
 def test_loops_close_at_full_scale_and_turn_over_with_the_branch() -> None:
     dictionary = make_dictionary(50)
     u = np.array([-1.0, -0.4, 0.4, 1.0])
-    up = all_columns(at_zero_time(u, np.ones(4)), dictionary)[0]
-    down = all_columns(at_zero_time(u, -np.ones(4)), dictionary)[0]
+    up = all_columns(at_zero_time(u, np.ones(4)), dictionary)["loop"]
+    down = all_columns(at_zero_time(u, -np.ones(4)), dictionary)["loop"]
     np.testing.assert_allclose(up[:, :, [0, 3]], 0.0)
     np.testing.assert_allclose(up, -down)
 
