@@ -101,7 +101,7 @@ def test_wrong_passwords_are_refused_and_nobody_is_sent_elsewhere(
 
 def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.open("/settings")
-    entry = person.driver.find_element(By.CSS_SELECTOR, "[aria-label='output.limits.torque_nm']")
+    entry = person.driver.find_element(By.CSS_SELECTOR, "[data-key='output.limits.torque_nm']")
     entry.send_keys(Keys.CONTROL, "a")
     entry.send_keys("many")
     person.sees("output.limits.torque_nm")
@@ -111,6 +111,7 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     entry.send_keys(Keys.CONTROL, "a")
     entry.send_keys("2100")
     person.sees("What would change")
+    person.sees("Output module: Limits: Torque limit")
     person.press("Apply these changes")
     person.sees("Changed and logged.")
     person.press("Changes")

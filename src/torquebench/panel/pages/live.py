@@ -56,7 +56,7 @@ def _traces() -> tuple[Trace, ...]:
 class _Tile:
     """One side's torque."""
 
-    def __init__(self, text: Text, side: Side) -> None:
+    def __init__(self, text: Text, side: Side, range_nm: float) -> None:
         self._text, self._side = text, side
         self.places: dict[str, tuple[Any, int]] = {}
         self._shown: tuple[Any, ...] = ()
@@ -74,7 +74,13 @@ class _Tile:
                         words("span", text(f"live.{key}") + " ")
                         self.places[f"{side}_{key}_nm"] = (words("b", "—"), DECIMALS[side])
                         words("span", " N·m")
-                self._share = words("span", "")
+                with box("span"):
+                    before, after = text(
+                        "live.full_scale", percent="#", range=f"{range_nm:g}"
+                    ).split("#")
+                    words("span", before)
+                    self.places[f"{side}_share"] = (words("span", "—"), 1)
+                    words("span", after)
             self._about = words("div", "", "small muted")
             self._fault = words("div", "", "bad-text")
         self.places["torque"] = (self._value, DECIMALS[side])
@@ -83,11 +89,9 @@ class _Tile:
         """Show what doesn't change with every reading."""
         text, state = self._text, side.compensation
         uncertainty = side.uncertainty.value if state is not None else None
-        torque = side.torque.value
         known = (
             state,
             None if uncertainty is None else round(uncertainty, 6),
-            None if torque is None else round(torque, 3),
             side.torque.fault,
         )
         if known == self._shown:
@@ -99,10 +103,6 @@ class _Tile:
         if uncertainty is not None:
             said = text("live.uncertainty", value=f"{uncertainty:.{DECIMALS[self._side]}f}")
         self._uncertainty.set_text(said if state is None or uncertainty is not None else "")
-        share = "—" if torque is None else f"{round(100.0 * torque / side.range_nm, 1) + 0.0:.1f}"
-        self._share.set_text(
-            text("live.full_scale", percent=share.replace("-", "−"), range=f"{side.range_nm:g}")
-        )
         fault = side.torque.fault
         self._fault.set_text(text("live.fault", fault=text.core(fault)) if fault else "")
 
@@ -146,7 +146,9 @@ class _LivePage:
         text = self.text
         with box("div", "stack") as region:
             with box("div", "tiles"):
-                self.tiles = {side: _Tile(text, side) for side in reversed(SIDES)}
+                self.tiles = {
+                    side: _Tile(text, side, self.sides[side].range_nm) for side in reversed(SIDES)
+                }
             places: dict[str, tuple[Any, int]] = {}
             for side, tile in self.tiles.items():
                 places |= {key: where for key, where in tile.places.items() if key != "torque"}
@@ -229,7 +231,9 @@ class _LivePage:
         snapshot = self.sides
         for side in SIDES:
             chosen = "torque" if snapshot[side].compensation is not None else "raw"
-            numbers[f"{side}_torque"] = numbers[f"{side}_{chosen}_nm"]
+            torque = numbers[f"{side}_torque"] = numbers[f"{side}_{chosen}_nm"]
+            range_nm = snapshot[side].range_nm
+            numbers[f"{side}_share"] = None if torque is None else 100.0 * torque / range_nm
         self.trend.push(increment, numbers)
 
     def refresh(self) -> None:

@@ -72,7 +72,7 @@ class RunPanel:
     def _facts(self, detail: RunDetail) -> list[tuple[str, str]]:
         text, run = self._text, detail.run
         facts = [
-            (text("records.kind"), text.core(run.kind)),
+            (text("records.kind"), text.maybe(f"run_kind.{run.kind}", run.kind)),
             (text("records.started"), f"{run.started:%Y-%m-%d %H:%M:%S} UTC"),
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),

@@ -85,7 +85,7 @@ class _Runs:
             rows = [
                 (
                     f"{run.started:%Y-%m-%d %H:%M}",
-                    text.core(run.kind),
+                    text.maybe(f"run_kind.{run.kind}", run.kind),
                     run.operator,
                     text.maybe(f"records.status_{run.status}", run.status),
                     run.run_id,
@@ -262,13 +262,18 @@ def _drift(visitor: Visitor) -> None:
                     span = [since[0], since[-1]]
                     middle = [chart.centre, chart.centre]
                     lines.append(Line(text("records.centre"), span, middle, "--series-3"))
-                Chart(
-                    text("records.drift_label", title=title),
-                    text("records.days"),
-                    f"{title}, {series.unit}",
-                    lines,
-                    limits=limits,
-                )
+                if len(since) > 1:  # one point on axes of its own says less than a sentence
+                    Chart(
+                        text("records.drift_label", title=title),
+                        text("records.days"),
+                        f"{title}, {series.unit}",
+                        lines,
+                        limits=limits,
+                    )
+                else:
+                    said = f"{series.values[0]:.4g} {series.unit}".replace("-", "−")
+                    when = f"{series.moments[0]:%Y-%m-%d}"
+                    words("p", text("records.one_value", value=said, when=when))
                 if chart is None:
                     words("p", text("records.too_few"), "muted")
                 remarks = {series.remark(place) for place in range(len(series.values))} - {""}

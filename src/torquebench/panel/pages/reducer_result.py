@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from torquebench.errors import TorquebenchError
@@ -49,6 +50,20 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     return f"{value:.{decimals}f}".replace("-", "−"), f"{uncertainty:.{decimals}f}"
 
 
+@dataclass(frozen=True)
+class _Quantity:
+    """What was found of one specimen."""
+
+    value: float
+    expanded_uncertainty: float
+    unit: str
+    title: str
+
+    def __str__(self) -> str:
+        value, uncertainty = with_uncertainty(self.value, self.expanded_uncertainty)
+        return f"{value} ± {uncertainty}" if self.expanded_uncertainty > 0.0 else value
+
+
 def outcomes(text: Text, details: Mapping[str, Any]) -> None:
     """Show every outcome of a test."""
     for outcome in details["outcomes"]:
@@ -77,7 +92,7 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
 def comparison(visitor: Visitor, result: JobResult) -> None:
     """Compare what was found with earlier runs of the same test."""
     text, records = visitor.text, visitor.service.records
-    found: list[tuple[str, dict[str, tuple[float, str, str]]]] = []
+    found: list[tuple[str, dict[str, _Quantity]]] = []
     for run_id in result.run_ids:
         try:
             kind = records.run(run_id, check=False).run.kind
@@ -93,22 +108,23 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
     keys = list(found[0][1])
     columns = [(text("reducer.specimen"), False)]
     columns += [
-        (f"{text.core(found[0][1][key][2])}, {found[0][1][key][1]}", True) for key in keys[:6]
+        (f"{text.core(found[0][1][key].title)}, {found[0][1][key].unit}", True) for key in keys[:6]
     ]
     rows = [
-        (name, *(number(quantities[key][0]) if key in quantities else "—" for key in keys[:6]))
+        (name, *(str(quantities[key]) if key in quantities else "—" for key in keys[:6]))
         for name, quantities in found
     ]
     table(text("reducer.compare"), columns, rows)
+    words("p", text("reducer.compare_uncertainty"), "small muted")
     key = keys[0]
     names = [name for name, _ in reversed(found)]
-    values = [quantities[key][0] for _, quantities in reversed(found) if key in quantities]
+    values = [quantities[key].value for _, quantities in reversed(found) if key in quantities]
     if len(values) == len(names):
-        title = text.core(found[0][1][key][2])
+        title = text.core(found[0][1][key].title)
         Chart(
             text("reducer.compare_label", title=title),
             text("reducer.specimen"),
-            f"{title}, {found[0][1][key][1]}",
+            f"{title}, {found[0][1][key].unit}",
             [Line(title, [], values, "--series-1", points=True)],
             names=names,
         )
@@ -119,11 +135,16 @@ def _specimen(metadata: Mapping[str, Any], run_id: str) -> str:
     return serial or run_id
 
 
-def _quantities(results: Any) -> dict[str, tuple[float, str, str]]:
-    """Return value, unit and title of every quantity by key."""
+def _quantities(results: Any) -> dict[str, _Quantity]:
+    """Return every quantity by key."""
     listed = results.get("quantities", []) if isinstance(results, Mapping) else []
     return {
-        each["key"]: (float(each["value"]), str(each["unit"]), str(each["title"]))
+        each["key"]: _Quantity(
+            float(each["value"]),
+            float(each.get("expanded_uncertainty") or 0.0),
+            str(each["unit"]),
+            str(each["title"]),
+        )
         for each in listed
         if each.get("value") is not None
     }

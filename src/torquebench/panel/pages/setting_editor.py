@@ -11,9 +11,11 @@ from torquebench.panel.components.controls import Field, button, set_disabled
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, words
 from torquebench.panel.pages.job_panel import problem_note
+from torquebench.panel.pages.setting_names import group_title, setting_title, unit_of
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, Difference, SettingsItem
 from torquebench.panel.service.differences import flat, nested
+from torquebench.panel.text import Text
 
 __all__ = ["SettingEditor", "change_lines", "parsed", "shown"]
 
@@ -56,12 +58,14 @@ def parsed(text: str, before: Any) -> Any:
         return text
 
 
-def change_lines(differences: Sequence[Difference]) -> None:
-    """List what differs: the key, what was and what is."""
+def change_lines(text: Text, differences: Sequence[Difference]) -> None:
+    """List what differs: name and key, what was and what is."""
     with box("ul", "stack change"):
         for each in differences:
             with box("li", "line"):
-                words("span", each.key)
+                group = group_title(text, each.key.rpartition(".")[0])
+                words("span", f"{group}: {setting_title(text, each.key)}", "name")
+                words("span", each.key, "small muted")
                 if each.before is not None:
                     words("del", shown(each.before), "old")
                 if each.after is not None:
@@ -107,7 +111,7 @@ class SettingEditor:
             self._remarks()
             for group, keys in self._groups().items():
                 with box("details", open_=group in OPEN_GROUPS or item.section != "bench"):
-                    words("summary", group or text("settings.general"))
+                    words("summary", group_title(text, group))
                     with box("div", "columns"):
                         for key in keys:
                             self._field(key)
@@ -141,16 +145,17 @@ class SettingEditor:
 
     def _field(self, key: str) -> None:
         value = self._before[key]
-        name = key.rpartition(".")[2]
         options = {"true": "true", "false": "false"} if isinstance(value, bool) else None
         Field(
-            name,
+            setting_title(self._text, key),
             shown(value),
+            unit=unit_of(key),
+            hint=key,
             options=options,
             disabled=not self._editable or key == "name",
             on_change=lambda said: self._typed(key, said),
             autocomplete="off",
-            aria_label=f"{key}",
+            data_key=key,
         )
 
     def _typed(self, key: str, said: str) -> None:
@@ -172,7 +177,7 @@ class SettingEditor:
                 good = bool(found.differences)
                 if good:
                     words("h3", self._text("settings.differences"))
-                    change_lines(found.differences)
+                    change_lines(self._text, found.differences)
         set_disabled(self._apply, not good)
 
     def _change(self) -> None:

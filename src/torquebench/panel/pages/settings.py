@@ -184,7 +184,7 @@ class _History:
                     )
             if change.reason:
                 words("p", change.reason)
-            change_lines(change.differences)
+            change_lines(text, change.differences)
 
     def _undo(self, number: int) -> None:
         visitor = self._visitor

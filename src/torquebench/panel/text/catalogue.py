@@ -42,8 +42,11 @@ def words(language: Language) -> Mapping[str, str]:
     >>> words("en")["navigation.live"]
     'Live'
     """
-    file = resources.files("torquebench.panel.text") / f"{language}.toml"
-    return dict(_flat(tomllib.loads(file.read_text(encoding="utf-8"))))
+    folder = resources.files("torquebench.panel.text")
+    found: dict[str, str] = {}
+    for name in (f"{language}.toml", f"settings_{language}.toml"):
+        found |= _flat(tomllib.loads((folder / name).read_text(encoding="utf-8")))
+    return found
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:

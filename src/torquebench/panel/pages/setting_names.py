@@ -1,0 +1,70 @@
+"""What settings are called: words for their keys, and the units at the keys' ends."""
+
+from __future__ import annotations
+
+from torquebench.panel.text import Text
+
+__all__ = ["group_title", "setting_title", "unit_of"]
+
+UNITS = {
+    "_nm_per_arcmin": "N·m/arcmin",
+    "_nm_per_s": "N·m/s",
+    "_rpm_per_s": "rpm/s",
+    "_hz_per_nm": "Hz/(N·m)",
+    "_arcmin": "arcmin",
+    "_arcsec": "arcsec",
+    "_percent": "%",
+    "_days": "d",
+    "_rpm": "rpm",
+    "_deg": "°",
+    "_khz": "kHz",
+    "_hz": "Hz",
+    "_nm": "N·m",
+    "_s": "s",
+    "_h": "h",
+    "_c": "°C",
+    "_k": "K",
+    "_j": "J",
+}
+"""By the end of a key, the longest first."""
+
+
+def unit_of(key: str) -> str:
+    """Return the unit that a key ends in; empty where it has none.
+
+    Examples
+    --------
+    >>> unit_of("output.limits.torque_nm"), unit_of("input.drive.torque_rate_nm_per_s")
+    ('N·m', 'N·m/s')
+    >>> unit_of("counter.clock")
+    ''
+    """
+    return next((unit for end, unit in UNITS.items() if key.endswith(end)), "")
+
+
+def setting_title(text: Text, key: str) -> str:
+    """Return what a setting is called; the key's own last word where nobody has named it.
+
+    Examples
+    --------
+    >>> setting_title(Text("en"), "output.limits.torque_nm")
+    'Torque limit'
+    >>> setting_title(Text("en"), "input.drive.torque_rate_nm_per_s")
+    'Torque ramp'
+    """
+    group, _, last = key.rpartition(".")
+    parent = group.rpartition(".")[2]
+    return text.maybe(f"setting.{parent}_{last}", text.maybe(f"setting.{last}", last))
+
+
+def group_title(text: Text, group: str) -> str:
+    """Return what a group of settings is called.
+
+    Examples
+    --------
+    >>> group_title(Text("en"), "output.limits"), group_title(Text("en"), "")
+    ('Output module: Limits', 'General')
+    """
+    if not group:
+        return text("settings.general")
+    return ": ".join(text.maybe(f"setting_group.{part}", part) for part in group.split("."))
