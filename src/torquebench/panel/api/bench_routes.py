@@ -25,7 +25,7 @@ from torquebench.panel.service import (
     StopReport,
 )
 
-__all__ = ["finite_list", "live_rows", "router"]
+__all__ = ["finite_list", "live_document", "router"]
 
 router = APIRouter(tags=["bench"])
 
@@ -125,16 +125,21 @@ def finite_list(values: NDArray[np.float64]) -> list[float | None]:
     return found
 
 
+def live_document(found: LiveIncrement | LiveTrend) -> dict[str, Any]:
+    """Return the content of `LiveRows` for who sends many: null where there is no number."""
+    return {
+        "sequence": found.sequence,
+        "missed": found.missed if isinstance(found, LiveIncrement) else 0,
+        "time_s": found.time_s.tolist(),
+        "values": _lists(found.values),
+        "low": _lists(found.low),
+        "high": _lists(found.high),
+    }
+
+
 def live_rows(found: LiveIncrement | LiveTrend) -> LiveRows:
     """Return rows as JSON has them: null where there is no number."""
-    return LiveRows(
-        sequence=found.sequence,
-        missed=found.missed if isinstance(found, LiveIncrement) else 0,
-        time_s=found.time_s.tolist(),
-        values=_lists(found.values),
-        low=_lists(found.low),
-        high=_lists(found.high),
-    )
+    return LiveRows(**live_document(found))
 
 
 @router.get("/live")

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.api.access import caller_of
-from torquebench.panel.api.bench_routes import live_rows
+from torquebench.panel.api.bench_routes import live_document
 from torquebench.panel.service import BenchService
 
 __all__ = ["StreamRequest", "router"]
@@ -72,7 +72,7 @@ async def _send(websocket: WebSocket, service: BenchService, request: StreamRequ
             found = service.live.since(sequence, request.signals)
             if found.time_s.size or found.sequence != sequence:
                 sequence = found.sequence
-                message = json.dumps(live_rows(found).model_dump())
+                message = json.dumps(live_document(found))
                 await asyncio.wait_for(websocket.send_text(message), SLOWEST_S)
             await asyncio.sleep(1.0 / request.rate)
     finally:

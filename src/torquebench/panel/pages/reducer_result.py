@@ -18,6 +18,7 @@ __all__ = ["comparison", "outcomes"]
 
 KINDS = {"pass": "good", "conditionalPass": "warn", "conditionalFail": "warn", "fail": "bad"}
 EARLIER = 20
+DASH = "path://M0,0h20v3h-20z"
 
 
 def number(value: float) -> str:
@@ -118,14 +119,22 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
     words("p", text("reducer.compare_uncertainty"), "small muted")
     key = keys[0]
     names = [name for name, _ in reversed(found)]
-    values = [quantities[key].value for _, quantities in reversed(found) if key in quantities]
-    if len(values) == len(names):
+    shown = [quantities[key] for _, quantities in reversed(found) if key in quantities]
+    if len(shown) == len(names):
+        bounds = [[each.value + sign * each.expanded_uncertainty for each in shown]
+                  for sign in (1, -1)]  # fmt: skip
         title = text.core(found[0][1][key].title)
         Chart(
             text("reducer.compare_label", title=title),
             text("reducer.specimen"),
             f"{title}, {found[0][1][key].unit}",
-            [Line(title, [], values, "--series-1", points=True)],
+            [
+                Line(title, [], [each.value for each in shown], "--series-1", points=True),
+                *(
+                    Line("± U", [], bound, "--series-3", points=True, symbol=DASH)
+                    for bound in bounds
+                ),
+            ],
             names=names,
         )
 
