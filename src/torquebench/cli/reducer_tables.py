@@ -12,14 +12,26 @@ from rich.markup import escape
 
 from torquebench.cli.console import narrow_table, out, say, stderr_console
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import check_output
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
 
-__all__ = ["FAILED", "present", "stated"]
+__all__ = ["FAILED", "check_reports", "present", "stated"]
 
 FAILED = ("fail", "conditionalFail")
+
+
+def check_reports(reports: Sequence[Path]) -> None:
+    """Refuse reports that couldn't be written, before anything is done for them."""
+    if not reports:
+        return
+    from torquebench.reports.page_pdf import check_suffix
+
+    for report in reports:
+        check_suffix(report)
+        check_output(report)
 
 
 def stated(value: float, expanded: float) -> tuple[str, str]:

@@ -22,8 +22,8 @@ from torquebench.cli.options import (
     DataOption,
     RealTimeOption,
     accepted_counter,
-    check_output,
 )
+from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _command(name: str) -> Callable[..., None]:
         kind, described = _mounted(described, reducer, serial)
         accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
         wanted = _Wanted(name, kind, _settings(short, twist, no_twist, tare), serial, accepted)
-        _check_reports(report or [])
+        check_reports(report or [])
         if dry_run:
             _dry_run(described, wanted)
             return
@@ -174,14 +174,6 @@ def _settings(short: bool, twist: float | None, no_twist: bool, tare: bool) -> R
     if no_twist:
         return replace(settings, bench_twist=None)
     return settings if twist is None else replace(settings, twist_arcmin_per_nm=twist)
-
-
-def _check_reports(reports: list[Path]) -> None:
-    from torquebench.reports.page_pdf import check_suffix
-
-    for report in reports:
-        check_suffix(report)
-        check_output(report)
 
 
 def _mounted(

@@ -22,7 +22,7 @@ from torquebench.reports.reducer_figures import (
 )
 from torquebench.uncertainty import Verdict
 
-__all__ = ["reducer_page"]
+__all__ = ["reducer_page", "stated"]
 
 
 def reducer_page(record: ReducerTestRecord) -> Page:
@@ -71,7 +71,7 @@ def _summary(record: ReducerTestRecord) -> Section:
     judged = [
         (
             each.title,
-            *_stated(each.value, each.expanded_uncertainty),
+            *stated(each.value, each.expanded_uncertainty),
             each.limit,
             _words(each.verdict),
         )
@@ -105,7 +105,7 @@ def _section(outcome: TestOutcome) -> Section:
     rows = [
         (
             each.title,
-            *_stated(each.value, each.expanded_uncertainty),
+            *stated(each.value, each.expanded_uncertainty),
             each.unit,
             each.rule,
         )
@@ -157,7 +157,8 @@ def _figures(outcome: TestOutcome) -> tuple[Figure, ...]:
     return ()
 
 
-def _stated(value: float, expanded: float) -> tuple[str, str]:
+def stated(value: float, expanded: float) -> tuple[str, str]:
+    """Return a value and its expanded uncertainty, to two digits of the uncertainty."""
     if expanded > 0.0:
         places = 1 - int(f"{expanded:e}".split("e")[1])
         if 0 <= places <= 8:

@@ -1,0 +1,146 @@
+"""Figures of comparisons, as SVG text: values of specimens, and differences of many values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from textwrap import fill
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from torquebench.campaign.reducer_comparison import ReducerComparison
+from torquebench.reducers import change_between
+from torquebench.reports.figures import _COLOURS, _RAW_COLOUR, _STYLE, _legend_above, _new, _svg
+
+__all__ = ["difference_figure", "values_figure"]
+
+COLUMNS = 4
+NEAR = 2.0
+"""A limit is drawn where it lies within so many spans of the values."""
+
+
+def values_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
+    """Draw a panel for each value: every specimen with U, their mean, the data sheet's limit.
+
+    Parameters
+    ----------
+    found : ReducerComparison
+    keys : sequence of str
+
+    Returns
+    -------
+    str
+        An ``<svg>`` element.
+    """
+    columns = min(COLUMNS, len(keys))
+    rows = -(-len(keys) // columns)
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(7.6, 1.95 * rows), layout="constrained")
+        FigureCanvasSVG(figure)
+        panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
+        for axes, key in zip(panels, keys, strict=False):
+            _panel(axes, found, key)
+        for axes in panels[len(keys) :]:
+            axes.set_axis_off()
+        return _svg(figure)
+
+
+def _panel(axes: Axes, found: ReducerComparison, key: str) -> None:
+    quantities = [each.quantities[key] for each in found.specimens]
+    names = ["before", "after"] if found.changes else [each.name for each in found.specimens]
+    value = np.array([each.estimate.value for each in quantities])
+    expanded = np.array([each.estimate.expanded_uncertainty() for each in quantities])
+    if not found.changes:
+        mean = found.values[key].mean
+        half = mean.expanded_uncertainty()
+        axes.axhspan(mean.value - half, mean.value + half, color="#E3E6EA", zorder=0)
+        axes.axhline(mean.value, color=_RAW_COLOUR, lw=0.8, zorder=1)
+    for place in range(value.size):
+        colour = _COLOURS[place % len(_COLOURS)]
+        axes.errorbar(
+            place, value[place], expanded[place], fmt="o", color=colour, markersize=4, capsize=3
+        )
+    low, high = axes.get_ylim()
+    number = re.search(r"\d+(\.\d+)?", quantities[0].limit)
+    if number and low - NEAR * (high - low) <= float(number[0]) <= high + NEAR * (high - low):
+        axes.axhline(float(number[0]), color="black", lw=1.0, ls="--")
+    axes.set_xlim(-0.6, value.size - 0.4)
+    axes.set_xticks(range(value.size), names, fontsize=7.5, rotation=0 if value.size < 4 else 45)
+    axes.grid(visible=False, axis="x")
+    axes.set_title(fill(quantities[0].title, 24), fontsize=8.5)
+    axes.set_ylabel(quantities[0].estimate.unit, fontsize=8)
+    axes.tick_params(axis="y", labelsize=7.5)
+
+
+def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
+    """Draw many values of one unit, a row for each: differences ± U.
+
+    Before and after: after less before. Specimens: each less the mean of all; U is that of its own
+    difference to another one, in which what they have in common cancels.
+
+    Parameters
+    ----------
+    found : ReducerComparison
+    keys : sequence of str
+    """
+    with mpl.rc_context(_STYLE):
+        figure, (axes,) = _new(0.9 + 0.24 * len(keys))
+        places = -np.arange(len(keys), dtype=np.float64)
+        axes.axvline(0.0, color=_RAW_COLOUR, lw=0.9)
+        if found.changes:
+            changes = [found.changes[key] for key in keys]
+            for place, each in zip(places, changes, strict=True):
+                axes.errorbar(
+                    each.change.value,
+                    place,
+                    xerr=each.change.expanded_uncertainty(),
+                    fmt="o",
+                    color=_COLOURS[1] if each.significant else _COLOURS[0],
+                    markersize=4,
+                    capsize=2.5,
+                )
+            unit = changes[0].change.unit
+        else:
+            _specimens(axes, found, keys, places)
+            unit = found.values[keys[0]].mean.unit
+            _legend_above(axes)
+        titles = [found.title(key).removesuffix(", mean of both directions") for key in keys]
+        axes.set_yticks(places, titles, fontsize=7.5)
+        axes.set_ylim(places[-1] - 0.6, 0.6)
+        axes.set_xlabel(f"difference in {unit}")
+        return _svg(figure)
+
+
+def _specimens(
+    axes: Axes,
+    found: ReducerComparison,
+    keys: Sequence[str],
+    places: np.ndarray[tuple[int], np.dtype[np.float64]],
+) -> None:
+    count = len(found.specimens)
+    for number, each in enumerate(found.specimens):
+        shift = 0.5 * ((count - 1) / 2.0 - number) / count
+        other = found.specimens[number - 1]
+        value, expanded = [], []
+        for key in keys:
+            own = each.quantities[key].estimate
+            value.append(own.value - found.values[key].mean.value)
+            difference = change_between(
+                key, other.quantities[key].estimate, own, same_bench=found.same_chain
+            )
+            expanded.append(difference.change.expanded_uncertainty() / np.sqrt(2.0))
+        axes.errorbar(
+            value,
+            places + shift,
+            xerr=expanded,
+            fmt="o",
+            color=_COLOURS[number % len(_COLOURS)],
+            label=each.name,
+            markersize=3.5,
+            capsize=2.0,
+            lw=0.9,
+        )
