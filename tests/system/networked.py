@@ -8,7 +8,7 @@ from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
 from torquebench.bench.description_errors import validated
 
 ANY_PORT = "127.0.0.1:0"
-TIMEOUT_S = 0.3
+TIMEOUT_S = 0.8
 PROBES = {
     "ambient": 0,
     "input_transducer": 1,

@@ -16,7 +16,7 @@ from torquebench.bench.drivers.instruments import open_role
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.simulators import Simulators
 
-SLOWEST_FAILURE_S = 5.0
+SLOWEST_FAILURE_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ def test_nonsense_is_an_error_or_asked_for_again_and_never_another_exception(
     case: Case, simulators: Simulators, instrument: Any
 ) -> None:
     case.read(instrument)
-    for _ in range(4):
+    for _ in range(2):
         simulators.misbehaviour.start(case.key, "garble", replies=1)
         try:
             case.read(instrument)
