@@ -59,6 +59,10 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     dense, and interpolated where it isn't. A Fourier transform over all whole revolutions, cut at
     the highest order, is a low-pass in angle without phase shift, and exact for what repeats.
 
+    The angle is the output's own, θ_o, of which the error is a function: over θ_i/R each order
+    would be bent by the error itself, by a share of order times error (2 % for 23 arcsec of order
+    200), and what that makes above the highest order would be cut off.
+
     Parameters
     ----------
     run : Run
@@ -68,11 +72,12 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     """
     per_turn = int(max(LEAST_SAMPLES, 2 ** np.ceil(np.log2(PER_PERIOD * highest_order))))
     step = float(TURN / per_turn)
-    first = int(np.ceil(run.angle_rad[0] / step))
-    span = run.angle_rad[-1] - first * step
+    turned = np.maximum.accumulate(run.angle_rad + run.error_rad)
+    first = int(np.ceil(turned[0] / step))
+    span = turned[-1] - first * step
     revolutions = max(1, int(np.floor((span + 2.0 * step) / TURN)))
     grid = np.arange(first, first + revolutions * per_turn)
-    error, averaged = _resampled(run.angle_rad / step, run.error_rad, grid)
+    error, averaged = _resampled(turned / step, run.error_rad, grid)
     # The curve begins at the angle 0, so that curves of both directions compare.
     error = np.roll(error, first % per_turn)
     mean = float(error.mean())

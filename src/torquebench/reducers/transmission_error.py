@@ -79,7 +79,7 @@ class DirectionError:
     revolutions : int
         Whole output revolutions that were used.
     angle_rad : array of float, shape (n,)
-        Output angle (θ_i/R) over one revolution at even steps, from 0.
+        Output angle θ_o over one revolution at even steps, from 0.
     error_arcsec : array of float, shape (n,)
         Mean over the revolutions, mean removed, low-pass filtered in angle.
     standard_error_arcsec : array of float, shape (n,)

@@ -134,3 +134,16 @@ def test_intervals_hold_the_truth_in_about_95_percent():
     assert 0.91 * draws <= held["whole"], held
     assert 0.91 * draws <= held["order"], held
     assert np.median(width) < 12.0 * known / ARCSEC  # and not by being wide
+
+
+def test_an_error_is_a_function_of_the_outputs_own_angle():
+    """Over the input's angle orders would bend each other, and lose what is above the highest."""
+    output = np.linspace(0.0, 2.02 * np.pi, 60_001)
+    error = (23.0 * np.sin(200.0 * output) + 5.4 * np.sin(400.0 * output + 1.0)) * ARCSEC
+    found = evaluate_transmission_error(
+        100.0 * (output - error), output, 100.0, highest_order=400.0
+    )
+    truth = np.ptp(error) / ARCSEC
+    assert found.peak_to_peak.value == pytest.approx(truth, abs=0.02)
+    amplitudes = {each.order: each.amplitude.value for each in found.directions[0].orders}
+    assert amplitudes[400.0] == pytest.approx(5.4, abs=0.01)
