@@ -9,8 +9,11 @@ from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
 __all__ = ["MOST_CONNECTIONS", "PatientProtocol"]
 
-HEAD_S = 10.0
-"""How long a request's head may take to come whole, s."""
+HEAD_S = 30.0
+"""How long a request's head may take to come whole, s. Browsers use a connection that they have
+opened in advance for ten seconds, and don't try again where it is closed meanwhile."""
+LAST_LOOK_S = 0.1
+"""What has come while this process had no time is read before a connection is closed, s."""
 LARGEST_HEAD = 64 * 1024
 """How long it may be, bytes: the parser has no limit of its own."""
 MOST_CONNECTIONS = 300
@@ -62,7 +65,16 @@ class PatientProtocol(_Base):
             self._patience.cancel()
             self._patience = None
 
+    def timeout_keep_alive_handler(self) -> None:
+        """Close a connection that rests; a request that waits to be read comes first."""
+        close = super().timeout_keep_alive_handler
+        self.timeout_keep_alive_task = self.loop.call_later(LAST_LOOK_S, close)
+
     def _give_up(self) -> None:
+        # The loop looks at its clock before it reads: after a pause, a head may be there unread.
+        self._patience = self.loop.call_later(LAST_LOOK_S, self._close)
+
+    def _close(self) -> None:
         self._patience = None
         if self.transport.get_protocol() is self and not self._answering:
             self.transport.close()

@@ -29,6 +29,8 @@ __all__ = ["create_app", "serve", "storage_secret"]
 
 SECRET_FILE = "panel-secret"
 GRACE_S = 3
+RESTING_S = 30
+"""How long a connection is kept for a further request: longer than clients keep theirs, s."""
 
 
 def storage_secret(data_dir: Path) -> str:
@@ -99,6 +101,7 @@ def serve(
             server_header=False,
             ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
             ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
+            timeout_keep_alive=RESTING_S,
             timeout_graceful_shutdown=GRACE_S,
         )
         server = _Server(config, service.unload_aside)

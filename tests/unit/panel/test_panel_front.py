@@ -93,23 +93,30 @@ def behind() -> Behind:
 
 
 @pytest.fixture
-def url(service: BenchService, behind: Behind) -> Iterator[str]:
+def server(service: BenchService, behind: Behind) -> Iterator[uvicorn.Server]:
     with (
         socket.create_server(("127.0.0.1", 0)) as listening,
         Backstage(behind) as backstage,
     ):
         port = listening.getsockname()[1]
         guarded = Guard(StopFirst(backstage, service), ["127.0.0.1"])
-        config = uvicorn.Config(guarded, http=PatientProtocol, log_level="critical")
+        config = uvicorn.Config(
+            guarded, port=port, http=PatientProtocol, log_level="critical", timeout_keep_alive=1
+        )
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, args=([listening],))
         thread.start()
         while not server.started:
             time.sleep(0.01)
-        yield f"http://127.0.0.1:{port}"
+        yield server
         behind.release.set()
         server.should_exit = True
         thread.join()
+
+
+@pytest.fixture
+def url(server: uvicorn.Server) -> str:
+    return f"http://127.0.0.1:{server.config.port}"
 
 
 def acknowledged(service: BenchService) -> None:
@@ -201,6 +208,33 @@ def test_a_head_that_does_not_come_is_not_waited_for(
         trickling.settimeout(30.0)
         trickling.sendall(sent)
         assert trickling.recv(1000) == b""
+
+
+@pytest.mark.parametrize("used", [False, True])
+def test_a_request_that_came_in_time_is_answered_after_a_pause(
+    server: uvicorn.Server, url: str, monkeypatch: pytest.MonkeyPatch, used: bool
+) -> None:
+    monkeypatch.setattr(connections, "HEAD_S", 0.3)
+    paused, go_on = threading.Event(), threading.Event()
+
+    def pause() -> None:
+        paused.set()
+        go_on.wait(60.0)
+
+    ask = b"GET /hello HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as waiting:
+        waiting.settimeout(30.0)
+        if used:
+            waiting.sendall(ask)
+            assert waiting.recv(1000).startswith(b"HTTP/1.1 200")
+        while not server.server_state.connections:
+            time.sleep(0.01)
+        next(iter(server.server_state.connections)).loop.call_soon_threadsafe(pause)
+        assert paused.wait(30.0)
+        waiting.sendall(ask)
+        time.sleep(1.2)  # both limits pass while the loop has no time
+        go_on.set()
+        assert waiting.recv(1000).startswith(b"HTTP/1.1 200")
 
 
 def test_a_head_without_end_is_cut(url: str) -> None:

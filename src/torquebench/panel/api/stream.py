@@ -24,7 +24,7 @@ __all__ = ["StreamRequest", "router"]
 
 router = APIRouter()
 
-FIRST_MESSAGE_S = 5.0
+FIRST_MESSAGE_S = 15.0
 CLOSING_S = 1.0
 SLOWEST_S = 20.0
 """How long a watcher may take nothing before it is left: one message waits for it, no more."""
