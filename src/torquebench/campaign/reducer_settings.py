@@ -24,7 +24,6 @@ def reducer_limits(reducer: ReducerDescription) -> ReducerLimits:
         rated_torque_nm=reducer.rated_torque_nm,
         largest_torque_nm=reducer.acceleration_torque_nm,
         largest_input_rpm=reducer.max_input_speed_rpm,
-        highest_order=reducer.highest_error_order,
     )
 
 

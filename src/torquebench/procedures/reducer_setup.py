@@ -56,9 +56,6 @@ class ReducerLimits:
         What the output may be loaded with at most (acceleration torque), N·m.
     largest_input_rpm : float
         Largest input speed, 1/min.
-    highest_order : float or None
-        Highest order of the transmission error that is asked for, periods per output revolution;
-        None: three times the ratio.
 
     Raises
     ------
@@ -70,7 +67,6 @@ class ReducerLimits:
     rated_torque_nm: float
     largest_torque_nm: float
     largest_input_rpm: float
-    highest_order: float | None = None
 
     def __post_init__(self) -> None:
         numbers = (

@@ -44,10 +44,6 @@ __all__ = [
 
 CHUNK_S = 2.0
 """Bench time of one stretch of the recorder, s."""
-HIGHEST_HZ = 4.0
-"""Up to here a free output follows: beyond a tenth of its resonance, which soft reducers have at
-40 Hz and stiff ones above 100 Hz, an order is lifted by more than 1 %."""
-FASTEST_RPM = 2.0
 
 
 @dataclass(frozen=True)
@@ -56,9 +52,8 @@ class TransmissionSettings:
 
     Parameters
     ----------
-    output_rpm : float or None
-        Speed of the output, 1/min; None: at most 2, and so slow that the reducer's highest order
-        stays below 4 Hz, where a free output still follows it.
+    output_rpm : float
+        Speed of the output, 1/min.
     revolutions : float
         Output revolutions that are evaluated, at least 1.
     margin : float
@@ -69,7 +64,7 @@ class TransmissionSettings:
         Time at speed before recording begins, s.
     """
 
-    output_rpm: float | None = None
+    output_rpm: float = 2.0
     revolutions: float = 1.0
     margin: float = 0.02
     clockwise: bool = True
@@ -77,29 +72,14 @@ class TransmissionSettings:
     settle_s: float = 2.0
 
     def __post_init__(self) -> None:
-        rpm = FASTEST_RPM if self.output_rpm is None else self.output_rpm
-        if not (rpm > 0.0 and self.revolutions >= 1.0 and self.margin > 0.0):
+        if not (self.output_rpm > 0.0 and self.revolutions >= 1.0 and self.margin > 0.0):
             raise InputError(
-                f"{self.revolutions:g} output revolutions at {rpm:g} rpm",
+                f"{self.revolutions:g} output revolutions at {self.output_rpm:g} rpm",
                 "at least one revolution, a speed above 0 rpm and a margin above 0",
                 "a transmission error belongs to full revolutions of the output",
             )
         if not (self.clockwise or self.counter_clockwise):
             raise InputError("no direction", "clockwise, counter-clockwise or both")
-
-    def speed_rpm(self, limits: ReducerLimits) -> float:
-        """Return the output's speed for a reducer, 1/min.
-
-        Examples
-        --------
-        >>> harmonic = ReducerLimits(100.0, 40.0, 82.0, 6000.0, highest_order=400.0)
-        >>> TransmissionSettings().speed_rpm(harmonic)
-        0.6
-        """
-        if self.output_rpm is not None:
-            return self.output_rpm
-        highest = limits.highest_order or 3.0 * abs(limits.ratio)
-        return min(FASTEST_RPM, 60.0 * HIGHEST_HZ / highest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +140,10 @@ def transmission_error(
         The output doesn't turn by the reducer's ratio.
     """
     settings = settings or TransmissionSettings()
-    settings = replace(settings, output_rpm=settings.speed_rpm(limits))
-    input_rpm = settings.speed_rpm(limits) * abs(limits.ratio)
+    input_rpm = settings.output_rpm * abs(limits.ratio)
     limits.check_input_speed(input_rpm)
     signs = [1] * settings.clockwise + [-1] * settings.counter_clockwise
-    chunks = _chunks(limits, settings)
+    chunks = _chunks(settings)
     found: list[AngleRecording] = []
     temperature: list[float] = []
     metadata = run_metadata(
@@ -200,7 +179,7 @@ def transmission_error(
     certificates = encoder_certificates(description, devices.context.drivers)
     return TransmissionRecording(
         directions=tuple(_corrected(each, certificates) for each in found),
-        output_rpm=settings.speed_rpm(limits),
+        output_rpm=settings.output_rpm,
         revolutions=settings.revolutions,
         temperature_c=float(np.mean(temperature)),
         counts_per_revolution={
@@ -225,8 +204,8 @@ def _corrected(
     return replace(recording, input_angle_rad=given, output_angle_rad=taken)
 
 
-def _chunks(limits: ReducerLimits, settings: TransmissionSettings) -> int:
-    turning_s = (settings.revolutions + settings.margin) * 60.0 / settings.speed_rpm(limits)
+def _chunks(settings: TransmissionSettings) -> int:
+    turning_s = (settings.revolutions + settings.margin) * 60.0 / settings.output_rpm
     return int(np.ceil(turning_s / CHUNK_S))
 
 
@@ -239,12 +218,12 @@ def _revolution(
 ) -> Plan[AngleRecording | None]:
     """Record one direction; None where a pause came in between."""
     before, parts = devices.interruptions, _AngleParts(sign)
-    speed = sign * settings.speed_rpm(limits) * limits.ratio * RAD_S_PER_RPM
+    speed = sign * settings.output_rpm * limits.ratio * RAD_S_PER_RPM
     yield from power_on(devices, "input")
     yield from move(devices.input.drive.speed, speed)
     yield from bps.sleep(settings.settle_s)
     yield from move(devices.recorder, "mark")
-    for chunk in range(_chunks(limits, settings)):
+    for chunk in range(_chunks(settings)):
         yield from progress(done[0] + chunk, done[1], "clockwise" if sign > 0 else "counter-cl.")
         yield from checkpoint()
         if devices.interruptions != before:
