@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
+import pytest
 from tests.system.command_line import TIMEOUT_S, started
 
 PASSWORD = "correct horse battery"
+SLOW = pytest.mark.timeout(1200)
+"""For modules of many operations: on a slow machine they take their time, and come in the end."""
 
 
 @dataclass

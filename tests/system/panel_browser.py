@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from selenium import webdriver
 from selenium.common.exceptions import (
     NoSuchElementException,
@@ -21,6 +20,7 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import Select, WebDriverWait
 from tests.system.command_line import COMMAND, environment, wait_until
+from tests.system.panel_api import SLOW
 
 CHROMIUM, CHROMEDRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
 FLAGS = (
@@ -41,8 +41,6 @@ PEOPLE = {
 }
 PATIENCE_S = 300.0
 """On a slow machine everything comes in the end; where it comes at once, patience costs nothing."""
-SLOW = pytest.mark.timeout(1200)
-"""For modules that use a browser."""
 ENGLISH = re.compile(r"[a-z]{3,} [a-z]{2,}")
 """Two words beside each other: names of pictures and columns are single ones."""
 

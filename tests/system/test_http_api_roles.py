@@ -5,11 +5,12 @@ from typing import Any
 
 import httpx
 import pytest
-from tests.system.panel_api import PASSWORD, Server, administrator, person, serving
+from tests.system.panel_api import PASSWORD, SLOW, Server, administrator, person, serving
 
 from torquebench.panel.api.describing import EXAMPLES
 from torquebench.panel.service import ROLES
 
+pytestmark = SLOW
 PATHS = {
     "{model_id}": "999",
     "{calibration_id}": "999",

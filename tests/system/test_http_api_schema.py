@@ -3,9 +3,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.system.panel_api import administrator, program, serving
+from tests.system.panel_api import SLOW, administrator, program, serving
 
 SCHEMATHESIS = str(Path(sys.executable).parent / "schemathesis")
+pytestmark = SLOW
 EXAMPLES = 3
 RULES = """\
 # No schema can say: passwords of few characters, endless staircases, text that is no table.
@@ -42,7 +43,7 @@ def test_schemathesis_finds_nothing_wrong_with_any_operation(tmp_path: Path) -> 
             env={**os.environ, "PYTHONWARNINGS": "default"},
             capture_output=True,
             text=True,
-            timeout=280,
+            timeout=1000,
             check=False,
         )
         fuzz.close()

@@ -69,8 +69,6 @@ def test_stop_acts_at_once_and_is_acknowledged_by_name(person: Visitor) -> None:
     person.open("/records")
     person.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
     person.sees("The bench is stopped")
-    taken = person.driver.execute_script("return window.torquebench.stopMilliseconds")
-    assert 0.0 < taken < 2000.0  # how fast it is on a machine of one's own is benchmarked
     person.press("See the alarms")
     person.sees("Stopped by a person")
     assert "by Admin" in person.text

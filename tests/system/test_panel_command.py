@@ -86,7 +86,7 @@ def test_a_request_to_terminate_ends_it_with_the_bench_unloaded(tmp_path: Path) 
                 runs = admin.get("/runs").json()["runs"]
                 run_id = runs[0]["run_id"] if runs else ""
         server.process.send_signal(signal.SIGTERM)
-        _, said = server.process.communicate(timeout=60)
+        _, said = server.process.communicate(timeout=240)
     assert server.process.returncode == 0
     assert "the bench is without torque" in said
     listed = run("records", "list", "--data", "data", cwd=tmp_path)

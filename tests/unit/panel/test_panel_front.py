@@ -120,7 +120,7 @@ def url(server: uvicorn.Server) -> str:
 
 
 def acknowledged(service: BenchService) -> None:
-    deadline = time.monotonic() + 60.0
+    deadline = time.monotonic() + 200.0
     while service.snapshot().stopped:
         assert time.monotonic() < deadline
         with contextlib.suppress(Exception):
@@ -138,10 +138,10 @@ def test_a_stop_passes_an_event_loop_that_hangs(
     held.start()
     assert behind.blocked.wait(30.0)
     if way == "page":
-        answer = httpx.post(url + PAGE_STOP, headers={"X-Torquebench": "panel"}, timeout=30.0)
+        answer = httpx.post(url + PAGE_STOP, headers={"X-Torquebench": "panel"}, timeout=200.0)
     else:
         own = {"Authorization": f"Bearer {token}"}
-        answer = httpx.post(f"{url}/api/v1/stop", json={"reason": "fire"}, headers=own, timeout=30)
+        answer = httpx.post(f"{url}/api/v1/stop", json={"reason": "fire"}, headers=own, timeout=200)
     assert answer.status_code == 200
     assert service.snapshot().stopped
     assert answers == []
@@ -205,7 +205,7 @@ def test_a_head_that_does_not_come_is_not_waited_for(
 ) -> None:
     monkeypatch.setattr(connections, "HEAD_S", 0.3)
     with socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as trickling:
-        trickling.settimeout(30.0)
+        trickling.settimeout(200.0)
         trickling.sendall(sent)
         assert trickling.recv(1000) == b""
 
@@ -223,7 +223,7 @@ def test_a_request_that_came_in_time_is_answered_after_a_pause(
 
     ask = b"GET /hello HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
     with socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as waiting:
-        waiting.settimeout(30.0)
+        waiting.settimeout(200.0)
         if used:
             waiting.sendall(ask)
             assert waiting.recv(1000).startswith(b"HTTP/1.1 200")
@@ -239,7 +239,7 @@ def test_a_request_that_came_in_time_is_answered_after_a_pause(
 
 def test_a_head_without_end_is_cut(url: str) -> None:
     with socket.create_connection(("127.0.0.1", httpx.URL(url).port)) as endless:
-        endless.settimeout(30.0)
+        endless.settimeout(200.0)
         head = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: " + b"a" * 100_000_000
         with pytest.raises(ConnectionError):
             endless.sendall(head)
@@ -265,7 +265,7 @@ def test_too_many_connections_are_refused_and_room_comes_back(
         time.sleep(0.2)
         with pytest.raises(httpx.TransportError):
             httpx.get(f"{url}/hello")
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + 200.0
     while True:
         with contextlib.suppress(httpx.TransportError):
             assert httpx.get(f"{url}/hello").content == b"/hello"

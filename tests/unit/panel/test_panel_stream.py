@@ -47,7 +47,7 @@ class Watcher:
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BenchService]:
     with BenchService.open(None, tmp_path_factory.mktemp("stream"), fast=True) as opened:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 200.0
         while opened.live.sequence < 3:
             assert time.monotonic() < deadline
             time.sleep(0.02)
@@ -73,7 +73,7 @@ def watch(
     async def watched() -> Watcher:
         watcher = Watcher({"signals": SIGNALS, "rate": 50.0, **request}, slow)
         streaming = asyncio.ensure_future(api(scope, watcher.receive, watcher.send))
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + 200.0
         while not (streaming.done() or until(watcher)):
             assert time.monotonic() < deadline
             await asyncio.sleep(0.01)
