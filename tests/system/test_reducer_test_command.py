@@ -65,16 +65,26 @@ def test_specimens_and_changes_are_compared(tmp_path: Path) -> None:
         assert ("fail" in tested.stdout) == bool(tested.returncode)
     first, second, third = sorted(path.name for path in (tmp_path / "data" / "runs").iterdir())
     compare = ("test", "compare", "--data", "data")
-    specimens = run(*compare, first, second, cwd=tmp_path)
+    reports = ("--report", "page.html", "--report", "page.pdf")
+    specimens = run(*compare, first, second, *reports, cwd=tmp_path)
     assert specimens.returncode == 0, specimens.stderr
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 2  # values, and orders as differences
+    assert "simulated" in page
+    assert "A2" in page
     assert "2 specimens: A1, A2" in specimens.stdout
     assert widest_line(specimens.stdout) <= 80
-    change = run(*compare, first, third, "--change", cwd=tmp_path)
+    change = run(*compare, first, third, "--change", "--report", "page.html", cwd=tmp_path)
     assert change.returncode == 0, change.stderr
+    assert "Before and after" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "what both runs have in common cancels" in " ".join(change.stdout.split())
     assert widest_line(change.stdout) <= 80
     for wrong in ((first,), (first, first), (first, third), (first, second, "--change")):
         assert run(*compare, *wrong, cwd=tmp_path).returncode == 2
+    lost = run(*compare, first, second, "--report", "page.docx", cwd=tmp_path)
+    assert lost.returncode == 2
+    assert ".html or .pdf" in lost.stderr
 
 
 @pytest.mark.parametrize(
