@@ -150,7 +150,8 @@ class Interlocks:
             raise InterlockError(
                 f"{side} transducer reads {reading:.2f} N·m",
                 f"±{limit:g} N·m",
-                f"unload the side first to {purpose}",
+                f"unload the side first to {purpose}; where nothing loads it, its zero is off: "
+                "raise `safety.unloaded_percent`, or have the transducer adjusted",
             )
         speed = abs(self._acquisition.speed_rad_s(side)) * RPM
         if speed > safety.standstill_rpm:
