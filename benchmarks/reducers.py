@@ -56,8 +56,8 @@ SPECIMENS_A_BENCH = 2
 """What a bench gets wrong is common to its specimens: benches count, rather than specimens."""
 ARCSEC_PER_RAD = 648000.0 / np.pi
 COLD = WarmUp(longest_s=0.0)
-BLOCK_S = 0.2
-"""Bench time of one block: long ones cost less, and here nobody has to react sooner."""
+BLOCK_S = 0.05
+"""Bench time of one block: as short as the watch over the drives needs it to follow a ramp."""
 TESTS = (
     "starting",
     "back-driving",

@@ -210,12 +210,17 @@ def friction(
 ) -> None:
     """Evaluate friction over speed: Coulomb, viscous and Stribeck parts, each direction.
 
-    Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed) if
-    there is one.
+    Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed) and
+    temperature if there are such.
     """
     from torquebench.reducers import evaluate_friction
 
-    kinds: dict[str, Kind] = {"speed": "speed", "torque": "torque", "branch": "label"}
+    kinds: dict[str, Kind] = {
+        "speed": "speed",
+        "torque": "torque",
+        "branch": "label",
+        "temperature": "temperature",
+    }
     table = read_columns(data, kinds, ("speed", "torque"), column or (), where or ())
     result = evaluate_friction(
         table["speed"],
@@ -225,6 +230,7 @@ def friction(
         exponent=1 if exponent == 1 else 2,
         form=form,  # type: ignore[arg-type] # checked by evaluate_friction
         tolerance_rpm=tolerance,
+        temperature_c=table.get("temperature"),
     )
     if largest_uncertainty is not None:
         result.require(largest_uncertainty / 100.0)

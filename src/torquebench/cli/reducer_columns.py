@@ -87,10 +87,13 @@ def read_columns(
                 chosen[name] = found
     for name in required:
         if name not in chosen:
-            unit = next(iter(UNITS.get(wanted[name], {"": 1.0})))
+            units = UNITS.get(wanted[name], {"": 1.0})
+            unit = next(iter(units))
             header = f"{name}_{unit}" if unit else name
             taken = {source for source, _ in chosen.values()}
             free = next((each for each in table.header if each not in taken), "Header")
+            shown = free.rpartition("_")[2]
+            unit = shown if shown in units else unit
             raise InputError(
                 f"{data} has no column {header}; it has {', '.join(table.header)}",
                 f"the columns {', '.join(required)}, each with its unit",

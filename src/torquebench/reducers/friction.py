@@ -16,10 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.friction_fit import FORMS, Form, FrictionFit, fit_friction
-from torquebench.reducers.quantities import Contribution, ResultQuantity, budget
+from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
 
 __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_curve"]
+
+
+LARGEST_TEMPERATURE_RANGE_K = 2.0
+"""Above this change during a test the temperature counts as unsteady."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +69,7 @@ class FrictionResult:
         Standard uncertainty that all torques have in common (zero, reference, compensation), N·m.
     worst_relative_uncertainty : float
         Largest expanded uncertainty (k = 2) of a mean, as a share of that mean.
+    findings : tuple of Finding
     """
 
     curve: FrictionCurve
@@ -71,6 +77,7 @@ class FrictionResult:
     counter_clockwise: FrictionFit | None
     systematic_uncertainty_nm: float
     worst_relative_uncertainty: float
+    findings: tuple[Finding, ...] = ()
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the parts of the friction under their names, for tables and reports."""
@@ -193,6 +200,7 @@ def evaluate_friction(
     exponent: Literal[1, 2] = 2,
     form: Form | Literal["best"] = "best",
     tolerance_rpm: float | None = None,
+    temperature_c: ArrayLike | None = None,
 ) -> FrictionResult:
     """Evaluate a no-load friction sweep: mean and spread at each speed, and the parts of friction.
 
@@ -207,6 +215,8 @@ def evaluate_friction(
     form : str, default "best"
         One of ``FORMS``, or ``"best"``: the one with the lowest corrected Akaike information
         criterion, so that a Stribeck part only appears where the points ask for it.
+    temperature_c : array of float, shape (n,), optional
+        Of the reducer; a change of more than 2 K is a finding.
 
     Raises
     ------
@@ -242,6 +252,25 @@ def evaluate_friction(
         counter_clockwise=fits[-1],
         systematic_uncertainty_nm=systematic_uncertainty_nm,
         worst_relative_uncertainty=float(np.max(relative)),
+        findings=_unsteady(temperature_c),
+    )
+
+
+def _unsteady(temperature_c: ArrayLike | None) -> tuple[Finding, ...]:
+    """Name a temperature that changed during the test."""
+    if temperature_c is None:
+        return ()
+    (warmth,) = finite_columns(1, temperature_c=temperature_c)
+    if np.ptp(warmth) <= LARGEST_TEMPERATURE_RANGE_K:
+        return ()
+    return (
+        Finding(
+            "unsteady temperature",
+            f"{warmth.min():.1f} to {warmth.max():.1f} °C during the test (allowed: a range of "
+            f"{LARGEST_TEMPERATURE_RANGE_K:g} K)",
+            "warm up until the temperature is steady, or evaluate as no-load torque at a "
+            "reference temperature",
+        ),
     )
 
 

@@ -141,3 +141,13 @@ def test_unknown_forms_are_named():
     speed, torque, points = np.arange(1.0, 5.0), np.ones(4), np.ones(4, dtype=np.int64)
     with pytest.raises(InputError, match="4 speeds"):
         fit_friction(speed, torque, points, form=list(FORMS)[-1])
+
+
+def test_a_temperature_that_changes_is_named():
+    speed = np.arange(100.0, 1300.0, 100.0)
+    torque = 0.2 + 1e-4 * speed
+    steady = evaluate_friction(speed, torque, temperature_c=np.linspace(30.0, 31.5, 12))
+    assert steady.findings == ()
+    (found,) = evaluate_friction(speed, torque, temperature_c=np.linspace(22.0, 45.0, 12)).findings
+    assert found.name == "unsteady temperature"
+    assert "22.0 to 45.0 °C" in found.message
