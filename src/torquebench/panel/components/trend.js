@@ -5,7 +5,7 @@ import { echarts } from "nicegui-echart";
 const BUCKETS = 600;
 const STALE_AFTER_MS = 1000;
 const ANSWER_EVERY = 4; // messages: the server holds back when too many aren't painted yet
-const MOST_BUSY = 0.5; // share of its time that a page may paint: stop and menus come first
+const MOST_BUSY = 0.6; // share of its time that a page may paint: stop and menus come first
 
 function niceStep(span) {
   const power = 10 ** Math.floor(Math.log10(span));

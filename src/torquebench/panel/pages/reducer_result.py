@@ -18,7 +18,6 @@ __all__ = ["comparison", "outcomes"]
 
 KINDS = {"pass": "good", "conditionalPass": "warn", "conditionalFail": "warn", "fail": "bad"}
 EARLIER = 20
-DASH = "path://M0,0h20v3h-20z"
 
 
 def number(value: float) -> str:
@@ -131,7 +130,7 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
             [
                 Line(title, [], [each.value for each in shown], "--series-1", points=True),
                 *(
-                    Line("± U", [], bound, "--series-3", points=True, symbol=DASH)
+                    Line("± U", [], bound, "--series-3", points=True, symbol="rect")
                     for bound in bounds
                 ),
             ],
