@@ -209,8 +209,9 @@ def _lost_motion(
     share = rule.share * settings.rated_torque_nm
     positions = len({each.position for each in chosen})
     parts += [
-        # What compensation leaves at a torque, both branches may have alike: only signs differ.
-        Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * slope),
+        # What compensation leaves of a step at reversal, both branches have alike, and its sign is
+        # the torque's: both ends add.
+        Contribution("torque branch", 2.0 * known.torque_branch_nm * slope),
         Contribution("torque zero", known.torque_zero_nm * slope / positions**0.5),
         Contribution("torque scale", known.torque_relative * 2.0 * share * slope),
         Contribution("angle", known.angle_rad),
