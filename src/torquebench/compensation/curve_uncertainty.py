@@ -10,9 +10,10 @@ spread. This is the discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc
 
 A bias that isn't corrected is no normal distribution: adding its square to the variance (GUM
 F.2.4.5) makes intervals too wide where the bias rules, since ±1.96 |m − f̂| nearly always holds.
-The half-width U is therefore solved for, so that 95 % of the error's distribution, at readings
-within a twentieth of full scale on either side and on all branches that the model can't tell apart,
-lie within ±U; the standard uncertainty is U / 1.96.
+The half-width U is therefore solved for, so that 95 % of the error's distribution at a reading, on
+all branches that the model can't tell apart, lie within ±U; the standard uncertainty is U / 1.96.
+Each reading stands for itself: one U for a neighbourhood in which the bias changes holds the truth
+in its middle nearly always, and on the whole too often.
 """
 
 from __future__ import annotations

@@ -21,6 +21,9 @@ _BRANCHES = ((1, "up"), (-1, "down"), (0, "unknown"))
 _LINEAR_SHARE = 5e-7
 """What linear interpolation may add to the table's own bound, in full scales."""
 
+_UNCERTAINTY_SHARE = 0.03
+"""What it may change of a standard uncertainty."""
+
 _BESIDE_ZERO = 1e-9
 """Distance in full scales of the two rows that hold a step at torque reversal."""
 
@@ -108,7 +111,7 @@ def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
             nodes = np.sort(np.append(nodes, -beside))
         nodes = nodes[np.append(True, np.diff(nodes) > 0.5 * beside)]
         added = max(_linear_deviation(table, nodes, branch) for branch, _ in _BRANCHES)
-        if added <= _LINEAR_SHARE * table.full_scale_nm:
+        if added <= _LINEAR_SHARE * table.full_scale_nm and _follow_uncertainty(table, nodes):
             return nodes, added
     raise InputError(
         "a table whose linear interpolation needs more than a million rows",
@@ -128,6 +131,20 @@ def _linear_deviation(table: CompensationTable, nodes: FloatArray, branch: int) 
         worst = max(worst, float(np.max(deviation[np.diff(nodes) > 1e-8 * table.full_scale_nm])))
     # a cubic's largest deviation lies between the three points, by less than a tenth of it
     return 1.1 * worst
+
+
+def _follow_uncertainty(table: CompensationTable, nodes: FloatArray) -> bool:
+    """Whether the rows are close-set enough for the standard uncertainty as well."""
+    if table.uncertainty_curve is None:
+        return True
+    middle, negligible = 0.5 * (nodes[:-1] + nodes[1:]), 1e-6 * table.full_scale_nm
+    for branch, _ in _BRANCHES:
+        rows = _values(table, nodes, branch, uncertainty=True)
+        stated = _values(table, middle, branch, uncertainty=True)
+        off = np.abs(0.5 * (rows[:-1] + rows[1:]) - stated)
+        if np.any(off > _UNCERTAINTY_SHARE * stated + negligible):
+            return False
+    return True
 
 
 def _jumps_at_zero(table: CompensationTable) -> bool:

@@ -14,6 +14,8 @@ Where the shapes come from
     ripple      engagement of splines and teeth: a sine of unknown period whose amplitude and
                 frequency may change linearly over the range (columns c, s, u c, u s), and which
                 may stretch with the load, as teeth that wind up: the phase is that of u + d u|u|.
+                Half as likely, where the torques are close-set enough, it grows from nothing, as
+                √|u|: without load teeth engage smoothly.
     wave        ripple whose amplitude and phase wander over the range, as of an engagement that
                 changes with the load: a sine under each of six overlapping windows. Only looked for
                 where the torques are close-set enough.
@@ -26,7 +28,7 @@ Where the shapes come from
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +65,8 @@ _COPIES = {"bump": 3}
 _STRETCHES = (-0.2, 0.2)
 _STRETCHED_SHARE = 0.2  # each, of ripple that doesn't stretch
 _FEWEST_TO_STRETCH = 3.0  # cycles per full scale
+_GROWN = 1.3  # at full scale, of ripple that grows from nothing
+_GROWING_SHARE = 0.5  # of ripple that doesn't
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
 _WAVE_CENTRES = np.linspace(-1.0, 1.0, 6)
 _WAVE_REACH = 0.24  # standard deviation of the windows
@@ -110,6 +114,9 @@ class Dictionary:
         The same for waves; empty where the torques are too few.
     bump_centres, bump_widths : float64 array of shape (b,)
         Local bumps.
+    growing : float64 array
+        1 for each ripple that grows from nothing with the load, 0 for the others; empty for none,
+        as in models stored by earlier versions.
     """
 
     step_widths: FloatArray
@@ -119,6 +126,7 @@ class Dictionary:
     wave_frequencies: FloatArray
     bump_centres: FloatArray
     bump_widths: FloatArray
+    growing: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def limited_to(self, kept: dict[str, NDArray[np.intp]]) -> Dictionary:
         """Return the dictionary with some ripples, bumps and waves only."""
@@ -131,6 +139,7 @@ class Dictionary:
             self.wave_frequencies[wave],
             self.bump_centres[bump],
             self.bump_widths[bump],
+            self.growing[ripple],
         )
 
 
@@ -225,15 +234,20 @@ def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
     highest = float(np.clip(0.75 * levels, 3.0, 25.0))
     frequencies = np.arange(1.5, highest, _FREQUENCY_STEP)
     several = frequencies[frequencies >= _FEWEST_TO_STRETCH]
+    ripples = np.concatenate([frequencies, np.tile(several, len(_STRETCHES))])
+    stretches = np.concatenate([np.zeros(frequencies.size), np.repeat(_STRETCHES, several.size)])
+    close_set = levels >= _FEWEST_LEVELS_FOR_WAVES
+    envelopes = 2 if close_set else 1
     return Dictionary(
         _step_widths(smallest),
         _LOOP_SHAPES,
-        np.concatenate([frequencies, np.tile(several, len(_STRETCHES))]),
-        np.concatenate([np.zeros(frequencies.size), np.repeat(_STRETCHES, several.size)]),
+        np.tile(ripples, envelopes),
+        np.tile(stretches, envelopes),
         # from three cycles per full scale, and three times as far apart: windows are not sharp
-        frequencies[9::3] if levels >= _FEWEST_LEVELS_FOR_WAVES else np.zeros(0),
+        frequencies[9::3] if close_set else np.zeros(0),
         np.concatenate(centres),
         np.repeat(widths, [centre.size for centre in centres]),
+        np.repeat([0.0, 1.0][:envelopes], ripples.size),
     )
 
 
@@ -268,12 +282,16 @@ def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
 
 
 def ripple_columns(
-    points: EffectPoints, frequencies: FloatArray, stretches: FloatArray
+    points: EffectPoints, frequencies: FloatArray, stretches: FloatArray, growing: FloatArray
 ) -> FloatArray:
     """Return ripple with linear change of amplitude and frequency, shape (k, 4, n)."""
     way = points.u + stretches[:, None] * points.u * np.abs(points.u)
     angle = 2 * np.pi * frequencies[:, None] * way
     cosine, sine = np.cos(angle), np.sin(angle)
+    if np.any(growing):
+        grown = _GROWN * np.sqrt(np.abs(points.u))
+        envelope = np.where(growing[:, None] > 0.0, grown, 1.0)
+        cosine, sine = envelope * cosine, envelope * sine
     slope = _SLOPE_SHARE * points.u
     return np.stack([cosine, sine, slope * cosine, slope * sine], axis=1)
 
@@ -310,7 +328,9 @@ def all_columns(points: EffectPoints, dictionary: Dictionary) -> dict[str, Float
     return {
         "loop": loop_columns(points, dictionary.loop_shapes),
         "step": step_columns(points, dictionary.step_widths),
-        "ripple": ripple_columns(points, dictionary.frequencies, dictionary.stretches),
+        "ripple": ripple_columns(
+            points, dictionary.frequencies, dictionary.stretches, dictionary.growing
+        ),
         "bump": bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
         "offset": np.ones((1, 1, points.u.size)),
         "wave": wave_columns(points, dictionary.wave_frequencies),
@@ -341,7 +361,8 @@ def make_effects(
     loops = len(dictionary.loop_shapes)
     loop_prior = np.log(np.repeat(np.array(_LOOP_SHARES) / loops, loops))
     stretched = np.where(dictionary.stretches == 0.0, 1.0, _STRETCHED_SHARE)
-    ripple_prior = stretched / dictionary.frequencies
+    grows = np.where(dictionary.growing > 0.0, _GROWING_SHARE, 1.0)
+    ripple_prior = stretched * grows / dictionary.frequencies
     priors = {
         "loop": (loop_prior, float(np.log(1.0 - sum(_LOOP_SHARES)))),
         "step": _prior(np.ones(len(columns["step"])), 0.2),

@@ -224,9 +224,10 @@ class Problem:
         problem._take_main(self.prior_scale * np.array([1.0, 1.0, 1.0, _ALIKE, _ALIKE]))
         return problem
 
-    def unstretched(self) -> Problem:
-        """Return the problem without ripple of changing period: enough to find the noise."""
-        return self._limited_to({"ripple": np.flatnonzero(self.dictionary.stretches == 0.0)})
+    def with_even_ripple(self) -> Problem:
+        """Return the problem with even ripple only: enough to find the noise."""
+        even = (self.dictionary.stretches == 0.0) & (self.dictionary.growing == 0.0)
+        return self._limited_to({"ripple": np.flatnonzero(even)})
 
     def narrowed(self, members: list[Member]) -> Problem:
         """Return the problem without ripples, bumps and waves to which no member gives a chance."""

@@ -61,7 +61,7 @@ def explore(problem: Problem, start_noise: float) -> tuple[Problem, list[Member]
         To be averaged by their evidence.
     """
     drift = problem.settings_of_drift()[: 2 if problem.drifts else 1][-1]
-    coarse = problem.unstretched()
+    coarse = problem.with_even_ripple()
     settled = coarse.settle_noise(coarse.solve(Setting(start_noise, _DEVIATIONS[1], *drift)))
     if coarse.alike().solve(settled.setting).log_evidence > settled.log_evidence:
         problem = problem.alike()

@@ -89,15 +89,17 @@ def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
 
     What an effect adds at calibration points is taken back from main form and deviation
     there, so that only columns minus their projection vary. The second row is the other branch,
-    on which the columns have `turns` for a factor.
+    on which the columns have `turns` for a factor: alike for 1.
     """
     copies, count, width = means.shape
+    branches = 1 if turns == 1.0 else 2
     sizes = np.zeros(count)
     for j in range(count):
         for p in range(width):
             sizes[j] += moments[j, p, p]
     least = _NEGLIGIBLE_SHARE * sizes.sum()
-    single = np.zeros((2, copies, columns.shape[2]))
+    single = np.zeros((branches, copies, columns.shape[2]))
+    added = np.zeros((branches, columns.shape[2]))
     for j in range(count):
         for p in range(width):
             change = means[:, j, p].sum() * columns[j, p]
@@ -105,20 +107,23 @@ def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
             value[1] += turns * change
         if sizes[j] > least:
             projected = np.dot(train_columns[j], gain)
-            _add_moments(columns[j] - projected, means[:, j], moments[j], single[0], variance[0])
-            other = turns * columns[j] - projected
-            _add_moments(other, means[:, j], moments[j], single[1], variance[1])
+            _add_moments(columns[j] - projected, means[:, j], moments[j], single[0], added[0])
+            if branches > 1:
+                other = turns * columns[j] - projected
+                _add_moments(other, means[:, j], moments[j], single[1], added[1])
     for copy in range(copies):
-        variance -= single[:, copy] ** 2
+        added -= single[:, copy] ** 2
+    variance += added
 
 
 @njit(cache=True)
 def _add_moments(left, means, moments, single, variance):  # type: ignore[no-untyped-def] # Numba infers
     """Add one candidate's second moment to the variance, and its mean to every copy's."""
     for p in range(left.shape[0]):
-        for q in range(left.shape[0]):
+        for q in range(p + 1):
+            moment = moments[p, q] if p == q else moments[p, q] + moments[q, p]
             for i in range(left.shape[1]):
-                variance[i] += moments[p, q] * left[p, i] * left[q, i]
+                variance[i] += moment * left[p, i] * left[q, i]
         for copy in range(means.shape[0]):
             for i in range(left.shape[1]):
                 single[copy, i] += means[copy, p] * left[p, i]

@@ -31,8 +31,7 @@ Values = Callable[[FloatArray, FloatArray], FloatArray]
 Posterior = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """Mean and standard deviation of the true additional torque from u and branch."""
 
-_REACH = 0.05
-_SAMPLES_PER_REACH = 8
+_SPACING = 0.025  # of the nodes, as a share of full scale
 _SAMPLES_PER_NODE = 4
 _FEWEST_POINTS = 8  # fewer say nothing of what a form can't follow
 _MOST_POINTS = 200  # more are averaged: a posterior in some fifty milliseconds
@@ -67,21 +66,20 @@ def judge(
     -------
     uncertainty : CurveUncertainty
     """
-    step = _REACH / _SAMPLES_PER_REACH
-    count = int(np.ceil((limits[1] - limits[0]) / step / _SAMPLES_PER_NODE)) * _SAMPLES_PER_NODE
+    count = int(np.ceil((limits[1] - limits[0]) / _SPACING)) * _SAMPLES_PER_NODE
     u = np.linspace(limits[0], limits[1], count + 1)
     nodes = np.arange(0, u.size, _SAMPLES_PER_NODE)
-    window = nodes[:, None] + np.arange(-_SAMPLES_PER_REACH, _SAMPLES_PER_REACH + 1)
-    window = np.clip(window, 0, u.size - 1)
+    offsets = np.arange(1 - _SAMPLES_PER_NODE, _SAMPLES_PER_NODE)
+    beside = np.clip(nodes[:, None] + offsets, 0, u.size - 1)
+    shares = (1.0 - np.abs(offsets) / _SAMPLES_PER_NODE) / _SAMPLES_PER_NODE
 
     def error(known: float, truth: float) -> tuple[FloatArray, FloatArray]:
         mean, spread = posterior(u, np.full(u.size, truth))
-        bias = values(u, np.full(u.size, known)) - mean
-        return bias[window], spread[window]
+        return values(u, np.full(u.size, known)) - mean, spread
 
     def std(*cases: tuple[FloatArray, FloatArray]) -> FloatArray:
-        bias, spread = (np.concatenate(parts, axis=1) for parts in zip(*cases, strict=True))
-        return half_widths(bias, spread) / COVERAGE_95
+        bias, spread = (np.stack(parts, axis=1) for parts in zip(*cases, strict=True))
+        return np.asarray((half_widths(bias, spread) / COVERAGE_95)[beside] @ shares)
 
     if len(branches) < 2:
         only = next(iter(branches), 1.0)
@@ -92,7 +90,7 @@ def judge(
         return CurveUncertainty(u[nodes], both, both, both)
     # Half a loop to either side, next to other contributions in a budget: its standard deviation.
     halves = [bias**2 + spread**2 for bias, spread in (error(0.0, 1.0), error(0.0, -1.0))]
-    middle = np.sqrt(np.mean(np.concatenate(halves, axis=1), axis=1))
+    middle = np.sqrt(np.mean(halves, axis=0))[beside] @ shares
     return CurveUncertainty(u[nodes], std(error(1.0, 1.0)), std(error(-1.0, -1.0)), middle)
 
 

@@ -200,7 +200,7 @@ def approximate(
             worst = max(attempt.worst_far, attempt.worst_near)
             if worst <= allowed:
                 return attempt.piecewise
-            if worst > 0.7 * previous and builder.count(far, fineness) > 4096:
+            if worst > 0.85 * previous and builder.count(far, fineness) > 4096:
                 break  # a jump: narrower intervals don't help
             previous = worst
             far = _narrower(far, attempt.worst_far / allowed, degree)
@@ -220,8 +220,8 @@ def _narrower(count: int, excess: float, degree: int) -> int:
     if excess <= 1.0:
         return count
     growth = 1.1 * float(excess ** (1.0 / (degree + 1)))
-    # a curve with kinks gains less than its degree promises: grow by at least a third
-    return ceil(count * min(max(growth, 1.35), 12.0))
+    # a curve with kinks gains less than its degree promises: grow by at least a half
+    return ceil(count * min(max(growth, 1.5), 12.0))
 
 
 class _Builder:
