@@ -162,7 +162,7 @@ def _sawtooth(
 ) -> FloatArray:
     angle = 2 * np.pi * x / period + phase
     tooth = np.arctan2(sharpness * np.sin(angle), 1.0 - sharpness * np.cos(angle))
-    return np.asarray(np.sqrt(np.abs(x)) * tooth / np.arcsin(sharpness))
+    return np.asarray(np.sqrt(np.abs(x)) * tooth / np.arcsin(min(sharpness, 1.0)))
 
 
 def _dead_band(

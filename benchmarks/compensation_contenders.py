@@ -68,9 +68,8 @@ def contenders() -> list[Contender]:
         )
         for degree in POLYNOMIALS
     ]
-    slow = {"published-network", "radial-basis"}
     found += [
-        Contender(kind, _own(kind), own=True, slow=kind in slow)
+        Contender(kind, _own(kind), own=True, slow=kind == "published-network")
         for kind in MODELS
         if kind != "polynomial"
     ]
