@@ -57,7 +57,7 @@ _SCALES = {
     "bump": (1e-4, 4e-4, 3e-3),
     "offset": (3e-4, 3e-3),
     "wave": (0.7e-4, 2e-4),
-    "skew": (1e-5, 4e-5, 1.5e-4),
+    "skew": (2e-5, 1e-4),
 }
 KINDS = tuple(_SCALES)
 """Kinds of effects, in the order in which they are first looked for."""
