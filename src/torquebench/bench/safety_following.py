@@ -24,7 +24,7 @@ __all__ = ["FollowingJudge"]
 
 RPM = 60.0 / (2.0 * math.pi)
 ASTRAY_S = 0.1
-"""How long a drive may be outside its band, s of bench time."""
+"""How long a drive may be outside its band, s of bench time; for one block in any case."""
 
 
 class _Course:
@@ -114,7 +114,9 @@ class FollowingJudge:
         last = float(known[-1])
         if course is None:
             course = self._courses[side] = _Course(block.stop_s, last)
-        course.go_on(point, block.stop_s, last, self._late_s)
+        lasts_s = block.stop_s - block.start_s
+        # What was told within a block is seen at its end, and a speed is the mean over a block.
+        course.go_on(point, block.stop_s, last, self._late_s + 2.0 * lasts_s)
         low, high = course.band()
         held = reference_channel(side) in block.channels
         if not held:
@@ -126,11 +128,10 @@ class FollowingJudge:
         if apart <= allowed:
             course.astray_s = 0.0
             return None
-        course.astray_s += block.stop_s - block.start_s
-        if course.astray_s < ASTRAY_S:
+        before_s, course.astray_s = course.astray_s, course.astray_s + lasts_s
+        if before_s == 0.0 or course.astray_s < ASTRAY_S:
             return None
-        told = low if last < low else high
-        return _violation(side, point.quantity, last, told, allowed)
+        return _violation(side, point.quantity, last, point.value, allowed)
 
     def _range(self, side: Side, quantity: Quantity) -> float:
         module = self._description.module(side)
