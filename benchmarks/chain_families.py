@@ -299,6 +299,70 @@ def _dead_band(rng: np.random.Generator) -> list[Term]:
     ]
 
 
+def _leaf_stopped(rng: np.random.Generator) -> list[Term]:
+    """Coupling whose leaves come to bear one after another."""
+    sign = _sign(rng)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        first, spacing = rng.uniform(0.1, 0.35), rng.uniform(0.15, 0.3)
+        size = sign * rng.uniform(0.002, 0.006)
+        terms.append(Term("leaf-stops", size, (side, first, spacing), 1))
+        terms.append(Term("power", sign * rng.uniform(0.001, 0.003), (side, 1.0), 1))
+    return [
+        *terms,
+        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
+    ]
+
+
+def _beating(rng: np.random.Generator) -> list[Term]:
+    """Two ripples of nearly the same period on a main term that grows exponentially."""
+    sign, period = _sign(rng), rng.uniform(0.12, 0.35)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        size, rate = sign * rng.uniform(0.003, 0.007), rng.uniform(0.5, 2.0)
+        terms.append(Term("exponential", size, (side, rate), 1))
+    for each in (period, period * (1.0 + rng.uniform(0.06, 0.2))):
+        amplitude, phase = rng.uniform(5e-5, 2e-4), rng.uniform(0, 2 * np.pi)
+        terms.append(Term("sine", amplitude * np.cos(phase), (each, 0.0)))
+        terms.append(Term("sine", amplitude * np.sin(phase), (each, 1.0)))
+    return [
+        *terms,
+        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
+    ]
+
+
+def _saddled(rng: np.random.Generator) -> list[Term]:
+    """Contact that passes between flanks, and loops that are widest at high torque."""
+    sign = _sign(rng)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        exponent = rng.uniform(1.2, 1.8)
+        terms.append(Term("power", sign * rng.uniform(0.003, 0.007), (side, exponent), 1))
+    saddle = (rng.uniform(-0.8, 0.8), rng.uniform(0.04, 0.12))
+    return [
+        *terms,
+        Term("saddle", _sign(rng) * rng.uniform(1e-4, 3e-4), saddle),
+        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(1.5, 2.5), rng.uniform(0.4, 0.6)),
+    ]
+
+
+def _creeping(rng: np.random.Generator) -> list[Term]:
+    """Strain gauges whose zero creeps with the logarithm of the time."""
+    sign = _sign(rng)
+    terms = [Term("offset", 0.0)]
+    for side in (1.0, -1.0):
+        size, rate = sign * rng.uniform(0.003, 0.007), rng.uniform(0.5, 2.0)
+        terms.append(Term("exponential", size, (side, rate), 1))
+    return [
+        *terms,
+        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
+    ]
+
+
 FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "reference": _reference,
     "quadratic": _quadratic,
@@ -315,10 +379,21 @@ FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "warming": _warming,
     "sawtooth": _sawtooth,
     "dead-band": _dead_band,
+    "leaf-stopped": _leaf_stopped,
+    "beating": _beating,
+    "saddled": _saddled,
+    "creeping": _creeping,
 }
 """Families by name; all but the first two hold nothing of any model's basis exactly."""
 
-UNSEEN_FAMILIES = ("stick-slip", "line-contact")
+UNSEEN_FAMILIES = (
+    "stick-slip",
+    "line-contact",
+    "leaf-stopped",
+    "beating",
+    "saddled",
+    "creeping",
+)
 """Families written down when the models were finished; the models were developed on the others."""
 
 
@@ -336,6 +411,9 @@ def draw_noise(family: str, rng: np.random.Generator) -> Noise:
     if family == "warming":
         drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
         return Noise(drift=drift, lag=rng.uniform(0.1, 0.6))
+    if family == "creeping":
+        drift = _sign(rng) * rng.uniform(1e-4, 4e-4)
+        return Noise(drift=drift, onset=rng.uniform(0.02, 0.2))
     if family == "dead-band":
         return Noise(resolution=rng.uniform(1e-4, 4e-4))
     return Noise()

@@ -26,7 +26,8 @@ class Noise:
     deviation of all readings stays ``scale``. ``drift`` is what the zero gains from the first to
     the last reading,
     and ``drift_bend`` bends it (exponent of the elapsed fraction of the time); with a ``lag`` above
-    0 it settles exponentially instead (time constant as a fraction of the calibration). ``growth``
+    0 it settles exponentially instead (time constant as a fraction of the calibration), with an
+    ``onset`` above 0 it creeps with the logarithm of the time from there on. ``growth``
     makes the noise grow with the load: by this factor, plus one, from zero to full scale.
     ``resolution`` is the step to which a reading is rounded.
     """
@@ -37,6 +38,7 @@ class Noise:
     drift: float = 0.0
     drift_bend: float = 1.0
     lag: float = 0.0
+    onset: float = 0.0
     growth: float = 0.0
     resolution: float = 0.0
 
@@ -68,6 +70,8 @@ class Noise:
         time = np.arange(size) / max(size - 1, 1)
         if self.lag > 0.0:
             return np.asarray(self.drift * np.expm1(-time / self.lag) / np.expm1(-1 / self.lag))
+        if self.onset > 0.0:
+            return np.asarray(self.drift * np.log1p(time / self.onset) / np.log1p(1 / self.onset))
         return self.drift * time**self.drift_bend
 
     def rounded(self, reading: FloatArray) -> FloatArray:

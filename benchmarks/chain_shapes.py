@@ -6,10 +6,12 @@ own constants.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 __all__ = ["SHAPES", "FloatArray", "Shape"]
 
@@ -174,6 +176,29 @@ def _dead_band(
     return side * np.maximum(size - edge, 0.0)
 
 
+def _error_step(x: FloatArray, _branch: FloatArray, width: float) -> FloatArray:
+    return np.asarray(erf(x / width), dtype=np.float64)
+
+
+def _exponential(x: FloatArray, _branch: FloatArray, side: float, rate: float) -> FloatArray:
+    return side * np.expm1(rate * _one_sided(x, side)) / math.expm1(rate)
+
+
+def _leaf_stops(
+    x: FloatArray, _branch: FloatArray, side: float, first: float, spacing: float
+) -> FloatArray:
+    """Slopes of leaves that come to bear one after another, each over 3 % of the range."""
+    size, starts = _one_sided(x, side)[..., None], first + spacing * np.arange(3)
+    bearing = np.hypot(0.03, size - starts) + size - np.hypot(0.03, starts)
+    return np.asarray(side * np.sum(bearing, axis=-1) / 6.0)
+
+
+def _saddle(x: FloatArray, _branch: FloatArray, centre: float, width: float) -> FloatArray:
+    """Up and down around a torque, where contact passes from one flank to the next."""
+    distance = (x - centre) / width
+    return 2.0 * distance / (1.0 + distance**2)
+
+
 SHAPES: dict[str, Shape] = {
     "offset": _offset,
     "power": _power,
@@ -199,4 +224,8 @@ SHAPES: dict[str, Shape] = {
     "play-loop": _play_loop,
     "sawtooth": _sawtooth,
     "dead-band": _dead_band,
+    "error-step": _error_step,
+    "exponential": _exponential,
+    "leaf-stops": _leaf_stops,
+    "saddle": _saddle,
 }
