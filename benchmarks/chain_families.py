@@ -345,7 +345,7 @@ def _saddled(rng: np.random.Generator) -> list[Term]:
         *terms,
         Term("saddle", _sign(rng) * rng.uniform(1e-4, 3e-4), saddle),
         Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
-        *_loop_pair(rng, rng.uniform(1.5, 2.5), rng.uniform(0.4, 0.6)),
+        *_loop_pair(rng, rng.uniform(2.5, 3.5), rng.uniform(1.0, 1.3)),
     ]
 
 
