@@ -12,8 +12,8 @@ A bias that isn't corrected is no normal distribution: adding its square to the 
 F.2.4.5) makes intervals too wide where the bias rules, since ±1.96 |m − f̂| nearly always holds.
 The half-width U is therefore solved for, so that 95 % of the error's distribution at a reading, on
 all branches that the model can't tell apart, lie within ±U; the standard uncertainty is U / 1.96.
-Each reading stands for itself: one U for a neighbourhood in which the bias changes holds the truth
-in its middle nearly always, and on the whole too often.
+Readings up to the next node of the table share a U: wider neighbourhoods, in which the bias
+changes, hold the truth too often, and a mean of narrower ones too rarely where a model is rough.
 """
 
 from __future__ import annotations

@@ -71,15 +71,15 @@ def judge(
     nodes = np.arange(0, u.size, _SAMPLES_PER_NODE)
     offsets = np.arange(1 - _SAMPLES_PER_NODE, _SAMPLES_PER_NODE)
     beside = np.clip(nodes[:, None] + offsets, 0, u.size - 1)
-    shares = (1.0 - np.abs(offsets) / _SAMPLES_PER_NODE) / _SAMPLES_PER_NODE
 
     def error(known: float, truth: float) -> tuple[FloatArray, FloatArray]:
         mean, spread = posterior(u, np.full(u.size, truth))
-        return values(u, np.full(u.size, known)) - mean, spread
+        bias = values(u, np.full(u.size, known)) - mean
+        return bias[beside], spread[beside]
 
     def std(*cases: tuple[FloatArray, FloatArray]) -> FloatArray:
-        bias, spread = (np.stack(parts, axis=1) for parts in zip(*cases, strict=True))
-        return np.asarray((half_widths(bias, spread) / COVERAGE_95)[beside] @ shares)
+        bias, spread = (np.concatenate(parts, axis=1) for parts in zip(*cases, strict=True))
+        return half_widths(bias, spread) / COVERAGE_95
 
     if len(branches) < 2:
         only = next(iter(branches), 1.0)
@@ -90,7 +90,7 @@ def judge(
         return CurveUncertainty(u[nodes], both, both, both)
     # Half a loop to either side, next to other contributions in a budget: its standard deviation.
     halves = [bias**2 + spread**2 for bias, spread in (error(0.0, 1.0), error(0.0, -1.0))]
-    middle = np.sqrt(np.mean(halves, axis=0))[beside] @ shares
+    middle = np.sqrt(np.mean(np.concatenate(halves, axis=1), axis=1))
     return CurveUncertainty(u[nodes], std(error(1.0, 1.0)), std(error(-1.0, -1.0)), middle)
 
 
