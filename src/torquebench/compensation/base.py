@@ -138,8 +138,8 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     """Columns that the model looks at; others are ignored."""
 
     judged: ClassVar[bool] = True
-    """Whether the uncertainty comes from a comparison with the hybrid's posterior (`judging`); a
-    model that follows any form, and knows how well, tabulates its own as `uncertainty_`."""
+    """Whether the uncertainty comes from a comparison with the hybrid's posterior (`judging`). What
+    a model tabulates as `uncertainty_` stands where it isn't, or where the points are too few."""
 
     uncertainty_: CurveUncertainty | None
     wild_points_: list[WildPoint]
@@ -201,7 +201,9 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         points, weights = self._fit_values(X, y, progress)
         if self.judged:
             with single_blas_thread():
-                self.uncertainty_ = judge_model(self, MODELS["hybrid"], points, weights)
+                judged = judge_model(self, MODELS["hybrid"], points, weights)
+            if judged is not None:
+                self.uncertainty_ = judged
         return self
 
     def fit_values(self, X: ArrayLike, y: ArrayLike) -> Self:

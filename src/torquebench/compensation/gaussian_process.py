@@ -128,7 +128,6 @@ class GaussianProcessModel(CompensationModel):
     complexity: ClassVar[int] = 45
     maximum_points: ClassVar[int | None] = 600
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
-    judged: ClassVar[bool] = False
 
     thetas_: FloatArray
     shares_: FloatArray

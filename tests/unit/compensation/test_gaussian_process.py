@@ -92,7 +92,7 @@ def test_hyper_parameters_are_averaged_not_picked() -> None:
 
 def test_predictions_agree_with_the_textbook_formulas() -> None:
     data = make_chain("quadratic", 5).calibration(50)
-    model = GaussianProcessModel(range_nm=2000).fit(data.X, data.standard_nm)
+    model = GaussianProcessModel(range_nm=2000).fit_values(data.X, data.standard_nm)
     at = features([-1500.0, 3.0, 700.0], [1, 1, -1], [1, 1, 1])
     mean, std = model._predict(at, return_std=True)
     train = KernelPoints(model.train_u_, model.train_branch_, model.train_elapsed_)
