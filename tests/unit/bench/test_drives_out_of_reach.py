@@ -23,6 +23,7 @@ class Wire:
         self.cut = False
         self.late_s = 0.0
         self.enables_badly = False
+        self.obeys = True
 
     def __getattr__(self, name: str) -> Any:
         return lambda *arguments: self._ask(name, *arguments)
@@ -31,6 +32,11 @@ class Wire:
         self._ask("enable")
         if self.enables_badly:
             raise BenchError("the drive says that it stays off", "an enabled drive")
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        if not self.obeys:
+            raise BenchError("the drive says that it is off", "an enabled drive")
+        self._ask("command_torque", torque_nm, ramp_nm_per_s)
 
     def close(self) -> None:
         """Nothing: the bench closes its drives itself."""
@@ -132,8 +138,28 @@ def test_a_drive_that_fails_while_it_is_enabled_is_not_left_with_power(
                     await power.set(True)
 
         play(bench, scene)
-        if cut:  # nobody can tell it: the supervisor knows that it may have power
-            assert bench.commands.output.enabled
-            bench.supervisor.disable()
-            assert bench.supervisor.wait_safe(30.0)
+        alarm = bench.supervisor.alarm
+        assert alarm.name == "drive fault: output"
+        assert "told to switch on" in alarm.found
+        assert bench.supervisor.wait_safe(30.0)
+        assert not bench.commands.output.enabled
+        assert not bench.simulated.drives["output"].state().enabled
+
+
+@pytest.mark.parametrize("blocking", [False, True])
+def test_a_drive_that_fails_at_a_command_is_an_alarm(open_bench: OpenBench, blocking: bool) -> None:
+    wires: dict[str, Wire] = {}
+    with open_bench(wrap=wired(wires, blocking=blocking)) as bench:
+
+        async def scene() -> None:
+            async with ready(bench) as devices:
+                wires["output"].obeys = False
+                with pytest.raises(BenchError, match="the drive says that it is off"):
+                    await devices.output.drive.torque.set(100.0)
+
+        play(bench, scene)
+        alarm = bench.supervisor.alarm
+        assert alarm.name == "drive fault: output"
+        assert "told to go to 100 N·m" in alarm.found
+        assert bench.supervisor.wait_safe(30.0)
         assert not bench.simulated.drives["output"].state().enabled

@@ -12,8 +12,10 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.interlocks import Interlocks
-from torquebench.bench.safety import SafetySupervisor
+from torquebench.bench.roles import Side
+from torquebench.bench.safety import AlarmKind, SafetySupervisor
 from torquebench.bench.state import CommandState
+from torquebench.errors import BenchError
 
 __all__ = ["BenchContext"]
 
@@ -43,3 +45,35 @@ class BenchContext:
         if self.drivers.blocking:
             return await asyncio.to_thread(function, *args, **kwargs)
         return function(*args, **kwargs)
+
+    async def tell_drive(
+        self,
+        side: Side,
+        what: str,
+        order: Callable[Arguments, None],
+        *args: Arguments.args,
+        **kwargs: Arguments.kwargs,
+    ) -> None:
+        """Have a drive do something; one that fails at it is an alarm: nobody knows its state.
+
+        Parameters
+        ----------
+        side : {"input", "output"}
+        what : str
+            What it is told, after "told to".
+        order : callable
+            The drive's method, with its arguments behind.
+
+        Raises
+        ------
+        BenchError
+            What the drive failed with, after the alarm.
+        """
+        try:
+            await self.call(order, *args, **kwargs)
+        except BenchError as failure:
+            if self.supervisor.alarm is None:  # else it may just have been switched off for that
+                found = f"{side} drive, told to {what}: {failure.found}"
+                trip, kind = self.supervisor.trip, AlarmKind.DRIVE_FAULT
+                await self.call(trip, kind, side, found, failure.allowed, failure.remedy)
+            raise

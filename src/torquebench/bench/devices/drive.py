@@ -100,13 +100,15 @@ class DriveSwitch(StandardReadable):
             Enabling while an alarm is latched.
         SignalFault
             Enabling while this side's torque signal is missing.
+        BenchError
+            The drive doesn't confirm that it has power, which is an alarm.
         """
         context, side = self._context, self._side
         drive, commands = context.drivers.drives[side], context.commands.side(side)
         if value:
             context.interlocks.check_enable(side)
             try:
-                await context.call(drive.enable)
+                await context.tell_drive(side, "switch on", drive.enable)
             except BaseException:  # it may have power nevertheless
                 await self._take_off()
                 raise

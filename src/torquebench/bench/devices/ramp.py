@@ -27,12 +27,20 @@ async def command(
     quantity : {"torque", "speed"}
     value, rate : float
         N·m and N·m/s, or rad/s and rad/s².
+
+    Raises
+    ------
+    BenchError
+        The drive doesn't obey, which is an alarm.
+    LimitError
+        Beyond what the drive can do.
     """
     drive, commands = context.drivers.drives[side], context.commands.side(side)
     commands.ask(quantity, value, rate, context.clock.now())
     if commands.enabled:
         tell = drive.command_torque if quantity == "torque" else drive.command_speed
-        await context.call(tell, value, rate)
+        unit = "N·m" if quantity == "torque" else "rad/s"
+        await context.tell_drive(side, f"go to {value:g} {unit}", tell, value, rate)
     commands.told(quantity, value, context.clock.now())
 
 
