@@ -42,9 +42,12 @@ def _main_quadratic(rng: np.random.Generator, shape_linear: float = 1.0) -> list
     return terms
 
 
-def _sine_pair(rng: np.random.Generator, low: float, high: float) -> list[Term]:
+def _sine_pair(
+    rng: np.random.Generator, low: float, high: float, period: float | None = None
+) -> list[Term]:
     amplitude, phase = rng.uniform(low, high), rng.uniform(0, 2 * np.pi)
-    period = rng.uniform(0.12, 0.40)
+    if period is None:
+        period = rng.uniform(0.12, 0.40)
     return [
         Term("sine", amplitude * np.cos(phase), (period, 0.0)),
         Term("sine", amplitude * np.sin(phase), (period, 1.0)),
@@ -299,6 +302,21 @@ def _dead_band(rng: np.random.Generator) -> list[Term]:
     ]
 
 
+def _exponential_pair(rng: np.random.Generator, sign: float) -> list[Term]:
+    terms = []
+    for side in (1.0, -1.0):
+        size, rate = sign * rng.uniform(0.003, 0.007), rng.uniform(0.5, 2.0)
+        terms.append(Term("exponential", size, (side, rate), 1))
+    return terms
+
+
+def _step_and_loops(rng: np.random.Generator) -> list[Term]:
+    return [
+        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
+    ]
+
+
 def _leaf_stopped(rng: np.random.Generator) -> list[Term]:
     """Coupling whose leaves come to bear one after another."""
     sign = _sign(rng)
@@ -308,29 +326,23 @@ def _leaf_stopped(rng: np.random.Generator) -> list[Term]:
         size = sign * rng.uniform(0.002, 0.006)
         terms.append(Term("leaf-stops", size, (side, first, spacing), 1))
         terms.append(Term("power", sign * rng.uniform(0.001, 0.003), (side, 1.0), 1))
-    return [
-        *terms,
-        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
-        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
-    ]
+    return [*terms, *_step_and_loops(rng)]
 
 
 def _beating(rng: np.random.Generator) -> list[Term]:
     """Two ripples of nearly the same period on a main term that grows exponentially."""
     sign, period = _sign(rng), rng.uniform(0.12, 0.35)
-    terms = [Term("offset", rng.normal(0, 5e-5))]
-    for side in (1.0, -1.0):
-        size, rate = sign * rng.uniform(0.003, 0.007), rng.uniform(0.5, 2.0)
-        terms.append(Term("exponential", size, (side, rate), 1))
-    for each in (period, period * (1.0 + rng.uniform(0.06, 0.2))):
-        amplitude, phase = rng.uniform(5e-5, 2e-4), rng.uniform(0, 2 * np.pi)
-        terms.append(Term("sine", amplitude * np.cos(phase), (each, 0.0)))
-        terms.append(Term("sine", amplitude * np.sin(phase), (each, 1.0)))
     return [
-        *terms,
-        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
-        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
+        Term("offset", rng.normal(0, 5e-5)),
+        *_exponential_pair(rng, sign),
+        *_sine_pairs_of_beat(rng, period),
+        *_step_and_loops(rng),
     ]
+
+
+def _sine_pairs_of_beat(rng: np.random.Generator, period: float) -> list[Term]:
+    other = period * (1.0 + rng.uniform(0.06, 0.2))
+    return [*_sine_pair(rng, 5e-5, 2e-4, period), *_sine_pair(rng, 5e-5, 2e-4, other)]
 
 
 def _saddled(rng: np.random.Generator) -> list[Term]:
@@ -351,16 +363,7 @@ def _saddled(rng: np.random.Generator) -> list[Term]:
 
 def _creeping(rng: np.random.Generator) -> list[Term]:
     """Strain gauges whose zero creeps with the logarithm of the time."""
-    sign = _sign(rng)
-    terms = [Term("offset", 0.0)]
-    for side in (1.0, -1.0):
-        size, rate = sign * rng.uniform(0.003, 0.007), rng.uniform(0.5, 2.0)
-        terms.append(Term("exponential", size, (side, rate), 1))
-    return [
-        *terms,
-        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
-        *_loop_pair(rng, rng.uniform(0.6, 1.4), rng.uniform(0.6, 1.4)),
-    ]
+    return [Term("offset", 0.0), *_exponential_pair(rng, _sign(rng)), *_step_and_loops(rng)]
 
 
 FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
@@ -394,7 +397,7 @@ UNSEEN_FAMILIES = (
     "saddled",
     "creeping",
 )
-"""Families written down when the models were finished; the models were developed on the others."""
+"""Families that no model was changed for; the models were developed on the others."""
 
 
 def draw_noise(family: str, rng: np.random.Generator) -> Noise:

@@ -10,10 +10,9 @@ chirped ripple, Lorentzian bumps, kinks, skewed loops, heavy-tailed noise, drift
 
 The *known-form bound* is what a fit reaches that is told the exact shapes: see :func:`known_form`.
 
-The models were developed on all families but those in ``UNSEEN_FAMILIES``. These were written down
-when the models were finished, or kept aside until they were, and nothing was changed after their
-results; the benchmark reports them apart. Seeds from ``REPORTED_SEED`` on were
-used for nothing but the reported figures.
+The models were developed on all families but those in ``UNSEEN_FAMILIES``, whose results changed
+nothing in the models' values and nothing in the hybrid's intervals; the benchmark reports them
+apart. Seeds from ``REPORTED_SEED`` on were used for nothing but the reported figures.
 """
 
 from __future__ import annotations

@@ -36,14 +36,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.chain_shapes import FloatArray
-from benchmarks.chains import (
-    FAMILIES,
-    REPORTED_SEED,
-    UNSEEN_FAMILIES,
-    make_chain,
-)
+from benchmarks.chains import FAMILIES, REPORTED_SEED, make_chain
+from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims, speed_aims
 from benchmarks.compensation_contenders import Contender, contenders
+from benchmarks.compensation_results import Result, comparison_rows, family_rows
 from benchmarks.section import BENCHMARKS as DOCUMENT
 from benchmarks.section import write_section as write_between_markers
 from torquebench.compensation.judging import forget_posteriors
@@ -58,51 +54,6 @@ QUICK_CHAINS, QUICK_CHAINS_200 = 4, 2
 QUICK_SLOW_CHAINS = 1
 QUICK_SLOW_FAMILIES = 3  # every third
 TOO_SLOW = "known form, constants unknown"  # seconds a fit: not in --quick
-
-
-@dataclass(frozen=True)
-class Result:
-    """One contender on one calibration of one chain.
-
-    Attributes
-    ----------
-    family : str
-    seed : int
-    worst, rms : float
-        Error in % of full scale.
-    inside : float64 array of shape (10,)
-        Share of dense readings whose 95 % interval holds the truth, by tenth of the range; NaN
-        where the contender gives no uncertainty.
-    half_width : float
-        Mean half-width of the 95 % intervals in % of full scale.
-    fit_seconds, predict_seconds : float
-        Time of the fit (NaN where it wasn't taken), and of one reading in a prediction of many.
-    """
-
-    family: str
-    seed: int
-    worst: float
-    rms: float
-    inside: FloatArray
-    half_width: float
-    fit_seconds: float
-    predict_seconds: float
-
-
-@dataclass(frozen=True)
-class Aim:
-    """A figure with the interval that it must lie in, and what may be missing by chance."""
-
-    name: str
-    value: float
-    low: float
-    high: float
-    allowance: float = 0.0
-
-    @property
-    def met(self) -> bool:
-        """Whether the figure lies in its interval."""
-        return self.low - self.allowance <= self.value <= self.high + self.allowance
 
 
 def measure(
@@ -227,178 +178,6 @@ def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[dict[str, Result]
         yield from pool.map(run_task, tasks)
 
 
-def ratios(results: dict[str, list[Result]], name: str, families: Sequence[str]) -> FloatArray:
-    """Return RMS error over the bound's, chain by chain."""
-    bounds = {(bound.family, bound.seed): bound.rms for bound in results["known form"]}
-    return np.array(
-        [own.rms / bounds[own.family, own.seed] for own in results[name] if own.family in families]
-    )
-
-
-def coverage(results: Sequence[Result]) -> FloatArray:
-    """Return the coverage by tenth of the range, over all chains."""
-    return np.asarray(np.mean([result.inside for result in results], axis=0))
-
-
-def comparison_rows(results: dict[str, list[Result]]) -> tuple[list[str], list[list[str]]]:
-    """Return headings and cells of the comparison."""
-    headings = [
-        "model",
-        "worst, % FS",
-        "RMS, % FS",
-        "RMS / bound",
-        "95 % intervals hold",
-        "by tenth",
-        "± % FS",
-        "fit, ms",
-        "a reading, µs",
-        "chains",
-    ]
-    rows = []
-    families = sorted({result.family for result in results["known form"]})
-    for name, own in results.items():
-        inside = coverage(own)
-        given = bool(np.all(np.isfinite(inside)))
-        rows.append(
-            [
-                name,
-                f"{np.median([r.worst for r in own]):.4f}",
-                f"{np.median([r.rms for r in own]):.4f}",
-                f"{np.median(ratios(results, name, families)):.2f}",
-                f"{100 * inside.mean():.1f} %" if given else "–",
-                f"{100 * inside.min():.0f}–{100 * inside.max():.0f} %" if given else "–",
-                f"{np.median([r.half_width for r in own]):.4f}" if given else "–",
-                _milliseconds([r.fit_seconds for r in own]),
-                f"{1e6 * np.median([r.predict_seconds for r in own]):.2f}",
-                str(len(own)),
-            ]
-        )
-    return headings, rows
-
-
-def _milliseconds(seconds: list[float]) -> str:
-    taken = [value for value in seconds if np.isfinite(value)]
-    return f"{1e3 * np.median(taken):.1f}" if taken else "–"
-
-
-def family_rows(
-    outcomes: dict[int, dict[str, list[Result]]], families: Sequence[str]
-) -> tuple[list[str], list[list[str]]]:
-    """Return headings and cells of the hybrid by family."""
-    headings = ["family"]
-    for points in outcomes:
-        headings += [f"RMS / bound, {points} points", "worst / bound", "95 % intervals hold"]
-    groups = {f + (" (not developed on)" if f in UNSEEN_FAMILIES else ""): [f] for f in families}
-    unseen = [family for family in families if family in UNSEEN_FAMILIES]
-    if unseen:
-        groups["all families developed on"] = [f for f in families if f not in unseen]
-        groups["all families not developed on"] = unseen
-    rows = []
-    for title, members in groups.items():
-        row = [title]
-        for results in outcomes.values():
-            own = [r for r in results["hybrid"] if r.family in members]
-            bound = [r for r in results["known form"] if r.family in members]
-            worst = [a.worst / b.worst for a, b in zip(own, bound, strict=True)]
-            row += [
-                f"{np.median(ratios(results, 'hybrid', members)):.2f}",
-                f"{np.median(worst):.2f}",
-                f"{100 * coverage(own).mean():.1f} %",
-            ]
-        rows.append(row)
-    return headings, rows
-
-
-def accuracy_aims(
-    results: dict[str, list[Result]],
-    families: Sequence[str],
-    points: int,
-    errors_allowed: float = 0.0,
-) -> list[Aim]:
-    """Return the aims for the hybrid's errors; medians may miss by `errors_allowed` errors."""
-    limit = 1.35 if points <= 50 else 1.5
-    groups = {
-        "RMS / bound": (families, limit),
-        "RMS / bound on families not developed on": (UNSEEN_FAMILIES, limit),
-        "RMS / bound on plain quadratics": (("quadratic",), 1.3),
-    }
-    aims = []
-    for title, (members, highest) in groups.items():
-        found = ratios(results, "hybrid", [f for f in families if f in members])
-        if found.size:
-            allowance = errors_allowed * _median_error(found)
-            name = f"hybrid, {title}, {points} points"
-            aims.append(Aim(name, float(np.median(found)), 0.0, highest, allowance))
-    return aims
-
-
-def _median_error(values: FloatArray) -> float:
-    """Return a median's standard error, from the median absolute deviation."""
-    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
-    return 1.2533 * spread / float(np.sqrt(values.size))
-
-
-EXTREME_OF_TEN = 1.4
-"""Two standard errors of one tenth are 2.8 of the one that is off most: 95 % of the extremes."""
-
-
-def interval_aims(
-    results: dict[str, list[Result]], own: Sequence[str], points: int, errors_allowed: float = 0.0
-) -> list[Aim]:
-    """Return the aims for the intervals of every model offered, over all and by tenth.
-
-    ``errors_allowed`` standard errors over the chains may be missing by chance.
-    """
-    aims = []
-    own = [name for name in own if results[name]]
-    for name in own:
-        rows = np.array([result.inside for result in results[name]])
-        tenths = rows.mean(axis=0)
-        extreme = EXTREME_OF_TEN * np.sqrt(np.mean(np.var(rows, axis=0)) / len(rows))
-        spread = float(np.std(rows.mean(axis=1)))
-        for what, value, its_error in (
-            ("coverage", tenths.mean(), spread / np.sqrt(len(rows))),
-            ("least coverage of a tenth", tenths.min(), extreme),
-            ("largest coverage of a tenth", tenths.max(), extreme),
-        ):
-            allowance = errors_allowed * float(its_error)
-            title = f"{name}, {what}, {points} points"
-            aims.append(Aim(title, float(value), 0.93, 0.97, allowance))
-        new = [r.inside.mean() for r in results[name] if r.family in UNSEEN_FAMILIES]
-        if new:
-            allowance = errors_allowed * spread / np.sqrt(len(new))
-            title = f"{name}, coverage, families not developed on, {points} points"
-            aims.append(Aim(title, float(np.mean(new)), 0.93, 0.97, allowance))
-    widths = {name: np.median([r.half_width for r in results[name]]) for name in own}
-    honest = [
-        widths[name] for name in own if name != "hybrid" and coverage(results[name]).mean() >= 0.93
-    ]
-    shortest = float(widths["hybrid"] / min(honest, default=np.inf))
-    aims.append(
-        Aim(f"hybrid's intervals / shortest honest other's, {points} points", shortest, 0.0, 1.0)
-    )
-    return aims
-
-
-def speed_aims(results: dict[str, list[Result]]) -> list[Aim]:
-    """Return the aims for the time of fits to 50 points, against scikit-learn's network."""
-    seconds = {
-        name: float(np.nanmedian([r.fit_seconds for r in results[name]]))
-        for name in ("hybrid", "bayesian-network", "scikit-learn MLPRegressor")
-        if name in results
-    }
-    reference = seconds["scikit-learn MLPRegressor"]
-    return [
-        Aim("hybrid's fit / scikit-learn network's", seconds["hybrid"] / reference, 0.0, 1 / 3),
-        Aim(
-            "bayesian-network's fit / scikit-learn network's",
-            seconds["bayesian-network"] / reference,
-            0.0,
-            2.0,
-        ),
-    ]
-
-
 def show(
     console: Console, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> str:
@@ -488,8 +267,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 INTRODUCTION = """Synthetic chains with a known truth (`benchmarks/chains.py`), independent of the
-simulated bench. The models were developed on the other families; those marked "not developed on"
-were written down when the models were finished, and nothing was changed after their results. All
+simulated bench. The models were developed on the other families; the results of those marked "not
+developed on" changed nothing in the models' values and nothing in the hybrid's intervals. All
 seeds are new to the models. Noise 0.02 % FS of every reading, the given number of points on 0 →
 +FS → 0 → −FS → 0. Errors over the whole range, both directions and both branches, against the
 noise-free truth. The bound ("known form") is a fit that is told the chain's exact form and all

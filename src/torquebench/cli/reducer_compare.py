@@ -11,7 +11,7 @@ from rich.markup import escape
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
-from torquebench.cli.reducer_tables import check_reports, stated
+from torquebench.cli.reducer_tables import check_reports
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducer_comparison import ReducerComparison
@@ -63,6 +63,8 @@ def compare(
 
 
 def _print_change(found: ReducerComparison) -> None:
+    from torquebench.uncertainty import stated
+
     before, after = found.specimens
     common = "what both runs have in common cancels"
     table = narrow_table(
@@ -90,6 +92,8 @@ def _print_change(found: ReducerComparison) -> None:
 
 
 def _print_specimens(found: ReducerComparison) -> None:
+    from torquebench.uncertainty import stated
+
     names = ", ".join(each.serial or "–" for each in found.specimens)
     table = narrow_table(
         f"{len(found.specimens)} specimens: {escape(names)}",

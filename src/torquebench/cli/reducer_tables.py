@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +17,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
 
-__all__ = ["FAILED", "check_reports", "present", "stated"]
+__all__ = ["FAILED", "check_reports", "present"]
 
 FAILED = ("fail", "conditionalFail")
 
@@ -32,26 +31,6 @@ def check_reports(reports: Sequence[Path]) -> None:
     for report in reports:
         check_suffix(report)
         check_output(report)
-
-
-def stated(value: float, expanded: float) -> tuple[str, str]:
-    """Return a value and its expanded uncertainty, both to two digits of the uncertainty.
-
-    Examples
-    --------
-    >>> stated(112.34567, 0.456)
-    ('112.35', '0.46')
-    >>> stated(0.95, 0.0)
-    ('0.95', '0')
-    """
-    if not (isfinite(expanded) and expanded > 0.0):
-        return f"{value:.5g}", "0" if expanded == 0.0 else "unknown"
-    if expanded < 1e-9 * abs(value):  # rounding, not measuring
-        return f"{value:.6g}", f"{expanded:.1g}"
-    places = 1 - int(f"{float(f'{expanded:.1e}'):e}".split("e")[1])
-    if places < 0:
-        return f"{round(value, places):.0f}", f"{round(expanded, places):.0f}"
-    return f"{value:.{places}f}", f"{expanded:.{places}f}"
 
 
 def present(
@@ -89,6 +68,8 @@ def present(
 
 
 def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
+    from torquebench.uncertainty import stated
+
     table = narrow_table(escape(title), caption="U: expanded uncertainty, 95.45 % coverage")
     table.add_column("", overflow="fold")
     table.add_column("value", justify="right", no_wrap=True)

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from torquebench.cli.console import narrow_table, out, say
-from torquebench.cli.reducer_tables import FAILED, stated
+from torquebench.cli.reducer_tables import FAILED
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducer_results import (
@@ -64,6 +64,8 @@ def print_record(record: ReducerTestRecord) -> None:
 
 
 def _print_outcome(outcome: TestOutcome) -> None:
+    from torquebench.uncertainty import stated
+
     table = narrow_table(outcome.title, caption="U: expanded uncertainty, 95.45 % coverage")
     table.add_column("", overflow="fold")
     for heading in ("value", "U"):

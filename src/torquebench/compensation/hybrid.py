@@ -17,6 +17,7 @@ from torquebench.compensation.base import (
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.hybrid_effects import (
     KINDS,
+    WAVE_COLUMNS,
     Dictionary,
     EffectPoints,
     all_columns,
@@ -208,7 +209,7 @@ def _without_negligible(
     problem: Problem, effects: list[FloatArray]
 ) -> tuple[Dictionary, list[FloatArray]]:
     """Leave out ripple and bumps whose coefficients add up to nothing that could be measured."""
-    means = {"wave": np.zeros((0, 12))}  # without candidates, there is no such kind
+    means = {"wave": np.zeros((0, WAVE_COLUMNS))}  # without candidates, there is no such kind
     means |= {kind.name: mean for kind, mean in zip(problem.kinds, effects, strict=True)}
     kept = {name: _worth_keeping(means[name]) for name in MANY_CANDIDATES}
     for name, candidates in kept.items():

@@ -37,7 +37,15 @@ from torquebench.compensation.averaging import Candidates
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
 
-__all__ = ["KINDS", "Dictionary", "Effect", "EffectPoints", "make_dictionary", "smallest_torque"]
+__all__ = [
+    "KINDS",
+    "WAVE_COLUMNS",
+    "Dictionary",
+    "Effect",
+    "EffectPoints",
+    "make_dictionary",
+    "smallest_torque",
+]
 
 _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
@@ -69,6 +77,8 @@ _GROWN = 1.3  # at full scale, of ripple that grows from nothing
 _GROWING_SHARE = 0.5  # of ripple that doesn't
 _SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
 _WAVE_CENTRES = np.linspace(-1.0, 1.0, 6)
+WAVE_COLUMNS = 2 * _WAVE_CENTRES.size
+"""Of one wave: a cosine and a sine under each window."""
 _WAVE_REACH = 0.24  # standard deviation of the windows
 _FEWEST_LEVELS_FOR_WAVES = 16
 _LOOP_DIFFERENCE = 0.2  # how much loops of both directions differ

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isnan
 
 from torquebench.campaign.reducer_comparison import ReducerComparison, TestedSpecimen
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducer_comparison_figures import difference_figure, values_figure
-from torquebench.reports.reducer_report import stated
-from torquebench.uncertainty import Verdict
+from torquebench.uncertainty import Verdict, stated
 
 __all__ = ["FAMILIES", "comparison_page"]
 
@@ -150,13 +150,12 @@ def _changes(found: ReducerComparison, keys: Sequence[str]) -> Table:
                 _with_expanded(old.estimate.value, old.estimate.expanded_uncertainty()),
                 _with_expanded(new.estimate.value, new.estimate.expanded_uncertainty()),
                 _with_expanded(each.change.value, each.change.expanded_uncertainty()),
-                "–" if each.relative_percent != each.relative_percent
-                else f"{each.relative_percent:+.1f} %",
+                "–" if isnan(each.relative_percent) else f"{each.relative_percent:+.1f} %",
                 each.change.unit,
                 "changed" if each.significant else "",
                 _verdicts(old.verdict, new.verdict),
             )
-        )  # fmt: skip
+        )
     header = ("quantity", "before", "after", "change", "", "unit", "", "verdict")
     return Table(header, rows, "Values ± U, changes ± U of the change, 95.45 % coverage.")
 
@@ -198,11 +197,8 @@ def _values(found: ReducerComparison, keys: Sequence[str], part: Sequence[Tested
             text = _with_expanded(estimate.value, estimate.expanded_uncertainty())
             verdict = f" ({Verdict(quantity.verdict).label})" if quantity.verdict else ""
             cells.append(text + verdict)
-        unit, limit = (
-            found.values[key].mean.unit,
-            found.specimens[0].quantities[key].limit,
-        )
-        rows.append((found.title(key), *cells, unit, limit))
+        limit = found.specimens[0].quantities[key].limit
+        rows.append((found.title(key), *cells, found.values[key].mean.unit, limit))
     header = ("quantity", *(each.name for each in part), "unit", "limit")
     return Table(
         header, rows, "Values ± U, 95.45 % coverage, with verdicts where there is a limit."

@@ -10,7 +10,6 @@ from torquebench.reducers import (
     NoLoadResult,
     TransmissionErrorResult,
 )
-from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducer_figures import (
     breakaway_figure,
@@ -20,9 +19,9 @@ from torquebench.reports.reducer_figures import (
     polar_error_figure,
     transmission_error_figure,
 )
-from torquebench.uncertainty import Verdict
+from torquebench.uncertainty import Verdict, stated
 
-__all__ = ["reducer_page", "stated"]
+__all__ = ["reducer_page"]
 
 
 def reducer_page(record: ReducerTestRecord) -> Page:
@@ -155,15 +154,6 @@ def _figures(outcome: TestOutcome) -> tuple[Figure, ...]:
         )
         return (Figure(efficiency_figure(result), caption),)
     return ()
-
-
-def stated(value: float, expanded: float) -> tuple[str, str]:
-    """Return a value and its expanded uncertainty, to two digits of the uncertainty."""
-    if expanded > 0.0:
-        places = 1 - int(f"{expanded:e}".split("e")[1])
-        if 0 <= places <= 8:
-            return f"{value:.{places}f}", f"{expanded:.{places}f}"
-    return number(value, 5), number(expanded, 2)
 
 
 def _words(verdict: str) -> str:

@@ -32,6 +32,7 @@ from torquebench.uncertainty.monte_carlo import (
 from torquebench.uncertainty.propagation import propagate
 from torquebench.uncertainty.quantity import Quantity
 from torquebench.uncertainty.sensitivity import sensitivities
+from torquebench.uncertainty.stating import rounded, stated
 
 __all__ = [
     "COVERAGE_PROBABILITY",
@@ -54,8 +55,10 @@ __all__ = [
     "monte_carlo",
     "numerical_tolerance",
     "propagate",
+    "rounded",
     "sample",
     "sensitivities",
+    "stated",
     "validate",
     "welch_satterthwaite",
 ]

@@ -7,7 +7,9 @@ import pytest
 from benchmarks import compensation as benchmark
 from benchmarks.chain_shapes import SHAPES
 from benchmarks.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
+from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims
 from benchmarks.compensation_contenders import contenders
+from benchmarks.compensation_results import comparison_rows, family_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
@@ -102,23 +104,23 @@ def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None
     results = benchmark.compare(
         Console(quiet=True), field, ["reference", "quadratic"], range(2), 50
     )
-    headings, rows = benchmark.comparison_rows(results)
+    headings, rows = comparison_rows(results)
     by_name = {row[0]: dict(zip(headings, row, strict=True)) for row in rows}
     rms = {name: float(row["RMS, % FS"]) for name, row in by_name.items()}
     assert min(rms, key=lambda name: rms[name]) == "known form"
     assert max(rms, key=lambda name: rms[name]) == "raw reading"
     assert by_name["raw reading"]["95 % intervals hold"] == "–"
-    _, family_rows = benchmark.family_rows({50: results}, ["reference", "quadratic"])
-    assert [row[0] for row in family_rows] == ["reference", "quadratic"]
-    aims = benchmark.accuracy_aims(results, ["reference", "quadratic"], 50)
+    _, by_family = family_rows({50: results}, ["reference", "quadratic"])
+    assert [row[0] for row in by_family] == ["reference", "quadratic"]
+    aims = accuracy_aims(results, ["reference", "quadratic"], 50)
     assert {aim.name for aim in aims} >= {"hybrid, RMS / bound, 50 points"}
-    assert benchmark.interval_aims(results, ["hybrid", "physics"], 50)
+    assert interval_aims(results, ["hybrid", "physics"], 50)
 
 
 def test_an_aim_is_met_inside_its_interval_only() -> None:
-    assert benchmark.Aim("", 0.95, 0.93, 0.97).met
-    assert not benchmark.Aim("", 0.92, 0.93, 0.97).met
-    assert not benchmark.Aim("", float("nan"), 0.0, 1.0).met
+    assert Aim("", 0.95, 0.93, 0.97).met
+    assert not Aim("", 0.92, 0.93, 0.97).met
+    assert not Aim("", float("nan"), 0.0, 1.0).met
 
 
 def test_the_section_is_replaced_and_the_rest_kept(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import socket
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from torquebench.bench.certificate import ReferenceCertificate
 from torquebench.bench.drivers.base import Mounting, Seating, Side
 from torquebench.bench.drivers.links import Link, WireError, split_address
 from torquebench.bench.encoder_certificate import EncoderCertificate
+from torquebench.bench.roles import MOUNTINGS, SIDES
 from torquebench.errors import BenchError, InterlockError
 
 __all__ = [
@@ -101,23 +103,26 @@ def simulated_certificates(
     control: SimulationControl,
 ) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
     """Ask for the certificates that come with the simulated standards."""
-    answer: dict[Mounting, dict[Side, dict[str, list[float]]]] = control.ask("certificates")  # type: ignore[assignment]
+    answer = control.ask("certificates")
     return {
         mounting: {
-            side: ReferenceCertificate(**{key: np.array(values) for key, values in columns.items()})
-            for side, columns in sides.items()
+            side: ReferenceCertificate(**_arrays(answer[mounting][side]))
+            for side in SIDES
+            if side in answer[mounting]
         }
-        for mounting, sides in answer.items()
+        for mounting in MOUNTINGS
+        if mounting in answer
     }
 
 
 def simulated_encoder_certificates(control: SimulationControl) -> dict[Side, EncoderCertificate]:
     """Ask for the certificates that come with the simulated encoders."""
-    answer: dict[Side, dict[str, list[float]]] = control.ask("encoder_certificates")  # type: ignore[assignment]
-    return {
-        side: EncoderCertificate(**{key: np.array(values) for key, values in columns.items()})
-        for side, columns in answer.items()
-    }
+    answer = control.ask("encoder_certificates")
+    return {side: EncoderCertificate(**_arrays(answer[side])) for side in SIDES if side in answer}
+
+
+def _arrays(columns: Mapping[str, list[float]]) -> dict[str, NDArray[np.float64]]:
+    return {name: np.array(values, dtype=np.float64) for name, values in columns.items()}
 
 
 class SimulatedOperator:

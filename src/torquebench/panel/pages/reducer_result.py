@@ -13,6 +13,7 @@ from torquebench.panel.components.elements import box, empty, note, panel, table
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobResult
 from torquebench.panel.text import Text
+from torquebench.uncertainty import stated
 
 __all__ = ["comparison", "outcomes"]
 
@@ -32,22 +33,17 @@ def number(value: float) -> str:
 
 
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return a value and its expanded uncertainty to the same digit, as GUM 7.2.6 has it.
-
-    The uncertainty keeps two significant digits, the value none that it can't answer for.
+    """Return a value and its expanded uncertainty to the same digit, or what is known of them.
 
     Examples
     --------
-    >>> with_uncertainty(416.2514, 1.04), with_uncertainty(-0.51322, 0.00688)
-    (('416.3', '1.0'), ('−0.5132', '0.0069'))
-    >>> with_uncertainty(1234.0, 345.0), with_uncertainty(0.5, 0.0)
-    (('1234', '345'), ('0.5', '0'))
+    >>> with_uncertainty(-0.51322, 0.00688), with_uncertainty(0.5, float("nan"))
+    (('−0.5132', '0.0069'), ('0.5', '—'))
     """
-    if not (math.isfinite(value) and math.isfinite(uncertainty) and uncertainty > 0.0):
+    if not (math.isfinite(value) and math.isfinite(uncertainty)):
         return number(value), number(uncertainty)
-    leading = int(f"{uncertainty:.1e}".partition("e")[2])
-    decimals = max(0, 1 - leading)
-    return f"{value:.{decimals}f}".replace("-", "−"), f"{uncertainty:.{decimals}f}"
+    shown, expanded = stated(value, uncertainty)
+    return shown.replace("-", "−"), expanded
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from torquebench.reports.certificate.content import deviation_words
-from torquebench.reports.certificate.labels import Labels, labels_of, rounded
+from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
     CertificateRecord,
     Conformity,
@@ -18,6 +18,7 @@ from torquebench.reports.certificate.static_content import (
     class_words,
     zero_hysteresis_words,
 )
+from torquebench.uncertainty import rounded
 
 __all__ = ["SCHEMA_VERSION", "certificate_xml"]
 

@@ -4,16 +4,13 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import resources
-from math import floor, isfinite, log10
 
 from torquebench.errors import InputError
+from torquebench.uncertainty import rounded
 
-__all__ = ["LANGUAGES", "Labels", "check_languages", "labels_of", "rounded"]
+__all__ = ["LANGUAGES", "Labels", "check_languages", "labels_of"]
 
 LANGUAGES = ("en", "de", "zh")
-
-SIGNIFICANT_DIGITS = 2
-"""Of an uncertainty: GUM 7.2.6 asks for no more."""
 
 
 class Labels:
@@ -97,23 +94,6 @@ class Labels:
     def _marked(self, text: str) -> str:
         text = text.replace("-", "−") if "e" not in text else text
         return text.replace(".", ",") if self.language == "de" else text
-
-
-def rounded(uncertainty: float, digits: int = SIGNIFICANT_DIGITS) -> tuple[float, int]:
-    """Round an uncertainty to its significant digits and say how many decimals that are.
-
-    Examples
-    --------
-    >>> rounded(0.8212), rounded(0.0996), rounded(12.6)
-    ((0.82, 2), (0.1, 2), (13.0, 0))
-    """
-    if not isfinite(uncertainty) or uncertainty <= 0.0:
-        return uncertainty, 3
-    decimals = digits - 1 - floor(log10(uncertainty))
-    value = round(uncertainty, decimals)
-    if floor(log10(value)) > floor(log10(uncertainty)):  # 0.0996 becomes 0.10, not 0.100
-        decimals -= 1
-    return value, max(decimals, 0)
 
 
 def check_languages(languages: tuple[str, ...]) -> None:
