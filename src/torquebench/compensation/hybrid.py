@@ -31,6 +31,7 @@ from torquebench.compensation.hybrid_inference import (
     deviation_kernel,
     main_columns,
 )
+from torquebench.compensation.hybrid_memory import memory_covariance
 from torquebench.compensation.hybrid_search import explore
 from torquebench.compensation.hybrid_uncertainty import curve_variance
 
@@ -120,9 +121,11 @@ class HybridModel(CompensationModel):
     ) -> None:
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
         target = (y - X[:, 0]) / self.full_scale_nm_
-        points = EffectPoints(u, branch, path_clocks(u, branch, feature_column(X, "series")))
+        series = feature_column(X, "series")
+        points = EffectPoints(u, branch, path_clocks(u, branch, series))
         spread = _spread_about_main(u, target, weights)
-        problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD))
+        memory = memory_covariance(u, branch, series, target)
+        problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD), memory)
         problem, members = explore(problem, max(spread, 1e-5))
         evidence = np.array([member.log_evidence for member in members])
         shares = np.exp(evidence - evidence.max())

@@ -70,6 +70,9 @@ _SCALES = {
 KINDS = tuple(_SCALES)
 """Kinds of effects, in the order in which they are first looked for."""
 _COPIES = {"bump": 3}
+_STEP_SHIFT = 0.15
+"""How far from zero a reversal may lie, as a share of the step's width, where torques lie on it."""
+_CLOSE_STEPS = 2  # bearings that turn round one after the other
 _STRETCHES = (-0.2, 0.2)
 _STRETCHED_SHARE = 0.2  # each, of ripple that doesn't stretch
 _FEWEST_TO_STRETCH = 3.0  # cycles per full scale
@@ -212,6 +215,10 @@ def _step_widths(smallest: float) -> FloatArray:
     return np.asarray(np.geomspace(narrowest, widest, count))
 
 
+def _close_set(widths: FloatArray) -> bool:
+    return widths.size > _STEP_WIDTHS.size
+
+
 def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
     """Choose candidate shapes that a calibration at so many torques can tell apart.
 
@@ -267,11 +274,17 @@ def at_zero_time(u: FloatArray, branch: FloatArray) -> EffectPoints:
 
 
 def step_columns(points: EffectPoints, widths: FloatArray) -> FloatArray:
-    """Return reversal steps, shape (2 k, 1, n)."""
-    u = points.u[None, :]
-    smooth = np.tanh(u / widths[:, None])
-    rational = u / (widths[:, None] + np.abs(u))
-    return np.concatenate([smooth, rational])[:, None, :]
+    """Return reversal steps, shape (2 k, 1, n), or (2 k, 2, n) where torques lie on their slope.
+
+    Columns of a candidate: the step, and what it changes by where it isn't passed just at zero.
+    """
+    x = points.u / widths[:, None]
+    smooth, rational = np.tanh(x), x / (1.0 + np.abs(x))
+    steps = np.concatenate([smooth, rational])
+    if not _close_set(widths):
+        return steps[:, None, :]
+    slopes = np.concatenate([1.0 - smooth**2, (1.0 - np.abs(rational)) ** 2])
+    return np.stack([steps, _STEP_SHIFT * slopes], axis=1)
 
 
 def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
@@ -382,13 +395,16 @@ def make_effects(
         "wave": _prior(1.0 / dictionary.wave_frequencies, 0.6),
         "skew": _prior(np.ones(1), 0.4),
     }
+    copies = dict(_COPIES)
+    if _close_set(dictionary.step_widths):
+        copies["step"] = _CLOSE_STEPS
     return [
         Effect(
             name,
             columns[name],
             prior_scale * np.array(_SCALES[name]),
             *priors[name],
-            copies=_COPIES.get(name, 1),
+            copies=copies.get(name, 1),
         )
         for name in KINDS
         if len(columns[name])

@@ -149,7 +149,7 @@ class Member:
     weights : float64 array of shape (n,)
         Weights of the points, with the load's; a point's noise variance is noise² / weight.
     factor : float64 array of shape (n, n)
-        Lower Cholesky factor of the covariance of main form, deviation, drift and noise.
+        Lower Cholesky factor of the covariance of main form, deviation, drift and scatter.
     effects : AveragedEffects
         Posterior of the effects.
     log_evidence : float
@@ -195,12 +195,20 @@ class Problem:
         Weights of the points.
     prior_scale : float
         Factor on all prior amplitudes.
+    memory : float64 array of shape (n, n), optional
+        Covariance of scatter that stays for a while, for independent scatter of 1.
     """
 
     def __init__(
-        self, points: EffectPoints, target: FloatArray, weights: FloatArray, prior_scale: float
+        self,
+        points: EffectPoints,
+        target: FloatArray,
+        weights: FloatArray,
+        prior_scale: float,
+        memory: FloatArray | None = None,
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
+        self._memory = memory
         self.prior_scale = prior_scale
         self._take_main(np.full(_MAIN_SCALES.size, prior_scale))
         self._deviation = prior_scale**2 * deviation_kernel(points.u, points.u)
@@ -287,6 +295,9 @@ class Problem:
         if setting.drift >= 0:
             scale = self.prior_scale * setting.drift_amplitude
             covariance += scale**2 * self.drifts[setting.drift].covariance
+        if self._memory is not None:
+            load = 1.0 / np.sqrt(self.load_weights(setting.growth))
+            covariance += setting.noise**2 * np.outer(load, load) * self._memory
         covariance[np.diag_indices_from(covariance)] += noise2
         factor = cholesky(covariance, lower=True, check_finite=False)
         effects, left = self._average(factor)

@@ -1,0 +1,126 @@
+"""What repeats say of scatter that stays for a while.
+
+Parts that seat anew with every loading leave the points of one series off to the same side.
+Repeats average that, more points of a series don't (GUM 4.2.7): taken for independent, they make
+the curve look better known than it is, and effects are seen in what only one loading did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.compensation.columns import FloatArray
+
+__all__ = ["memory_covariance"]
+
+_FEWEST_SERIES = 3  # of fewer, nobody can tell what a chain remembers from what it is
+_LENGTHS = np.geomspace(0.003, 1.0, 8)
+"""Candidate ways, as shares of full scale, after which a chain has forgotten."""
+_CHANCE = 2.5  # standard errors of the correlation
+_LARGEST_SHARE = 0.9
+_SIDED = 5e-4  # readings next to zero are on neither side
+
+
+def memory_covariance(
+    u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
+) -> FloatArray | None:
+    """Return the covariance of scatter that stays for a while, for independent scatter of 1.
+
+    Points of different series at the same torque and branch differ by scatter alone. Its
+    correlation within a series is taken as m·exp(−d/ℓ) over the way d between two points; m and ℓ
+    by least squares over all pairs.
+
+    Parameters
+    ----------
+    u, branch, series, target : float64 array of shape (n,)
+        Reading / full scale, branch, number of the series, additional torque.
+
+    Returns
+    -------
+    covariance : float64 array of shape (n, n) or None
+        m/(1 − m)·exp(−d/ℓ) within a series and direction, 0 elsewhere; None for fewer than three
+        series, or where chance explains the correlation.
+
+    Examples
+    --------
+    >>> u, series = np.tile(np.linspace(0.1, 0.4, 30), 6), np.repeat(np.arange(6.0), 30)
+    >>> common = np.repeat([1.0, -1.0, 0.5, -0.5, 2.0, -2.0], 30)
+    >>> scatter = np.random.default_rng(1).normal(size=180)
+    >>> memory_covariance(u, np.ones(180), series, scatter) is None
+    True
+    >>> float(memory_covariance(u, np.ones(180), series, scatter + common).max().round(1))
+    4.4
+    """
+    if np.unique(series).size < _FEWEST_SERIES:
+        return None
+    scatter = _scatter(u, branch, series, target)
+    courses = list(_courses(u, branch, series))
+    pairs = [_pairs(scatter, *course) for course in courses]
+    way, product = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    share, length = _fitted(way, product)
+    if share == 0.0:
+        return None
+    covariance = np.zeros((u.size, u.size))
+    for rows, position in courses:
+        apart = np.abs(position[:, None] - position[None, :])
+        covariance[np.ix_(rows, rows)] = share / (1.0 - share) * np.exp(-apart / length)
+    return covariance
+
+
+def _side(u: FloatArray) -> FloatArray:
+    return np.where(np.abs(u) < _SIDED, 0.0, np.sign(u))
+
+
+def _scatter(
+    u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
+) -> FloatArray:
+    """Return what every point differs by from others at its level; NaN where there are none."""
+    scatter = np.full(u.size, np.nan)
+    for side, leg in np.unique(np.column_stack([_side(u), branch]), axis=0):
+        rows = np.flatnonzero((_side(u) == side) & (branch == leg))
+        rows = rows[np.argsort(u[rows])]
+        levels = round(rows.size / np.unique(series[rows]).size)
+        gaps = np.argsort(np.diff(u[rows]))[::-1][: levels - 1]
+        for level in np.split(rows, np.sort(gaps) + 1):
+            spread = np.std(target[level])
+            if np.unique(series[level]).size >= _FEWEST_SERIES and spread > 0.0:
+                scatter[level] = (target[level] - np.mean(target[level])) / spread
+    return scatter
+
+
+def _courses(
+    u: FloatArray, branch: FloatArray, series: FloatArray
+) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
+    """Return the points of each series and direction, and how far along they lie."""
+    for number, side in np.unique(np.column_stack([series, np.sign(u)]), axis=0):
+        rows = np.flatnonzero((series == number) & (np.sign(u) == side))
+        x = np.abs(u[rows])
+        yield rows, np.where(branch[rows] < 0, 2.0 * np.max(x) - x, x)
+
+
+def _pairs(
+    scatter: FloatArray, rows: NDArray[np.intp], position: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return ways and products of all pairs of known scatter."""
+    known = np.isfinite(scatter[rows])
+    first, second = np.triu_indices(int(np.count_nonzero(known)), k=1)
+    values, places = scatter[rows][known], position[known]
+    return np.abs(places[first] - places[second]), values[first] * values[second]
+
+
+def _fitted(way: FloatArray, product: FloatArray) -> tuple[float, float]:
+    """Return share and length of the correlation; a share of 0 where there is none to speak of."""
+    if way.size == 0:
+        return 0.0, 1.0
+    shapes = np.exp(-way / _LENGTHS[:, None])
+    power = np.sum(shapes**2, axis=1)
+    shares = shapes @ product / power
+    gains = shares**2 * power * np.sign(shares)
+    best = int(np.argmax(gains))
+    error = 1.0 / np.sqrt(power[best])
+    if not shares[best] > _CHANCE * error:
+        return 0.0, 1.0
+    return float(min(shares[best], _LARGEST_SHARE)), float(_LENGTHS[best])
