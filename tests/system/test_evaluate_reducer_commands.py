@@ -193,6 +193,19 @@ def test_an_output_that_is_a_file_is_refused(no_load: Path, tmp_path: Path) -> N
     assert taken.read_text() == "mine"
 
 
+@pytest.mark.parametrize("test", ["friction", "no-load"])
+def test_a_column_of_demanded_speeds_shows_a_drive_at_its_end(tmp_path: Path, test: str) -> None:
+    rows = [
+        [*row, float(str(row[0])) * (1.2 if row[0] in (1000.0, -1000.0) else 1.0)]
+        for row in running()
+    ]
+    data = write(tmp_path / "sweep.csv", "speed_rpm,torque_nm,repeat,demanded_rpm", rows)
+    found = evaluate(test, data)
+    assert found.exit_code == 0, found.output
+    assert "drive saturation" in found.output
+    assert "1200 rpm were asked for and 1000 rpm reached" in " ".join(found.output.split())
+
+
 def test_german_tables_with_decimal_commas_semicolons_and_units_are_read(tmp_path: Path) -> None:
     speed = np.tile(np.arange(100.0, 1100.0, 100.0), 2)
     torque = 0.3 + 2e-4 * speed + 1e-4 * np.cos(np.arange(speed.size))

@@ -210,8 +210,8 @@ def friction(
 ) -> None:
     """Evaluate friction over speed: Coulomb, viscous and Stribeck parts, each direction.
 
-    Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed) and
-    temperature if there are such.
+    Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed),
+    temperature and demanded (speed that was asked for) if there are such.
     """
     from torquebench.reducers import evaluate_friction
 
@@ -220,6 +220,7 @@ def friction(
         "torque": "torque",
         "branch": "label",
         "temperature": "temperature",
+        "demanded": "speed",
     }
     table = read_columns(data, kinds, ("speed", "torque"), column or (), where or ())
     result = evaluate_friction(
@@ -231,6 +232,7 @@ def friction(
         form=form,  # type: ignore[arg-type] # checked by evaluate_friction
         tolerance_rpm=tolerance,
         temperature_c=table.get("temperature"),
+        demanded_rpm=table.get("demanded"),
     )
     if largest_uncertainty is not None:
         result.require(largest_uncertainty / 100.0)
@@ -256,7 +258,8 @@ def no_load(
     """Evaluate no-load running torque at each speed, with the parts of friction.
 
     Columns: speed and torque at the input, both clockwise positive; repeat, branch (1 rising,
-    -1 falling speed) and temperature if there are such.
+    -1 falling speed), temperature and demanded (speed that was asked for, by which points are put
+    together) if there are such.
     """
     from torquebench.reducers import TorqueUncertainty, evaluate_no_load
 
@@ -267,11 +270,13 @@ def no_load(
         "repeat": "label",
         "branch": "label",
         "temperature": "temperature",
+        "demanded": "speed",
     }
     table = read_columns(data, kinds, ("speed", "torque"), column or (), where or ())
     result = evaluate_no_load(
         table["speed"],
         table["torque"],
+        nominal_rpm=table.get("demanded"),
         repeat=table.get("repeat"),
         branch=table.get("branch"),
         temperature_c=table.get("temperature"),

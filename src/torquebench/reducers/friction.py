@@ -19,6 +19,7 @@ from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.friction_fit import FORMS, Form, FrictionFit, fit_friction
 from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
+from torquebench.reducers.saturation import missed_speed
 
 __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_curve"]
 
@@ -201,6 +202,7 @@ def evaluate_friction(
     form: Form | Literal["best"] = "best",
     tolerance_rpm: float | None = None,
     temperature_c: ArrayLike | None = None,
+    demanded_rpm: ArrayLike | None = None,
 ) -> FrictionResult:
     """Evaluate a no-load friction sweep: mean and spread at each speed, and the parts of friction.
 
@@ -217,6 +219,8 @@ def evaluate_friction(
         criterion, so that a Stribeck part only appears where the points ask for it.
     temperature_c : array of float, shape (n,), optional
         Of the reducer; a change of more than 2 K is a finding.
+    demanded_rpm : array of float, shape (n,), optional
+        Speed that was asked for; one that wasn't reached is a finding.
 
     Raises
     ------
@@ -252,7 +256,7 @@ def evaluate_friction(
         counter_clockwise=fits[-1],
         systematic_uncertainty_nm=systematic_uncertainty_nm,
         worst_relative_uncertainty=float(np.max(relative)),
-        findings=_unsteady(temperature_c),
+        findings=(*_unsteady(temperature_c), *_missed(speed_rpm, demanded_rpm)),
     )
 
 
@@ -272,6 +276,12 @@ def _unsteady(temperature_c: ArrayLike | None) -> tuple[Finding, ...]:
             "reference temperature",
         ),
     )
+
+
+def _missed(speed_rpm: ArrayLike, demanded_rpm: ArrayLike | None) -> tuple[Finding, ...]:
+    if demanded_rpm is None:
+        return ()
+    return missed_speed(*finite_columns(1, speed_rpm=speed_rpm, demanded_rpm=demanded_rpm))
 
 
 def _fit_of_side(

@@ -13,7 +13,6 @@ from torquebench.reducers.loop_findings import (
     check_closure,
     check_columns,
     loop_findings,
-    saturation,
 )
 from torquebench.reducers.loop_results import HysteresisResult, LoopFeatures, StiffnessRegions
 from torquebench.reducers.loop_ripple import (
@@ -26,6 +25,7 @@ from torquebench.reducers.loop_ripple import (
 from torquebench.reducers.loop_rules import LoopSettings, LoopUncertainty
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
+from torquebench.reducers.saturation import torque_saturation
 from torquebench.uncertainty import Budget
 
 __all__ = ["evaluate_hysteresis"]
@@ -90,7 +90,7 @@ def evaluate_hysteresis(
     for label in np.unique(place):
         here = place == label
         check_columns(torque[here], angle[here], settings.rated_torque_nm)
-    findings = saturation(torque, demanded)
+    findings = torque_saturation(torque, demanded)
     record = Record(torque, angle, place, number)
     steady, ripple = without_ripple(record, resolution_rad)
     loops, blurred = _loops(steady, settings)

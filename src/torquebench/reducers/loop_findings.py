@@ -8,13 +8,9 @@ from torquebench.reducers.loop_results import LoopFeatures
 from torquebench.reducers.loop_rules import LoopSettings
 from torquebench.reducers.quantities import Finding
 
-__all__ = ["check_closure", "check_columns", "loop_findings", "saturation"]
+__all__ = ["check_closure", "check_columns", "loop_findings"]
 
 Floats = NDArray[np.float64]
-PLATEAU = 0.25
-"""Share of a record within 2 % of its largest torque above which a drive saturates."""
-MISSED = 0.05
-"""Share of the demanded torque by which a saturated drive misses it."""
 PRELOAD_SHARE = 0.06
 """A loop that is softest beyond this share of the rated torque is under a preload."""
 SOFTER = 2.0
@@ -78,31 +74,6 @@ def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
                 "preload to the rated torque first, check clamps and encoder for slip and the "
                 "locked input for creeping",
             )
-
-
-def saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
-    """Say where the drive doesn't follow what it is asked for."""
-    largest = float(np.quantile(np.abs(torque), 0.99))
-    if demanded is not None:
-        wanted = float(np.max(np.abs(demanded)))
-        high = np.abs(demanded) > 0.5 * wanted
-        missed = high & (np.abs(torque) < (1.0 - MISSED) * np.abs(demanded))
-        if wanted > (1.0 + 2.0 * MISSED) * largest and missed.sum() > 0.05 * high.sum():
-            return [_saturated(largest, f"{wanted:.4g} N·m were asked for", missed)]
-        return []
-    plateau = np.abs(torque) > 0.95 * largest
-    if np.mean(plateau) > PLATEAU:
-        return [_saturated(largest, "the torque stands there", plateau)]
-    return []
-
-
-def _saturated(largest: float, asked: str, rows: NDArray[np.bool_]) -> Finding:
-    return Finding(
-        "drive saturation",
-        f"the torque stops near ±{largest:.3g} N·m, {asked} ({100 * np.mean(rows):.0f} % of the "
-        "samples)",
-        "only measured torques are used: lower the demanded torque, or use a larger drive",
-    )
 
 
 def loop_findings(loops: list[LoopFeatures], settings: LoopSettings) -> list[Finding]:

@@ -17,6 +17,7 @@ from torquebench.reducers.no_load_points import (
     scatter_of,
 )
 from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget, refuse
+from torquebench.reducers.saturation import missed_speed
 from torquebench.reducers.tare import Tare
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
@@ -105,8 +106,8 @@ def evaluate_no_load(
     speed_rpm, torque_nm : array of float, shape (n,)
         Mean of each steady point: input speed (clockwise positive) and torque with its sign.
     nominal_rpm : array of float, shape (n,), optional
-        Speed that was asked for, by which points are put together and named; by default points
-        within `tolerance_rpm` are one step.
+        Speed that was asked for, by which points are put together and named, and which counts as
+        missed where it wasn't reached; by default points within `tolerance_rpm` are one step.
     repeat : array of int, shape (n,), optional
         Number of the repeat; all 1 by default.
     branch : array of int, shape (n,), optional
@@ -150,11 +151,13 @@ def evaluate_no_load(
         zeroed = np.unique(np.column_stack([number, np.sign(speed)]), axis=0, return_inverse=True)[
             1
         ].astype(np.float64)
+    missed: tuple[Finding, ...] = ()
     warmth = np.full(speed.size, np.nan)
     if temperature_c is not None:
         (warmth,) = finite_columns(speed.size, temperature_c=temperature_c)
     if nominal_rpm is not None:
         (nominal,) = finite_columns(speed.size, nominal_rpm=nominal_rpm)
+        missed = missed_speed(speed, nominal)
         speed = _mean_of_step(speed, nominal)
     if tare is not None:
         torque = torque - np.array([tare.at(each).torque_nm for each in speed])
@@ -189,7 +192,7 @@ def evaluate_no_load(
         temperature_c=warmth,
         repeat=number.astype(np.int64),
         branch=turn.astype(np.int64),
-        findings=(*findings, *scatter_findings(scatter)),
+        findings=(*missed, *findings, *scatter_findings(scatter)),
     )
 
 

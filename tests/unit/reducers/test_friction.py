@@ -4,7 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torquebench.errors import InputError
-from torquebench.reducers import FORMS, evaluate_friction, fit_friction, friction_curve
+from torquebench.reducers import (
+    FORMS,
+    evaluate_friction,
+    evaluate_no_load,
+    fit_friction,
+    friction_curve,
+)
 
 RAD_S_PER_RPM = 2 * np.pi / 60
 
@@ -151,3 +157,17 @@ def test_a_temperature_that_changes_is_named():
     (found,) = evaluate_friction(speed, torque, temperature_c=np.linspace(22.0, 45.0, 12)).findings
     assert found.name == "unsteady temperature"
     assert "22.0 to 45.0 °C" in found.message
+
+
+def test_a_speed_that_was_not_reached_is_named() -> None:
+    demanded = np.tile([100.0, 500.0, 1000.0, 1500.0], 3)
+    speed = np.minimum(demanded * 0.999, 1210.0)
+    torque = 0.3 + 1e-4 * speed
+    (found,) = evaluate_friction(speed, torque, demanded_rpm=demanded).findings
+    assert found.name == "drive saturation"
+    assert "1500 rpm were asked for and 1210 rpm reached (3 of 12 points)" in found.message
+    assert not evaluate_friction(speed, torque, demanded_rpm=speed).findings
+    with pytest.raises(InputError, match="demanded"):
+        evaluate_friction(speed, torque, demanded_rpm=demanded[:5])
+    no_load = evaluate_no_load(speed, torque, nominal_rpm=demanded, repeat=np.repeat([1, 2, 3], 4))
+    assert "drive saturation" in {each.name for each in no_load.findings}

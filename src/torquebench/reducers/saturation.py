@@ -1,0 +1,68 @@
+"""Drives that don't reach what they are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.reducers.quantities import Finding
+
+__all__ = ["missed_speed", "torque_saturation"]
+
+Floats = NDArray[np.float64]
+PLATEAU = 0.25
+"""Share of a record within 2 % of its largest torque above which a drive saturates."""
+MISSED = 0.05
+"""Share of what was demanded by which a saturated drive misses it."""
+
+
+def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
+    """Say where the drive doesn't follow what it is asked for."""
+    largest = float(np.quantile(np.abs(torque), 0.99))
+    if demanded is not None:
+        wanted = float(np.max(np.abs(demanded)))
+        high = np.abs(demanded) > 0.5 * wanted
+        missed = high & (np.abs(torque) < (1.0 - MISSED) * np.abs(demanded))
+        if wanted > (1.0 + 2.0 * MISSED) * largest and missed.sum() > 0.05 * high.sum():
+            return [_saturated(largest, f"{wanted:.4g} N·m were asked for", missed)]
+        return []
+    plateau = np.abs(torque) > 0.95 * largest
+    if np.mean(plateau) > PLATEAU:
+        return [_saturated(largest, "the torque stands there", plateau)]
+    return []
+
+
+def _saturated(largest: float, asked: str, rows: NDArray[np.bool_]) -> Finding:
+    return Finding(
+        "drive saturation",
+        f"the torque stops near ±{largest:.3g} N·m, {asked} ({100 * np.mean(rows):.0f} % of the "
+        "samples)",
+        "only measured torques are used: lower the demanded torque, or use a larger drive",
+    )
+
+
+def missed_speed(speed_rpm: Floats, demanded_rpm: Floats) -> tuple[Finding, ...]:
+    """Name speeds that were asked for and not reached, as by a drive at the end of its torque.
+
+    Parameters
+    ----------
+    speed_rpm, demanded_rpm : float64 array of shape (n,)
+        Of each point, in rpm.
+
+    Examples
+    --------
+    >>> missed_speed(np.array([100.0, 880.0]), np.array([100.0, 1000.0]))[0].name
+    'drive saturation'
+    """
+    missed = np.abs(speed_rpm) < (1.0 - MISSED) * np.abs(demanded_rpm)
+    if not np.any(missed):
+        return ()
+    worst = int(np.argmax(np.abs(demanded_rpm) - np.abs(speed_rpm)))
+    return (
+        Finding(
+            "drive saturation",
+            f"{demanded_rpm[worst]:.4g} rpm were asked for and {speed_rpm[worst]:.4g} rpm reached "
+            f"({np.count_nonzero(missed)} of {missed.size} points)",
+            "points count at the speed that was reached: lower the speed, or use a larger drive",
+        ),
+    )
