@@ -1,26 +1,29 @@
 """How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
 
 python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME] [--profile NAME]
-    [--tests NAME,NAME] [--workers N] [--first-seed N]
+    [--tests NAME,NAME] [--workers N] [--first-seed N] [--into FOLDER]
 
-For each simulated bench (a seed of its own) both modules are calibrated and compensated; then
-specimens drawn from further seeds are put to all tests by the plans, the data path and the
-evaluation that a real bench uses. What a test finds is compared with what the specimen really
-is. Ends with 1 where an aim is missed.
+For each simulated bench (a seed of its own) both modules are calibrated and compensated; then a
+specimen is put to all tests by the plans, the data path and the evaluation that a real bench uses.
+What a test finds is compared with what the specimen really is. With ``--into`` benches are kept
+one by one, and a run that was interrupted goes on. Ends with 1 where an aim is missed.
 """
 
 import argparse
+import json
 import sys
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress
 
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers.simulated import SimulatedOptions
@@ -52,8 +55,6 @@ from torquebench.twin.reducer_truth import (
     true_transmission_error,
 )
 
-SPECIMENS_A_BENCH = 2
-"""What a bench gets wrong is common to its specimens: benches count, rather than specimens."""
 ARCSEC_PER_RAD = 648000.0 / np.pi
 COLD = WarmUp(longest_s=0.0)
 BLOCK_S = 0.05
@@ -187,26 +188,45 @@ def specimen_deviations(
     return deviations, refused
 
 
-def one_bench(
-    work: tuple[str, int, int, str, tuple[str, ...]],
-) -> tuple[list[Deviation], list[str]]:
-    """Calibrate a bench, the output alone where only angles are asked for, and test specimens."""
-    reducer, seed, specimens, calibration, tests = work
-    deviations: list[Deviation] = []
-    refused: list[str] = []
-    profile = load_profile(calibration)
+@dataclass(frozen=True)
+class Work:
+    """A bench to be measured with a specimen of its own: what it gets wrong is common to all."""
+
+    reducer: str
+    seed: int
+    profile: str
+    tests: tuple[str, ...]
+    into: Path | None
+
+    @property
+    def kept(self) -> Path | None:
+        """Where its result is kept."""
+        return None if self.into is None else self.into / f"{self.reducer}-{self.seed}.json"
+
+
+Found = tuple[list[Deviation], list[str]]
+
+
+def one_bench(work: Work) -> Found:
+    """Calibrate a bench, the output alone where only angles are asked for, and test a specimen."""
+    kept = work.kept
+    if kept is not None and kept.exists():
+        deviations, refused = json.loads(kept.read_text())
+        return [Deviation(**each) for each in deviations], refused
+    profile = load_profile(work.profile)
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder)
-        with Station.open(described(reducer, seed, 0), data) as station:
-            for side in sides_of(tests):
+        with Station.open(described(work.reducer, work.seed, 0), data) as station:
+            for side in sides_of(work.tests):
                 measured = measure_calibration(station, side, profile)
                 fitted = fit_models(measured.result.data, [ModelChoice(RECOMMENDED)])
                 register_calibration(station, measured, profile, fitted, active=RECOMMENDED)
-        for number in range(specimens):
-            more, failed = specimen_deviations(reducer, seed, 1000 * seed + number, data, tests)
-            deviations += more
-            refused += failed
-    return deviations, refused
+        found = specimen_deviations(work.reducer, work.seed, 1000 * work.seed, data, work.tests)
+    if kept is not None:
+        part = kept.with_suffix(".part")
+        part.write_text(json.dumps([[asdict(each) for each in found[0]], found[1]]))
+        part.replace(kept)
+    return found
 
 
 AIMS = {
@@ -267,29 +287,40 @@ def report(deviations: list[Deviation], refused: list[str], specimens: int) -> i
 def main() -> int:
     """Measure and report; 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="two benches with one specimen each")
-    parser.add_argument("--specimens", type=int, default=200)
+    parser.add_argument("--quick", action="store_true", help="two benches")
+    parser.add_argument("--specimens", type=int, default=200, help="each on a bench of its own")
     parser.add_argument("--reducer", default="rv-40e")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--profile", default="small-torques", help="of both calibrations")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--tests", default=",".join(TESTS), help="some of them, with commas")
+    parser.add_argument("--into", type=Path, help="folder to keep benches in, and to go on from")
     arguments = parser.parse_args()
-    each = 1 if arguments.quick else SPECIMENS_A_BENCH
-    benches = 2 if arguments.quick else max(1, arguments.specimens // each)
-    seeds = range(arguments.first_seed, arguments.first_seed + benches)
+    if arguments.into is not None:
+        arguments.into.mkdir(parents=True, exist_ok=True)
+    count = 2 if arguments.quick else arguments.specimens
     tests = tuple(arguments.tests.split(","))
-    work = [(arguments.reducer, seed, each, arguments.profile, tests) for seed in seeds]
+    work = [
+        Work(arguments.reducer, seed, arguments.profile, tests, arguments.into)
+        for seed in range(arguments.first_seed, arguments.first_seed + count)
+    ]
     began = time.perf_counter()
-    with ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool:
-        found = list(pool.map(one_bench, work))
+    found = []
+    with (
+        ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool,
+        Progress(console=Console(stderr=True)) as progress,
+    ):
+        task = progress.add_task(f"{arguments.reducer}, benches", total=count)
+        for each in pool.map(one_bench, work):
+            found.append(each)
+            progress.advance(task)
     deviations = [each for some, _ in found for each in some]
     refused = [each for _, some in found for each in some]
     print(
-        f"simulated {arguments.reducer}, {benches} benches of {each} specimens, "
+        f"simulated {arguments.reducer}, {count} benches with a specimen each, "
         f"{time.perf_counter() - began:.0f} s; aims hold for 95 % of the values"
     )
-    return int(report(deviations, refused, benches * each) > 0)
+    return int(report(deviations, refused, count) > 0)
 
 
 if __name__ == "__main__":
