@@ -25,8 +25,8 @@ def test_links_lead_somewhere(page: Path) -> None:
             continue
         path, _, heading = link.partition("#")
         target = (page.parent / path).resolve() if path else page
-        if not target.exists():
-            lost.append(link)
-        elif heading and target.suffix == ".md" and heading not in anchors(target):
+        missing = not target.exists()
+        headed = bool(heading) and target.suffix == ".md"
+        if missing or (headed and heading not in anchors(target)):
             lost.append(link)
     assert not lost
