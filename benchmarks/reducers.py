@@ -159,8 +159,8 @@ def truths(
 def no_load_truths(outcome: TestOutcome) -> dict[str, float]:
     """Return what turned the input in the windows of the test.
 
-    `twin.reducer_truth.true_no_load_nm` gives the same within 0.05 % for an RV-40E class reducer;
-    of a harmonic one it leaves out what its transmission error costs by shaking the free output.
+    For an RV-40E class reducer that is its friction at a steady speed within 0.05 %; a harmonic one's
+    transmission error shakes the free output, which costs more.
     """
     recording = outcome.recording
     torque = recording.true_torque_nm["input"]

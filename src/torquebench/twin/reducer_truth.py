@@ -12,7 +12,6 @@ __all__ = [
     "true_efficiency",
     "true_loop",
     "true_loop_values",
-    "true_no_load_nm",
     "true_starting_nm",
     "true_transmission_error",
 ]
@@ -136,14 +135,6 @@ def _input_torque(
     ]
     friction = np.reshape(level, speed.shape) + reducer.viscous_nm_s * viscous * np.abs(speed)
     return np.asarray(friction + gear / reducer.ratio)
-
-
-def true_no_load_nm(
-    reducer: ReducerConstants, speed_rpm: ArrayLike, temperature_c: float
-) -> FloatArray:
-    """No-load running torque at the input, with the sign of the speed, N·m."""
-    speed = np.asarray(speed_rpm, dtype=np.float64)
-    return np.asarray(np.sign(speed) * _input_torque(reducer, speed, 0.0, temperature_c))
 
 
 def true_efficiency(
