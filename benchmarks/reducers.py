@@ -159,8 +159,8 @@ def truths(
 def no_load_truths(outcome: TestOutcome) -> dict[str, float]:
     """Return what turned the input in the windows of the test.
 
-    For an RV-40E class reducer that is its friction at a steady speed within 0.05 %; a harmonic one's
-    transmission error shakes the free output, which costs more.
+    For an RV-40E class reducer that is its friction at a steady speed within 0.05 %; the
+    transmission error of a harmonic one shakes the free output, which costs more.
     """
     recording = outcome.recording
     torque = recording.true_torque_nm["input"]
