@@ -1,7 +1,7 @@
 """How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
 
 python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME] [--profile NAME]
-    [--tests NAME,NAME] [--workers N] [--first-seed N] [--into FOLDER]
+    [--tests NAME,NAME] [--loops N] [--workers N] [--first-seed N] [--into FOLDER]
 
 For each simulated bench (a seed of its own) both modules are calibrated and compensated; then a
 specimen is put to all tests by the plans, the data path and the evaluation that a real bench uses.
@@ -17,7 +17,7 @@ import time
 from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -72,7 +72,6 @@ SETTINGS = ReducerTestSettings(
     ),
     starting=BreakawaySettings(positions=3),
     back_driving=BreakawaySettings(positions=3),
-    hysteresis=HysteresisSettings(loops=1),
     efficiency=EfficiencySettings(
         torque_shares=(0.2, 1.0), speeds_rpm=(300.0, 900.0), counter_clockwise=True, warm_up=COLD
     ),
@@ -175,22 +174,42 @@ def no_load_truths(outcome: TestOutcome) -> dict[str, float]:
     return found
 
 
-def specimen_deviations(
-    reducer: str, bench_seed: int, specimen: int, data: Path, tests: Sequence[str] = TESTS
-) -> tuple[list[Deviation], list[str]]:
-    """Put one specimen to some tests; return deviations and what was refused."""
-    bench, kind = described(reducer, bench_seed, specimen), load_reducer(reducer)
+@dataclass(frozen=True)
+class Work:
+    """A bench to be measured with a specimen of its own: what it gets wrong is common to all."""
+
+    reducer: str
+    seed: int
+    profile: str
+    tests: tuple[str, ...]
+    loops: int
+    into: Path | None
+
+    @property
+    def kept(self) -> Path | None:
+        """Where its result is kept."""
+        return None if self.into is None else self.into / f"{self.reducer}-{self.seed}.json"
+
+
+Found = tuple[list[Deviation], list[str]]
+
+
+def specimen_deviations(work: Work, data: Path) -> Found:
+    """Put the specimen of a bench to its tests; return deviations and what was refused."""
+    specimen = 1000 * work.seed
+    bench, kind = described(work.reducer, work.seed, specimen), load_reducer(work.reducer)
+    settings = replace(SETTINGS, hysteresis=HysteresisSettings(loops=work.loops))
     constants = SimulatedOptions(**bench.driver).parameters().reducer
     deviations: list[Deviation] = []
     refused: list[str] = []
     with Station.open(bench, data) as station:
-        for side in sides_of(tests):
+        for side in sides_of(work.tests):
             station.activate_compensation(side)
-        for name in tests:
+        for name in work.tests:
             try:
-                record = run_reducer_test(station, name, kind, SETTINGS, serial=str(specimen))
+                record = run_reducer_test(station, name, kind, settings, serial=str(specimen))
             except TorquebenchError as error:
-                refused.append(f"bench {bench_seed}, specimen {specimen}, {name}: {error}")
+                refused.append(f"bench {work.seed}, {name}: {error}")
                 station.supervisor.acknowledge("benchmark")
                 continue
             (outcome,) = record.outcomes
@@ -201,25 +220,6 @@ def specimen_deviations(
                 if each.key in known
             ]
     return deviations, refused
-
-
-@dataclass(frozen=True)
-class Work:
-    """A bench to be measured with a specimen of its own: what it gets wrong is common to all."""
-
-    reducer: str
-    seed: int
-    profile: str
-    tests: tuple[str, ...]
-    into: Path | None
-
-    @property
-    def kept(self) -> Path | None:
-        """Where its result is kept."""
-        return None if self.into is None else self.into / f"{self.reducer}-{self.seed}.json"
-
-
-Found = tuple[list[Deviation], list[str]]
 
 
 def one_bench(work: Work) -> Found:
@@ -236,7 +236,7 @@ def one_bench(work: Work) -> Found:
                 measured = measure_calibration(station, side, profile)
                 fitted = fit_models(measured.result.data, [ModelChoice(RECOMMENDED)])
                 register_calibration(station, measured, profile, fitted, active=RECOMMENDED)
-        found = specimen_deviations(work.reducer, work.seed, 1000 * work.seed, data, work.tests)
+        found = specimen_deviations(work, data)
     if kept is not None:
         part = kept.with_suffix(".part")
         part.write_text(json.dumps([[asdict(each) for each in found[0]], found[1]]))
@@ -309,6 +309,7 @@ def main() -> int:
     parser.add_argument("--profile", default="small-torques", help="of both calibrations")
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--tests", default=",".join(TESTS), help="some of them, with commas")
+    parser.add_argument("--loops", type=int, default=1, help="torque-angle loops a position")
     parser.add_argument("--into", type=Path, help="folder to keep benches in, and to go on from")
     arguments = parser.parse_args()
     if arguments.into is not None:
@@ -316,7 +317,7 @@ def main() -> int:
     count = 2 if arguments.quick else arguments.specimens
     tests = tuple(arguments.tests.split(","))
     work = [
-        Work(arguments.reducer, seed, arguments.profile, tests, arguments.into)
+        Work(arguments.reducer, seed, arguments.profile, tests, arguments.loops, arguments.into)
         for seed in range(arguments.first_seed, arguments.first_seed + count)
     ]
     began = time.perf_counter()
