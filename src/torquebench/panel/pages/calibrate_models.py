@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, note, panel, table, words
+from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
     from torquebench.panel.pages.calibrate import CalibratePage
@@ -79,9 +80,9 @@ class ModelsStep:
         rows = [
             (
                 text.core(score["title"]),
-                f"{score['worst_nm']:.3f}",
-                f"{score['worst_percent_fs']:.4f}",
-                f"{score['rms_nm']:.3f}",
+                number(score["worst_nm"]),
+                number(score["worst_percent_fs"]),
+                number(score["rms_nm"]),
                 f"{score['effective_parameters']:.1f}",
                 text("models.fitted") if score["name"] in course.models else "",
             )
@@ -89,7 +90,7 @@ class ModelsStep:
         ]
         headings = (("model", False), ("worst", True), ("worst_percent", True), ("rms", True),
                     ("parameters", True), ("state", False))  # fmt: skip
-        columns = [(text(f"models.{key}"), number) for key, number in headings]
+        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
         selected = next(
             (place for place, score in enumerate(scores) if score["name"] == found["selected"]),
             None,

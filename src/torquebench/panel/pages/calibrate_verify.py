@@ -9,6 +9,7 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.quick import clear_choice
+from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
     from torquebench.panel.pages.calibrate import CalibratePage
@@ -88,15 +89,15 @@ class VerifyStep:
             rows.append(
                 (
                     text.core(model["title"]),
-                    f"{single['worst_nm']:.3f}",
-                    f"{single['worst_percent_fs']:.4f}",
-                    f"{averaged['worst_nm']:.3f}" if averaged else "—",
+                    number(single["worst_nm"]),
+                    number(single["worst_percent_fs"]),
+                    number(averaged["worst_nm"]) if averaged else "—",
                     text.maybe(f"verdict.{model['verdict']}", model["verdict"]),
                 )
             )
         headings = (("model", False), ("worst", True), ("worst_percent", True),
                     ("averaged", True), ("verdict", False))  # fmt: skip
-        columns = [(text(f"models.{key}"), number) for key, number in headings]
+        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
         with panel(text("verify.found")), box("div", "stack"):
             table(text("verify.found"), columns, rows, best=names.index(details["best"]))
         limit = details["tolerance_percent_fs"] / 100.0 * details["range_nm"]
@@ -124,7 +125,7 @@ class VerifyStep:
             worst = [group["worst_nm"] for group in model["result"]["groups"]]
             count = max(count, len(worst))
             lines.append(Line(text.core(model["title"]), [], worst, _colour(place)))
-        names = [str(number) for number in range(1, count + 1)]
+        names = [str(place) for place in range(1, count + 1)]
         Chart(
             text("verify.by_group_label"), text("verify.group"), text("verify.worst_axis"), lines,
             names=names,
