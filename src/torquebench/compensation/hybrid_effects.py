@@ -43,6 +43,7 @@ __all__ = [
     "Dictionary",
     "Effect",
     "EffectPoints",
+    "lies_on_step",
     "make_dictionary",
     "smallest_torque",
 ]
@@ -71,7 +72,6 @@ KINDS = tuple(_SCALES)
 """Kinds of effects, in the order in which they are first looked for."""
 _COPIES = {"bump": 3}
 _STEP_SHIFT = 0.15
-"""How far from zero a reversal may lie, as a share of the step's width, where torques lie on it."""
 _CLOSE_STEPS = 2  # bearings that turn round one after the other
 _STRETCHES = (-0.2, 0.2)
 _STRETCHED_SHARE = 0.2  # each, of ripple that doesn't stretch
@@ -130,6 +130,9 @@ class Dictionary:
     growing : float64 array
         1 for each ripple that grows from nothing with the load, 0 for the others; empty for none,
         as in models stored by earlier versions.
+    step_shift : float
+        How far from zero a reversal may lie, as a share of the step's width; 0 for just at zero,
+        in one step.
     """
 
     step_widths: FloatArray
@@ -140,6 +143,7 @@ class Dictionary:
     bump_centres: FloatArray
     bump_widths: FloatArray
     growing: FloatArray = field(default_factory=lambda: np.zeros(0))
+    step_shift: float = 0.0
 
     def limited_to(self, kept: dict[str, NDArray[np.intp]]) -> Dictionary:
         """Return the dictionary with some ripples, bumps and waves only."""
@@ -153,6 +157,7 @@ class Dictionary:
             self.bump_centres[bump],
             self.bump_widths[bump],
             self.growing[ripple],
+            self.step_shift,
         )
 
 
@@ -194,6 +199,17 @@ def count_levels(u: FloatArray) -> int:
     return max(step + min(side.size, 1) for step, side in zip(steps, sides, strict=True))
 
 
+def lies_on_step(torque: FloatArray) -> bool:
+    """Return whether torques (shares of full scale) lie on the slope of a reversal step.
+
+    Examples
+    --------
+    >>> lies_on_step(np.array([0.02, 0.001, 0.5])), lies_on_step(np.array([0.02, 0.0, 0.5]))
+    (True, False)
+    """
+    return smallest_torque(torque) <= 0.5 * float(_STEP_WIDTHS[1])
+
+
 def smallest_torque(u: FloatArray) -> float:
     """Return the smallest torque beside zero, as a share of full scale.
 
@@ -215,11 +231,7 @@ def _step_widths(smallest: float) -> FloatArray:
     return np.asarray(np.geomspace(narrowest, widest, count))
 
 
-def _close_set(widths: FloatArray) -> bool:
-    return widths.size > _STEP_WIDTHS.size
-
-
-def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
+def make_dictionary(levels: int, smallest: float = 1.0, *, on_step: bool = False) -> Dictionary:
     """Choose candidate shapes that a calibration at so many torques can tell apart.
 
     Ripple is looked for up to one and a half times the highest frequency that evenly spaced
@@ -232,6 +244,8 @@ def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
     smallest : float
         Smallest torque beside zero, as a share of full scale: from 0.5 % downwards the reversal
         step's width is looked for in small steps.
+    on_step : bool
+        Whether torques lie on the step's slope, which show where it is passed, and in how many.
 
     Returns
     -------
@@ -265,6 +279,7 @@ def make_dictionary(levels: int, smallest: float = 1.0) -> Dictionary:
         np.concatenate(centres),
         np.repeat(widths, [centre.size for centre in centres]),
         np.repeat([0.0, 1.0][:envelopes], ripples.size),
+        _STEP_SHIFT if on_step else 0.0,
     )
 
 
@@ -273,18 +288,18 @@ def at_zero_time(u: FloatArray, branch: FloatArray) -> EffectPoints:
     return EffectPoints(u, branch, np.zeros((0, u.size)))
 
 
-def step_columns(points: EffectPoints, widths: FloatArray) -> FloatArray:
-    """Return reversal steps, shape (2 k, 1, n), or (2 k, 2, n) where torques lie on their slope.
+def step_columns(points: EffectPoints, widths: FloatArray, shift: float) -> FloatArray:
+    """Return reversal steps, shape (2 k, 1, n), or (2 k, 2, n) where they may be shifted.
 
     Columns of a candidate: the step, and what it changes by where it isn't passed just at zero.
     """
     x = points.u / widths[:, None]
     smooth, rational = np.tanh(x), x / (1.0 + np.abs(x))
     steps = np.concatenate([smooth, rational])
-    if not _close_set(widths):
+    if shift == 0.0:
         return steps[:, None, :]
     slopes = np.concatenate([1.0 - smooth**2, (1.0 - np.abs(rational)) ** 2])
-    return np.stack([steps, _STEP_SHIFT * slopes], axis=1)
+    return np.stack([steps, shift * slopes], axis=1)
 
 
 def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
@@ -350,7 +365,7 @@ def all_columns(points: EffectPoints, dictionary: Dictionary) -> dict[str, Float
     """Return the columns of every kind of effect, in the order of `KINDS`."""
     return {
         "loop": loop_columns(points, dictionary.loop_shapes),
-        "step": step_columns(points, dictionary.step_widths),
+        "step": step_columns(points, dictionary.step_widths, dictionary.step_shift),
         "ripple": ripple_columns(
             points, dictionary.frequencies, dictionary.stretches, dictionary.growing
         ),
@@ -396,7 +411,7 @@ def make_effects(
         "skew": _prior(np.ones(1), 0.4),
     }
     copies = dict(_COPIES)
-    if _close_set(dictionary.step_widths):
+    if dictionary.step_shift > 0.0:
         copies["step"] = _CLOSE_STEPS
     return [
         Effect(

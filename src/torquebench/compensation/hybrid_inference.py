@@ -36,6 +36,7 @@ from torquebench.compensation.hybrid_effects import (
     Effect,
     EffectPoints,
     count_levels,
+    lies_on_step,
     make_dictionary,
     make_effects,
     smallest_torque,
@@ -213,7 +214,11 @@ class Problem:
         self._take_main(np.full(_MAIN_SCALES.size, prior_scale))
         self._deviation = prior_scale**2 * deviation_kernel(points.u, points.u)
         self.drifts = drift_kinds(points.elapsed)
-        dictionary = make_dictionary(count_levels(points.u), smallest_torque(points.u))
+        dictionary = make_dictionary(
+            count_levels(points.u),
+            smallest_torque(points.u),
+            on_step=lies_on_step(points.u + target),  # the standard's: a zero reads something, too
+        )
         self._look_for(dictionary, make_effects(points, dictionary, prior_scale))
 
     def _take_main(self, scales: FloatArray) -> None:
