@@ -187,8 +187,11 @@ class Work:
 
     @property
     def kept(self) -> Path | None:
-        """Where its result is kept."""
-        return None if self.into is None else self.into / f"{self.reducer}-{self.seed}.json"
+        """Where its result is kept, apart from that of other tests or another calibration."""
+        if self.into is None:
+            return None
+        name = (self.reducer, self.profile, *self.tests, f"{self.loops}-loops", str(self.seed))
+        return self.into / f"{'_'.join(name)}.json"
 
 
 Found = tuple[list[Deviation], list[str]]

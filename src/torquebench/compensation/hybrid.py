@@ -196,8 +196,8 @@ class HybridModel(CompensationModel):
 
 
 def _mean_noise(problem: Problem, member: Member) -> float:
-    """Return the root mean square of the points' noise, as their loads make it."""
-    relative = 1.0 / problem.load_weights(member.setting.growth)
+    """Return the root mean square of the points' scatter, as their loads make it."""
+    relative = problem.scatter / problem.load_weights(member.setting.growth)
     return member.setting.noise * float(np.sqrt(np.mean(relative)))
 
 

@@ -50,6 +50,8 @@ __all__ = [
 
 _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
+_SMALL_TORQUE = 0.5 * float(_STEP_WIDTHS[1])
+"""As a share of full scale: torques from here downwards lie on the slope of a reversal step."""
 _STEP_RATIO = 1.35
 """From one width of the reversal step to the next, where there are torques that tell them apart."""
 _LEAST_TORQUE = 1e-3  # of full scale: below, a reading is taken for zero
@@ -207,7 +209,7 @@ def lies_on_step(torque: FloatArray) -> bool:
     >>> lies_on_step(np.array([0.02, 0.001, 0.5])), lies_on_step(np.array([0.02, 0.0, 0.5]))
     (True, False)
     """
-    return smallest_torque(torque) <= 0.5 * float(_STEP_WIDTHS[1])
+    return smallest_torque(torque) <= _SMALL_TORQUE
 
 
 def smallest_torque(u: FloatArray) -> float:
@@ -224,7 +226,7 @@ def smallest_torque(u: FloatArray) -> float:
 
 def _step_widths(smallest: float) -> FloatArray:
     """Return widths of the reversal step: closely spaced only where torques lie on its slope."""
-    if smallest > 0.5 * _STEP_WIDTHS[1]:
+    if smallest > _SMALL_TORQUE:
         return _STEP_WIDTHS
     narrowest, widest = min(smallest, float(_STEP_WIDTHS[0])), float(_STEP_WIDTHS[-1])
     count = 1 + int(np.ceil(np.log(widest / narrowest) / np.log(_STEP_RATIO)))
@@ -410,9 +412,7 @@ def make_effects(
         "wave": _prior(1.0 / dictionary.wave_frequencies, 0.6),
         "skew": _prior(np.ones(1), 0.4),
     }
-    copies = dict(_COPIES)
-    if dictionary.step_shift > 0.0:
-        copies["step"] = _CLOSE_STEPS
+    copies = _COPIES | {"step": _CLOSE_STEPS if dictionary.step_shift > 0.0 else 1}
     return [
         Effect(
             name,

@@ -121,8 +121,8 @@ class Setting:
     Attributes
     ----------
     noise : float
-        Standard deviation of a point, as a fraction of full scale: where it depends on the load,
-        the geometric mean over the points.
+        Standard deviation of a point's independent scatter, as a fraction of full scale: where it
+        depends on the load, the geometric mean over the points.
     amplitude : float
         Amplitude of the deviation, before the problem's prior scale.
     drift : int
@@ -198,6 +198,11 @@ class Problem:
         Factor on all prior amplitudes.
     memory : float64 array of shape (n, n), optional
         Covariance of scatter that stays for a while, for independent scatter of 1.
+
+    Attributes
+    ----------
+    scatter : float64 array of shape (n,)
+        Variance of a point, with what stays for a while, for independent scatter of 1.
     """
 
     def __init__(
@@ -210,6 +215,7 @@ class Problem:
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
         self._memory = memory
+        self.scatter = np.ones(target.size) if memory is None else 1.0 + np.diag(memory)
         self.prior_scale = prior_scale
         self._take_main(np.full(_MAIN_SCALES.size, prior_scale))
         self._deviation = prior_scale**2 * deviation_kernel(points.u, points.u)

@@ -85,6 +85,7 @@ def test_a_curve_from_series_that_stay_off_is_less_well_known() -> None:
         value, std = model.predict(features(50.0 * asked, np.ones(4), 0.0), return_std=True)
         errors.append(value - 50.0 * asked - 0.05 * np.tanh(asked / 0.005))
         deviations.append(std)
+        assert model.noise_nm_ == pytest.approx(50.0 * NOISE, rel=0.4)  # with what stays, too
     ratio = np.sqrt(np.mean(np.square(errors)) / np.mean(np.square(deviations)))
     assert 0.4 < ratio < 1.6
 

@@ -23,7 +23,9 @@ def test_value_and_uncertainty_end_at_the_same_digit(value: float, expanded: flo
         assert len(shown.partition(".")[2]) == len(uncertainty.partition(".")[2])
         assert len(uncertainty.replace(".", "").strip("0")) <= 2
         assert abs(float(shown) - value) <= 0.051 * expanded
-    assert float(uncertainty) == pytest.approx(expanded, rel=0.051)
+        assert float(uncertainty) == pytest.approx(expanded, rel=0.051)
+    else:  # one digit of what is rounding only
+        assert float(uncertainty) == pytest.approx(expanded, rel=0.51)
 
 
 @pytest.mark.parametrize(
