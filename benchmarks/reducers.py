@@ -158,7 +158,7 @@ def truths(
 def no_load_truths(outcome: TestOutcome) -> dict[str, float]:
     """Return what turned the input in the windows of the test.
 
-    For an RV-40E class reducer that is its friction at a steady speed within 0.05 %; the
+    For an RV-40E class reducer that is its friction at a steady speed within 0.15 %; the
     transmission error of a harmonic one shakes the free output, which costs more.
     """
     recording = outcome.recording
