@@ -57,6 +57,20 @@ def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> Non
     assert all(f"test-{name}" in listed.stdout for name in PARTS)
 
 
+def test_more_repeats_are_rehearsed_and_refused_for_a_first_look(tmp_path: Path) -> None:
+    test = ("test", "no-load", "--reducer", "harmonic-20", "--dry-run")
+    usual, more = (run(*test, *options, cwd=tmp_path) for options in ((), ("--repeats", 60)))
+    assert usual.returncode == more.returncode == 0, more.stderr
+    (usual_min, more_min) = (
+        int(re.search(r"No-load running torque +\d+–(\d+) min", found.stdout)[1])
+        for found in (usual, more)
+    )
+    assert more_min > 4 * usual_min
+    look = run(*test, "--short", "--repeats", 5, cwd=tmp_path)
+    assert look.returncode == 2
+    assert "--repeats and --short" in look.stderr
+
+
 def test_specimens_and_changes_are_compared(tmp_path: Path) -> None:
     options = ("--short", "--reducer", "rv-40e", "--data", "data")
     for serial in ("A1", "A2", "A1"):

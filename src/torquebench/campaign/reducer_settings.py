@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+from torquebench.errors import InputError
 from torquebench.procedures.friction import FrictionSettings
 from torquebench.procedures.reducer_breakaway import BreakawaySettings
 from torquebench.procedures.reducer_empty import EmptyRunSettings
@@ -58,6 +59,30 @@ class ReducerTestSettings:
     def longest(self) -> Self:
         """Return the settings with all repeats that tests may add."""
         return replace(self, no_load=self.no_load.longest(), efficiency=self.efficiency.longest())
+
+    def with_repeats(self, most: int) -> Self:
+        """Return the settings with so many repeats of running tests at most, and of the empty run.
+
+        Small torques scatter with every change of speed as larger ones do: only repeats average
+        that, in the test and in what is taken off.
+
+        Raises
+        ------
+        InputError
+            Less than one repeat.
+        """
+        if most < 1:
+            raise InputError(f"{most} repeats", "at least 1")
+        sweep = replace(self.no_load.sweep, repeats=min(self.no_load.sweep.repeats, most))
+        empty = self.empty_run
+        return replace(
+            self,
+            no_load=replace(self.no_load, sweep=sweep, most_repeats=most),
+            efficiency=replace(
+                self.efficiency, repeats=min(self.efficiency.repeats, most), most_repeats=most
+            ),
+            empty_run=empty if empty is None else replace(empty, repeats=most),
+        )
 
     @classmethod
     def short(cls) -> Self:

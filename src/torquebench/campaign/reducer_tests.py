@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from torquebench import __version__
-from torquebench.bench.devices import RampTo
 from torquebench.bench.roles import SIDES
 from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
 from torquebench.campaign.progress import NO_PROGRESS, Progress
@@ -88,9 +87,8 @@ def _rehearsed(
         elif what == "speed":
             value = abs(float(move.value)) * RPM_PER_RAD_S  # type: ignore[arg-type]
             speed[side] = max(speed[side], value)
-        elif what in ("torque", "ramp"):
-            target = move.value.torque_nm if isinstance(move.value, RampTo) else move.value
-            torque[side] = max(torque[side], abs(float(target)))  # type: ignore[arg-type]
+        elif what == "torque":
+            torque[side] = max(torque[side], abs(float(move.value)))  # type: ignore[arg-type]
     return TestRehearsal(
         name=name,
         title=title,

@@ -88,6 +88,16 @@ TareOption = Annotated[
         "torque is taken off. Left out by --short.",
     ),
 ]
+RepeatsOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=1000,
+        help="Repeats of no-load torque and efficiency at most, and of the empty run; without it "
+        "12 and 8. They end where the means are known well enough.",
+        show_default=False,
+    ),
+]
 YesOption = Annotated[
     bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
 ]
@@ -128,6 +138,7 @@ def _command(name: str) -> Callable[..., None]:
         twist: TwistOption = None,
         no_twist: NoTwistOption = False,
         tare: TareOption = True,
+        repeats: RepeatsOption = None,
         dry_run: DryRunOption = False,
         report: ReportOption = None,
         bench: BenchOption = None,
@@ -142,7 +153,8 @@ def _command(name: str) -> Callable[..., None]:
         described = default_bench() if bench is None else load_bench(bench)
         kind, described = _mounted(described, reducer, serial)
         accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
-        wanted = _Wanted(name, kind, _settings(short, twist, no_twist, tare), serial, accepted)
+        settings = _settings(short, twist, no_twist, tare, repeats)
+        wanted = _Wanted(name, kind, settings, serial, accepted)
         check_reports(report or [])
         if dry_run:
             _dry_run(described, wanted)
@@ -163,10 +175,16 @@ class _Wanted:
     accepted: AcceptedCounter | None = None
 
 
-def _settings(short: bool, twist: float | None, no_twist: bool, tare: bool) -> ReducerTestSettings:
+def _settings(
+    short: bool, twist: float | None, no_twist: bool, tare: bool, repeats: int | None
+) -> ReducerTestSettings:
     from torquebench.campaign.reducer_settings import ReducerTestSettings
 
     settings = ReducerTestSettings.short() if short else ReducerTestSettings()
+    if repeats is not None:
+        if short:
+            raise InputError("--repeats and --short", "one of both: a first look doesn't repeat on")
+        settings = settings.with_repeats(repeats)
     if not tare:
         settings = replace(settings, empty_run=None)
     if twist is not None and no_twist:

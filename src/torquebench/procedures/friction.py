@@ -16,7 +16,7 @@ from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, take
-from torquebench.procedures.reducer_setup import RAD_S_PER_RPM, check_speeds
+from torquebench.procedures.reducer_setup import GENTLE_RPM_PER_S, check_speeds, turn_at
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.zeroing import zero
 
@@ -43,6 +43,8 @@ class FrictionSettings:
         How much longer to wait for a settled reading, s.
     zero_s : float
         Length of the zero before the first point, s.
+    rate_rpm_per_s : float
+        How fast the speed changes from point to point, (1/min)/s, at most as the drive can.
     """
 
     speeds_rpm: tuple[float, ...] = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
@@ -53,9 +55,10 @@ class FrictionSettings:
     window_s: float = 0.4
     limit_s: float = 1.0
     zero_s: float = 1.0
+    rate_rpm_per_s: float = GENTLE_RPM_PER_S
 
     def __post_init__(self) -> None:
-        check_speeds(self.speeds_rpm, self.repeats)
+        check_speeds(self.speeds_rpm, self.repeats, self.rate_rpm_per_s)
         if not (self.clockwise or self.counter_clockwise):
             raise InputError("no direction", "clockwise, counter-clockwise or both")
 
@@ -220,7 +223,7 @@ def _point(
     yield from bps.prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
     stamp = Point(series=point.series, step=point.number, branch=point.branch, group=point.repeat)
     yield from move(devices.point, stamp)
-    yield from move(module.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
+    yield from turn_at(devices, "input", point.speed_rpm, settings.rate_rpm_per_s)
     return (yield from take(module.steady, devices.point, stream="points"))
 
 

@@ -290,7 +290,7 @@ class _Finder:
         steps = int(np.ceil(abs(target_nm) / (rate * STEP_S)))
         seen: deque[float] = deque(maxlen=LOOKS)
         for step in range(1, steps + 1):
-            yield from move(module.drive.ramp, RampTo(target_nm * step / steps, rate))
+            yield from move(module.drive.torque_ramp, RampTo(target_nm * step / steps, rate))
             present = yield from angle_rad(devices, self.side)
             if start is None or present is None:  # a rehearsal goes all the way
                 continue

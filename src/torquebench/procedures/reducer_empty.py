@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
@@ -12,11 +13,12 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, progress
 from torquebench.procedures.reducer_setup import (
-    RAD_S_PER_RPM,
+    GENTLE_RPM_PER_S,
     ReducerLimits,
     check_speeds,
+    speed_ramp,
     stamp,
 )
 from torquebench.procedures.running_table import Asked, RunningRecording, RunningTable
@@ -42,6 +44,9 @@ class EmptyRunSettings:
         turns, s.
     zero_s : float
         Length of the zeros before every series and after the last, s.
+    rate_rpm_per_s : float
+        How fast the input's speed changes, (1/min)/s, and the output's through the ratio: as in
+        the test.
     """
 
     speeds_rpm: tuple[float, ...] = (100.0, 400.0, 700.0, 1000.0, 1200.0)
@@ -49,9 +54,10 @@ class EmptyRunSettings:
     settle_s: float = 0.5
     window_s: float = 1.0
     zero_s: float = 1.0
+    rate_rpm_per_s: float = GENTLE_RPM_PER_S
 
     def __post_init__(self) -> None:
-        check_speeds(self.speeds_rpm, self.repeats)
+        check_speeds(self.speeds_rpm, self.repeats, self.rate_rpm_per_s)
 
     def within(self, limits: ReducerLimits) -> EmptyRunSettings:
         """Return the settings without speeds at which the reducer isn't driven."""
@@ -138,30 +144,37 @@ def _turned(
     points: list[Asked],
     table: RunningTable,
 ) -> Plan[None]:
-    series = None
+    def turn(speed_rpm: float) -> Plan[None]:
+        yield from _turn(devices, limits.ratio, speed_rpm, settings.rate_rpm_per_s)
+
+    series = present = None
     for number, point in enumerate(points):
         yield from progress(number, len(points), f"empty run, {point.speed_rpm:g} rpm")
         yield from checkpoint()
         if (point.repeat, np.sign(point.speed_rpm)) != series:
             series = (point.repeat, np.sign(point.speed_rpm))
-            yield from _stop(devices)
+            if present is not None:
+                yield from turn(0.0)
+            yield from bps.sleep(REST_S)
             yield from table.zero(settings.zero_s)
         yield from stamp(devices, series=point.repeat, step=number, branch=1)
-        yield from move(devices.input.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
-        output = point.speed_rpm / limits.ratio * RAD_S_PER_RPM
-        yield from move(devices.output.drive.speed, output)
+        present = point.speed_rpm
+        yield from turn(present)
         period_s = 60.0 / abs(point.speed_rpm)
         window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
         yield from table.take(point, SteadySettings(settings.settle_s, window_s, 0.0, period_s))
-    yield from _stop(devices)
+    yield from turn(0.0)
+    yield from bps.sleep(REST_S)
     yield from table.zero(settings.zero_s)
     yield from progress(len(points), len(points), "done")
 
 
-def _stop(devices: BenchDevices) -> Plan[None]:
-    for side in SIDES:
-        axis = devices.module(side).drive.speed
-        present = yield from bps.rd(axis.setpoint)
-        if present != 0.0:
-            yield from move(axis, 0.0)
-    yield from bps.sleep(REST_S)
+def _turn(
+    devices: BenchDevices, ratio: float, speed_rpm: float, rate_rpm_per_s: float
+) -> Plan[None]:
+    """Bring both shafts to a speed together, the output's as it is through the reducer."""
+    towards: list[Any] = []
+    for module, part in ((devices.input, 1.0), (devices.output, ratio)):
+        ramp = speed_ramp(speed_rpm / part, rate_rpm_per_s / abs(part))
+        towards += [module.drive.speed_ramp, ramp]
+    yield from bps.mv(*towards)

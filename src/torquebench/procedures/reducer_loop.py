@@ -297,7 +297,7 @@ class _LoopDriver:
 
     def _ramp(self, target_nm: float) -> Plan[None]:
         rate = 4.0 * self.torque_nm / self.settings.loop_s
-        yield from move(self.devices.output.drive.ramp, RampTo(target_nm, rate))
+        yield from move(self.devices.output.drive.torque_ramp, RampTo(target_nm, rate))
 
 
 def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None]:
@@ -392,7 +392,7 @@ def bench_twist(
         yield from power_on(devices, side)
         parts: list[SynchronousRecording] = []
         rate = 4.0 * torque / settings.cycle_s
-        ramp = devices.module(side).drive.ramp
+        ramp = devices.module(side).drive.torque_ramp
         for cycle in range(settings.cycles):
             yield from checkpoint()
             yield from stamp(devices, series=cycle, step=cycle, position_deg=0.0)

@@ -28,6 +28,7 @@ from torquebench.procedures.reducer_setup import (
     WarmUp,
     run_metadata,
     stamp,
+    turn_at,
     turn_output,
     warm_up,
 )
@@ -233,7 +234,7 @@ def _sweeps(devices: BenchDevices, settings: NoLoadSettings, table: RunningTable
         if repeat >= sweep.repeats and not _more_sweeps(settings, repeat, table):
             break
         repeat += 1
-    yield from move(devices.input.drive.speed, 0.0)
+    yield from turn_at(devices, "input", 0.0, sweep.rate_rpm_per_s)
     yield from table.zero(sweep.zero_s)
     yield from progress(len(table.rows), len(table.rows), "done")
 
@@ -268,7 +269,7 @@ def _sweep(
         yield from checkpoint()
         if point.series != series:
             series = point.series
-            yield from move(devices.input.drive.speed, 0.0)
+            yield from turn_at(devices, "input", 0.0, sweep.rate_rpm_per_s)
             yield from table.zero(sweep.zero_s)
         yield from stamp(
             devices,
@@ -277,7 +278,7 @@ def _sweep(
             branch=point.branch,
             group=point.repeat,
         )
-        yield from move(devices.input.drive.speed, point.speed_rpm * RAD_S_PER_RPM)
+        yield from turn_at(devices, "input", point.speed_rpm, sweep.rate_rpm_per_s)
         asked = Asked(point.speed_rpm, 0.0, point.branch, point.repeat)
         yield from table.take(asked, sweep.steady(point.speed_rpm))
 

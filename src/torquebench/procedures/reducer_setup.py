@@ -13,13 +13,14 @@ from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench import __version__
-from torquebench.bench.devices import BenchDevices, Point
+from torquebench.bench.devices import BenchDevices, Point, RampTo
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.setup import REST_S, Plan, power_on
 
 __all__ = [
+    "GENTLE_RPM_PER_S",
     "RAD_S_PER_RPM",
     "TURN_RPM",
     "ReducerLimits",
@@ -27,7 +28,9 @@ __all__ = [
     "check_followed",
     "check_speeds",
     "run_metadata",
+    "speed_ramp",
     "temperature_c",
+    "turn_at",
     "turn_output",
     "warm_up",
 ]
@@ -38,6 +41,9 @@ SPEED_TOLERANCE = 0.02
 """Share of the speed by which a drive may miss it before it counts as saturated."""
 TURN_RPM = 300.0
 """Input speed at most while the output is turned to another position, 1/min."""
+GENTLE_RPM_PER_S = 300.0
+"""How fast the input's speed changes between small torques, (1/min)/s. A quicker change loads the
+transducer with the shafts' inertia, and its parts seat anew."""
 RATIO_TOLERANCE = 0.01
 RATIO_TOLERANCE_RAD = np.radians(0.25)
 
@@ -378,14 +384,28 @@ def stamp(devices: BenchDevices, **fields: Any) -> Plan[None]:
     yield from move(devices.point, Point(**fields))
 
 
-def check_speeds(speeds_rpm: tuple[float, ...], repeats: int) -> None:
+def turn_at(
+    devices: BenchDevices, side: Side, speed_rpm: float, rate_rpm_per_s: float
+) -> Plan[None]:
+    """Bring a shaft to a speed in 1/min at a rate in (1/min)/s, or at the drive's where slower."""
+    yield from move(devices.module(side).drive.speed_ramp, speed_ramp(speed_rpm, rate_rpm_per_s))
+
+
+def speed_ramp(speed_rpm: float, rate_rpm_per_s: float) -> RampTo:
+    """Return the ramp to a speed in 1/min at a rate in (1/min)/s."""
+    return RampTo(speed_rpm * RAD_S_PER_RPM, rate_rpm_per_s * RAD_S_PER_RPM)
+
+
+def check_speeds(speeds_rpm: tuple[float, ...], repeats: int, rate_rpm_per_s: float) -> None:
     """Refuse a sweep whose speeds don't rise from above 0, or that isn't driven at all.
 
     Raises
     ------
     InputError
-        With the speeds or the repeats that were found.
+        With the speeds, the repeats or the rate of change that was found.
     """
+    if not rate_rpm_per_s > 0.0:
+        raise InputError(f"a change of speed by {rate_rpm_per_s:g} rpm/s", "above 0 rpm/s")
     if not speeds_rpm or any(b <= a for a, b in pairwise((0.0, *speeds_rpm))):
         raise InputError(f"speeds {speeds_rpm} rpm", "speeds above 0 that rise")
     if repeats < 1:

@@ -137,6 +137,7 @@ class _Stage:
         self.now_s = 0.0
         self.moves: list[Move] = []
         self.points = 0
+        self._ends_s: dict[object, float] = {}
         self._stream = ""
         self._setters: dict[int, tuple[str, Callable[[Any], None]]] = {
             id(devices.clamp): ("clamp", self._clamp),
@@ -162,7 +163,8 @@ class _Stage:
         bind(drive.power, "power", self._switch)
         bind(drive.torque, "torque", self._torque)
         bind(drive.speed, "speed", self._speed)
-        bind(drive.ramp, "ramp", self._ramp)
+        bind(drive.torque_ramp, "torque", self._torque_ramp)
+        bind(drive.speed_ramp, "speed", self._speed_ramp)
         self._readings[id(module.mode.mode)] = lambda: state.mode
         self._readings[id(drive.power.enabled)] = lambda: state.enabled
         self._readings[id(drive.torque.setpoint)] = lambda: state.torque_nm
@@ -173,8 +175,10 @@ class _Stage:
     def answer(self, message: Msg) -> Any:
         """Do what the run engine would do with a message, in the books only."""
         if message.command == "set":
-            return self._set(message.obj, message.args[0])
-        if message.command == "sleep":
+            self._begin(message)
+        elif message.command == "wait":
+            self.now_s = max(self.now_s, self._ends_s.pop(message.kwargs.get("group"), 0.0))
+        elif message.command == "sleep":
             self.now_s += float(message.args[0])
         elif message.command == "prepare":
             self._side_of(message.obj).settings = message.args[0]
@@ -196,6 +200,14 @@ class _Stage:
             if self.devices.module(side).steady is device
         )  # fmt: skip
 
+    def _begin(self, message: Msg) -> None:
+        """Set a device; what is set in one group moves at the same time."""
+        group, began_s = message.kwargs.get("group"), self.now_s
+        self._set(message.obj, message.args[0])
+        if group is not None:
+            self._ends_s[group] = max(self._ends_s.get(group, 0.0), self.now_s)
+            self.now_s = began_s
+
     def _set(self, device: Any, value: Any) -> None:
         if isinstance(device, ProcedureGate):
             self._check_procedure(value)
@@ -203,7 +215,8 @@ class _Stage:
         name, action = self._setters.get(id(device), (device.name, lambda _value: None))
         action(value)
         if device is not self.devices.point:
-            self.moves.append(Move(self.now_s, name, value))
+            target = value.target if isinstance(value, RampTo) else value
+            self.moves.append(Move(self.now_s, name, target))
 
     def _read(self, message: Msg) -> dict[str, Any]:
         device: Any = message.obj
@@ -295,12 +308,17 @@ class _Stage:
         self.now_s += abs(value - state.torque_nm) / module.drive.torque_rate_nm_per_s
         state.torque_nm = value
 
-    def _ramp(self, side: Side, value: RampTo) -> None:
-        state, fastest = self.sides[side], self.description.module(side).drive.torque_rate_nm_per_s
-        before, began_s = state.torque_nm, self.now_s
-        self._torque(side, value.torque_nm)
-        rate = min(value.rate_nm_per_s, fastest)
-        self.now_s = began_s + abs(value.torque_nm - before) / rate
+    def _torque_ramp(self, side: Side, value: RampTo) -> None:
+        fastest = self.description.module(side).drive.torque_rate_nm_per_s
+        before, began_s = self.sides[side].torque_nm, self.now_s
+        self._torque(side, value.target)
+        self.now_s = began_s + abs(value.target - before) / min(value.rate, fastest)
+
+    def _speed_ramp(self, side: Side, value: RampTo) -> None:
+        fastest = self.description.module(side).drive.speed_rate_rad_per_s2
+        before, began_s = self.sides[side].speed_rad_s, self.now_s
+        self._speed(side, value.target)
+        self.now_s = began_s + abs(value.target - before) / min(value.rate, fastest)
 
     def _speed(self, side: Side, value: float) -> None:
         state, module = self.sides[side], self.description.module(side)

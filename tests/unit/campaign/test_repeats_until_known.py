@@ -94,3 +94,16 @@ def test_what_repeats_share_counts_and_what_points_share_does_not(shift, width):
     assert smallest == pytest.approx(min(20.0 + shift, 20.0 + 2.0 * shift) + 1.5 * width)
     assert error == pytest.approx(width * np.std(np.arange(4), ddof=1) / 2.0, rel=1e-6)
     assert errors_of_means(value[:4], point[:4], sign[:4], repeat[:4])[1] == np.inf
+
+
+def test_more_repeats_are_those_of_the_empty_run_too():
+    settings = ReducerTestSettings().with_repeats(60)
+    assert settings.no_load.most_repeats == settings.efficiency.most_repeats == 60
+    assert settings.no_load.sweep.repeats == settings.efficiency.repeats == 3
+    assert settings.empty_run.repeats == 60
+    assert settings.longest().no_load.sweep.repeats == 60
+    one = ReducerTestSettings().with_repeats(1)
+    assert one.no_load.sweep.repeats == one.efficiency.repeats == one.empty_run.repeats == 1
+    assert replace(ReducerTestSettings(), empty_run=None).with_repeats(5).empty_run is None
+    with pytest.raises(InputError):
+        ReducerTestSettings().with_repeats(0)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from torquebench.errors import InputError
-from torquebench.procedures import FrictionSettings, friction_sweep
+from torquebench.procedures import FrictionSettings, Plan, friction_sweep, rehearse
+from torquebench.procedures.reducer_setup import turn_at
+from torquebench.procedures.setup import Setup, power_on, set_up
 from torquebench.station import Progress, Station
 
 
@@ -33,6 +35,7 @@ def test_the_points_go_up_and_down_in_both_directions_and_repeat() -> None:
         {"speeds_rpm": (0.0, 100.0)},
         {"speeds_rpm": (200.0, 100.0)},
         {"repeats": 0},
+        {"rate_rpm_per_s": 0.0},
         {"clockwise": False, "counter_clockwise": False},
     ],
 )
@@ -77,3 +80,41 @@ def test_a_pause_stops_the_shaft_and_the_sweep_goes_on(station: Station) -> None
     assert record.exit_status == "success"
     assert speeds == pytest.approx([0.0], abs=1e-9)
     assert record.result.speed_rpm == pytest.approx(record.result.nominal_rpm, rel=0.02)
+
+
+@pytest.mark.parametrize("speed_rpm", [600.0, -600.0])
+def test_a_speed_is_approached_at_the_rate_of_the_settings(
+    station: Station, speed_rpm: float
+) -> None:
+    rate, present = 150.0, []
+
+    def plan() -> Plan[None]:
+        yield from set_up(station.devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from power_on(station.devices, "input")
+        for target in (speed_rpm, 0.0):
+            began = station.clock.now()
+            yield from turn_at(station.devices, "input", target, rate)
+            present.append((target, station.clock.now() - began, drive.state().speed_rad_s))
+
+    drive = station.drivers.drives["input"]
+    station.run(plan(), kind="turning")
+    for target, seconds, reached in present:
+        assert seconds == pytest.approx(abs(speed_rpm) / rate, abs=0.2)
+        assert reached * 30.0 / np.pi == pytest.approx(target, abs=1.0)
+
+
+def test_no_drive_is_asked_for_more_than_it_can(station: Station) -> None:
+    fastest = station.description.module("input").drive.speed_rate_rpm_per_s
+    slow, as_it_can, faster = (
+        rehearse(
+            station.devices,
+            friction_sweep(
+                station.devices,
+                FrictionSettings(speeds_rpm=(600.0,), repeats=1, rate_rpm_per_s=rate),
+            ),
+        ).duration_s
+        for rate in (100.0, fastest, 1e9)
+    )
+    assert faster == pytest.approx(as_it_can)
+    ways = 1800.0  # to 600 and to -600 1/min; taking the speed off at the end is the drive's own
+    assert slow - as_it_can == pytest.approx(ways / 100.0 - ways / fastest)

@@ -8,7 +8,7 @@ from torquebench.bench.devices.assembly import BenchDevices, Module
 from torquebench.bench.devices.drive import DriveAxis, DriveDevice, DriveSwitch
 from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice
 from torquebench.bench.devices.labels import Point, PointLabel
-from torquebench.bench.devices.ramp import RampTo, TorqueRamp
+from torquebench.bench.devices.ramp import DriveRamp, RampTo
 from torquebench.bench.devices.recorder import Recorder, SynchronousRecording
 from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
 from torquebench.bench.devices.steady import SteadySettings, SteadyTorque
@@ -18,6 +18,7 @@ __all__ = [
     "ClampDevice",
     "DriveAxis",
     "DriveDevice",
+    "DriveRamp",
     "DriveSwitch",
     "Encoder",
     "ModeDevice",
@@ -32,6 +33,5 @@ __all__ = [
     "SteadyTorque",
     "SynchronousRecording",
     "TemperatureProbes",
-    "TorqueRamp",
     "Transducer",
 ]

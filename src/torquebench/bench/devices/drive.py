@@ -15,7 +15,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.devices.ramp import TorqueRamp, command
+from torquebench.bench.devices.ramp import DriveRamp, command
 from torquebench.bench.roles import Side
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
@@ -129,11 +129,12 @@ class DriveSwitch(StandardReadable):
 
 
 class DriveDevice(Device):
-    """The drive of one module: `torque` and `speed` axes, torque `ramp` and `power` switch."""
+    """The drive of one module: `torque` and `speed` axes, their ramps and the `power` switch."""
 
     def __init__(self, context: BenchContext, side: Side) -> None:
         self.torque = DriveAxis(context, side, "torque")
         self.speed = DriveAxis(context, side, "speed")
-        self.ramp = TorqueRamp(context, side)
+        self.torque_ramp = DriveRamp(context, side, "torque")
+        self.speed_ramp = DriveRamp(context, side, "speed")
         self.power = DriveSwitch(context, side)
         super().__init__()

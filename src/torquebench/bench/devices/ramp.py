@@ -1,4 +1,8 @@
-"""Torque at a rate of one's own: what loops, whose speed decides their shape, are driven with."""
+"""Torque and speed at a rate of one's own.
+
+The speed of a loop decides its shape, and a quick change of speed loads a transducer with the
+shafts' inertia.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity
 from torquebench.errors import InputError
 
-__all__ = ["RampTo", "TorqueRamp", "command"]
+__all__ = ["DriveRamp", "RampTo", "command"]
 
 
 async def command(
@@ -46,14 +50,14 @@ async def command(
 
 @dataclass(frozen=True)
 class RampTo:
-    """A torque and the rate at which it is approached.
+    """A torque or speed and the rate at which it is approached.
 
     Parameters
     ----------
-    torque_nm : float
-        Where the ramp ends, N·m.
-    rate_nm_per_s : float
-        How fast it goes there, N·m/s.
+    target : float
+        Where the ramp ends, N·m or rad/s.
+    rate : float
+        How fast it goes there, N·m/s or rad/s².
 
     Raises
     ------
@@ -61,41 +65,46 @@ class RampTo:
         A rate of 0 or less.
     """
 
-    torque_nm: float
-    rate_nm_per_s: float
+    target: float
+    rate: float
 
     def __post_init__(self) -> None:
-        if not self.rate_nm_per_s > 0.0:
-            raise InputError(f"a ramp of {self.rate_nm_per_s} N·m/s", "a rate above 0 N·m/s")
+        if not self.rate > 0.0:
+            raise InputError(f"a ramp at a rate of {self.rate:g}", "a rate above 0")
 
 
-class TorqueRamp(Device, Movable[RampTo]):
-    """Uniform torque ramps of one drive; the drive itself ramps, at most as fast as described.
+class DriveRamp(Device, Movable[RampTo]):
+    """Uniform ramps of torque or speed; the drive itself ramps, at most as fast as described.
 
     `set(RampTo(...))` checks the interlocks and limits, commands the drive and is done when the
     ramp has had its time.
     """
 
-    def __init__(self, context: BenchContext, side: Side) -> None:
+    def __init__(self, context: BenchContext, side: Side, quantity: Quantity) -> None:
         self._context = context
         self._side = side
+        self._quantity = quantity
         super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: RampTo) -> None:
-        """Ramp the torque.
+        """Ramp the torque or the speed.
 
         Raises
         ------
         InterlockError
             Clamp open, side not driven, alarm latched, drive off.
         LimitError
-            The torque is beyond the limits of the bench description.
+            The target is beyond the limits of the bench description.
         """
         context, side = self._context, self._side
-        before = context.commands.side(side).torque_nm
-        context.interlocks.check_torque(side, value.torque_nm)
-        fastest = context.description.module(side).drive.torque_rate_nm_per_s
-        rate = min(value.rate_nm_per_s, fastest)
-        await command(context, side, "torque", value.torque_nm, rate)
-        await context.clock.sleep(abs(value.torque_nm - before) / rate)
+        commands, drive = context.commands.side(side), context.description.module(side).drive
+        if self._quantity == "torque":
+            context.interlocks.check_torque(side, value.target)
+            before, fastest = commands.torque_nm, drive.torque_rate_nm_per_s
+        else:
+            context.interlocks.check_speed(side, value.target)
+            before, fastest = commands.speed_rad_s, drive.speed_rate_rad_per_s2
+        rate = min(value.rate, fastest)
+        await command(context, side, self._quantity, value.target, rate)
+        await context.clock.sleep(abs(value.target - before) / rate)
