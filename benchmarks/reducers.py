@@ -1,7 +1,8 @@
 """How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
 
 python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME] [--profile NAME]
-    [--tests NAME,NAME] [--loops N] [--workers N] [--first-seed N] [--into FOLDER]
+    [--up-to INPUT,OUTPUT] [--tests NAME,NAME] [--loops N] [--repeats N] [--workers N]
+    [--first-seed N] [--into FOLDER]
 
 For each simulated bench (a seed of its own) both modules are calibrated and compensated; then a
 specimen is put to all tests by the plans, the data path and the evaluation that a real bench uses.
@@ -28,7 +29,7 @@ from rich.progress import Progress
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers.simulated import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
-from torquebench.calibration import load_profile
+from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.fitting import ModelChoice, fit_models
 from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.modules import register_calibration
@@ -110,8 +111,10 @@ def described(reducer: str, bench_seed: int, specimen: int) -> BenchDescription:
 
 
 def sides_of(tests: Sequence[str]) -> tuple[Side, ...]:
-    """Return the sides whose torque some tests need: the output's alone for loops and angles."""
-    return ("output",) if set(tests) <= {"hysteresis", "transmission-error"} else SIDES
+    """Return the sides whose torque some tests need."""
+    if set(tests) <= {"hysteresis", "transmission-error"}:
+        return ("output",)
+    return ("input",) if set(tests) <= {"no-load", "starting"} else SIDES
 
 
 def truths(
@@ -183,6 +186,8 @@ class Work:
     profile: str
     tests: tuple[str, ...]
     loops: int
+    repeats: int | None
+    up_to_nm: dict[Side, float] | None
     into: Path | None
 
     @property
@@ -190,8 +195,25 @@ class Work:
         """Where its result is kept, apart from that of other tests or another calibration."""
         if self.into is None:
             return None
-        name = (self.reducer, self.profile, *self.tests, f"{self.loops}-loops", str(self.seed))
-        return self.into / f"{'_'.join(name)}.json"
+        name = [self.reducer, self.profile, *self.tests, f"{self.loops}-loops"]
+        if self.repeats is not None:
+            name.append(f"{self.repeats}-repeats")
+        if self.up_to_nm is not None:
+            name.append("to-" + "-".join(f"{each:g}" for each in self.up_to_nm.values()))
+        return self.into / f"{'_'.join([*name, str(self.seed)])}.json"
+
+    def settings(self) -> ReducerTestSettings:
+        """Return how the tests are driven."""
+        settings = replace(SETTINGS, hysteresis=HysteresisSettings(loops=self.loops))
+        return settings if self.repeats is None else settings.with_repeats(self.repeats)
+
+    def calibration(self, side: Side) -> Profile:
+        """Return how a side is calibrated."""
+        profile = load_profile(self.profile)
+        if self.up_to_nm is None:
+            return profile
+        range_nm = default_bench().module(side).range_nm
+        return profile.with_options(up_to_percent=100.0 * self.up_to_nm[side] / range_nm)
 
 
 Found = tuple[list[Deviation], list[str]]
@@ -201,7 +223,6 @@ def specimen_deviations(work: Work, data: Path) -> Found:
     """Put the specimen of a bench to its tests; return deviations and what was refused."""
     specimen = 1000 * work.seed
     bench, kind = described(work.reducer, work.seed, specimen), load_reducer(work.reducer)
-    settings = replace(SETTINGS, hysteresis=HysteresisSettings(loops=work.loops))
     constants = SimulatedOptions(**bench.driver).parameters().reducer
     deviations: list[Deviation] = []
     refused: list[str] = []
@@ -210,7 +231,9 @@ def specimen_deviations(work: Work, data: Path) -> Found:
             station.activate_compensation(side)
         for name in work.tests:
             try:
-                record = run_reducer_test(station, name, kind, settings, serial=str(specimen))
+                record = run_reducer_test(
+                    station, name, kind, work.settings(), serial=str(specimen)
+                )
             except TorquebenchError as error:
                 refused.append(f"bench {work.seed}, {name}: {error}")
                 station.supervisor.acknowledge("benchmark")
@@ -231,11 +254,11 @@ def one_bench(work: Work) -> Found:
     if kept is not None and kept.exists():
         deviations, refused = json.loads(kept.read_text())
         return [Deviation(**each) for each in deviations], refused
-    profile = load_profile(work.profile)
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder)
         with Station.open(described(work.reducer, work.seed, 0), data) as station:
             for side in sides_of(work.tests):
+                profile = work.calibration(side)
                 measured = measure_calibration(station, side, profile)
                 fitted = fit_models(measured.result.data, [ModelChoice(RECOMMENDED)])
                 register_calibration(station, measured, profile, fitted, active=RECOMMENDED)
@@ -313,14 +336,29 @@ def main() -> int:
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--tests", default=",".join(TESTS), help="some of them, with commas")
     parser.add_argument("--loops", type=int, default=1, help="torque-angle loops a position")
+    parser.add_argument("--repeats", type=int, help="of running tests at most, and empty runs")
+    parser.add_argument(
+        "--up-to", help="largest torque of both calibrations, N·m: INPUT,OUTPUT; profile's without"
+    )
     parser.add_argument("--into", type=Path, help="folder to keep benches in, and to go on from")
     arguments = parser.parse_args()
     if arguments.into is not None:
         arguments.into.mkdir(parents=True, exist_ok=True)
     count = 2 if arguments.quick else arguments.specimens
     tests = tuple(arguments.tests.split(","))
+    torques = [float(each) for each in arguments.up_to.split(",")] if arguments.up_to else []
+    up_to_nm = dict(zip(SIDES, torques, strict=True)) if torques else None
     work = [
-        Work(arguments.reducer, seed, arguments.profile, tests, arguments.loops, arguments.into)
+        Work(
+            reducer=arguments.reducer,
+            seed=seed,
+            profile=arguments.profile,
+            tests=tests,
+            loops=arguments.loops,
+            repeats=arguments.repeats,
+            up_to_nm=up_to_nm,
+            into=arguments.into,
+        )
         for seed in range(arguments.first_seed, arguments.first_seed + count)
     ]
     began = time.perf_counter()

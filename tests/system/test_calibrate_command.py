@@ -86,3 +86,20 @@ def test_doctor_names_what_is_wrong(tmp_path: Path) -> None:
     assert result.returncode == 1
     assert "problem" in result.stdout
     assert "Traceback" not in result.stdout + result.stderr
+
+
+def test_a_part_of_the_range_is_calibrated_and_nothing_above_it_is_loaded(tmp_path: Path) -> None:
+    part = ("calibrate", "output", "--profile", "small-torques", "--up-to", 60)
+    shown = run(*part, "--dry-run", cwd=tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    assert "largest torque 60 N·m, limit 2400 N·m" in shown.stdout
+    calibrated = run(*part, "--repeats", 1, "--data", "data", cwd=tmp_path)
+    assert calibrated.returncode == 0, calibrated.stderr
+    assert "In use: model-" in calibrated.stdout
+    for wrong in (("both", 60), ("output", 601), ("output", 0)):
+        side, torque = wrong
+        refused = run(
+            "calibrate", side, "--profile", "small-torques", "--up-to", torque, cwd=tmp_path
+        )
+        assert refused.returncode == 2
+        assert "allowed" in refused.stderr

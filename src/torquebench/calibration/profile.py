@@ -29,8 +29,8 @@ Consequence = Literal["refuse", "state"]
 
 _SIGNS: dict[str, int] = {"clockwise": 1, "counter-clockwise": -1}
 _OPTIONS: dict[str, frozenset[str]] = {
-    "ladder": frozenset({"rising_only", "repeats", "step_percent", "duration_s"}),
-    "cycle": frozenset({"repeats", "step_percent", "duration_s"}),
+    "ladder": frozenset({"rising_only", "repeats", "step_percent", "up_to_percent", "duration_s"}),
+    "cycle": frozenset({"repeats", "step_percent", "up_to_percent", "duration_s"}),
     "random": frozenset({"groups", "points", "duration_s"}),
     "adaptive": frozenset({"points", "target_percent", "repeats", "step_percent", "duration_s"}),
 }
@@ -55,12 +55,16 @@ class Zero(_Settings):
 
 
 class Preload(_Settings):
-    """How often full scale is applied and taken off before the first series of a position."""
+    """How often a preload is applied and taken off before the first series of a position.
+
+    `percent` is its torque in % of full scale, which it is where nothing else is said.
+    """
 
     cycles: Annotated[int, Field(ge=0, le=100)] = 0
     cycles_after_change: Annotated[int, Field(ge=0, le=100)] | None = None
     on_s: Seconds = 0.0
     off_s: Seconds = 0.0
+    percent: Percent | None = None
 
 
 class Loading(_Settings):
@@ -210,6 +214,14 @@ class Profile(_Settings):
         """Directions in the order in which they are loaded: +1 clockwise, -1 the other."""
         return tuple(_SIGNS[direction] for direction in self.loading.directions)
 
+    @property
+    def largest_percent(self) -> float:
+        """Largest torque that is loaded, preloads included, in % of full scale."""
+        loaded = [100.0] if self.loading.pattern == "random" else [self.loading.percents()[-1]]
+        if self.preload.cycles or self.preload.cycles_after_change:
+            loaded.append(100.0 if self.preload.percent is None else self.preload.percent)
+        return max(loaded)
+
     @classmethod
     def from_toml(cls, text: str, origin: str) -> Self:
         """Return the profile that a TOML text describes.
@@ -240,6 +252,8 @@ class Profile(_Settings):
         for name in ("adaptive", "interruption"):
             if settings[name] is None:  # a profile without it has the hash that it always had
                 del settings[name]
+        if self.preload.percent is None:
+            del settings["preload"]["percent"]
         if self.loading.step_tolerance_of == "step":
             del settings["loading"]["step_tolerance_of"]
         content = json.dumps(settings, sort_keys=True, ensure_ascii=False)
@@ -251,6 +265,7 @@ class Profile(_Settings):
         rising_only: bool | None = None,
         repeats: int | None = None,
         step_percent: float | None = None,
+        up_to_percent: float | None = None,
         duration_s: float | None = None,
         groups: int | None = None,
         points: int | None = None,
@@ -266,6 +281,9 @@ class Profile(_Settings):
             How often every series is loaded.
         step_percent : float, optional
             Width of the steps in % of full scale.
+        up_to_percent : float, optional
+            Largest step and preload in % of full scale, at most as the profile has it; all steps
+            shrink with it. For what loads a module with a small part of its range only.
         duration_s : float, optional
             Duration of each step in s.
         groups : int, optional
@@ -284,6 +302,7 @@ class Profile(_Settings):
             "rising_only": rising_only,
             "repeats": repeats,
             "step_percent": step_percent,
+            "up_to_percent": up_to_percent,
             "duration_s": duration_s,
             "groups": groups,
             "points": points,
@@ -298,6 +317,8 @@ class Profile(_Settings):
                     f"the options {', '.join(sorted(allowed))}",
                 )
         document = self.model_dump(mode="python")
+        if "up_to_percent" in given:
+            self._shrink(document, given.pop("up_to_percent"), given)
         if given.pop("rising_only", False):
             for position in document["positions"]:
                 position["series"] = tuple("up" for _ in position["series"])
@@ -310,6 +331,26 @@ class Profile(_Settings):
             return type(self).model_validate(document)
         except ValidationError as error:
             raise _named(error, f"profile {self.name}") from error
+
+    def _shrink(
+        self, document: dict[str, Any], up_to_percent: float, given: Mapping[str, Any]
+    ) -> None:
+        """Bring the steps and the preload of a dumped profile down to a largest step."""
+        if "step_percent" in given:
+            raise InputError("step_percent beside up_to_percent", "one of both")
+        percents = self.loading.percents()
+        if not 0.0 < up_to_percent <= percents[-1] * (1.0 + 1e-9):
+            raise InputError(
+                f"steps up to {up_to_percent:g} % of range",
+                f"above 0 and at most {percents[-1]:g} %, as the profile {self.name} has them",
+                "take a smaller torque, or a profile that goes further",
+            )
+        share = min(1.0, up_to_percent / percents[-1])
+        document["loading"] |= {
+            "step_percent": None,
+            "steps_percent": tuple(float(f"{share * percent:.9g}") for percent in percents),
+        }
+        document["preload"]["percent"] = min(up_to_percent, self.preload.percent or 100.0)
 
     def staircase(self, range_nm: float, rng: np.random.Generator | None = None) -> list[Step]:
         """Return all steps in the order in which they are loaded.

@@ -52,11 +52,12 @@ class Staircase:
         preload = self.profile.preload
         after_change = preload.cycles_after_change
         cycles = preload.cycles if number == 0 or after_change is None else after_change
+        largest = 100.0 if preload.percent is None else preload.percent
         return [
             self._step("preload", percent, position, 1 if percent else -1, duration)
             for _ in range(cycles)
             for sign in signs
-            for percent, duration in ((100.0 * sign, preload.on_s), (0.0, preload.off_s))
+            for percent, duration in ((largest * sign, preload.on_s), (0.0, preload.off_s))
         ]
 
     def _all_series(self, position: "Position", signs: Sequence[int]) -> list[Step]:

@@ -15,6 +15,7 @@ from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealT
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
     from torquebench.bench.drivers.base import Side
     from torquebench.calibration import Profile
     from torquebench.campaign.fitting import FittedModel
@@ -62,6 +63,14 @@ def calibrate(
     ] = None,
     step_percent: Annotated[
         float | None, typer.Option(min=0.1, max=100, help="Width of the steps, % of range.")
+    ] = None,
+    up_to: Annotated[
+        float | None,
+        typer.Option(
+            metavar="TORQUE",
+            help="Largest torque of one module, N·m: the profile's steps and preloads shrink with "
+            "it. For a reducer that needs a small part of the range.",
+        ),
     ] = None,
     points: Annotated[
         int | None, typer.Option(min=8, help="Most points of an adaptive calibration.")
@@ -111,10 +120,12 @@ def calibrate(
     if side is None:
         raise InputError("no module to calibrate", "input, output or both", "name it")
 
+    description = default_bench() if bench is None else load_bench(bench)
     chosen = load_profile(profile).with_options(
         rising_only=rising_only or None,
         repeats=repeats,
         step_percent=step_percent,
+        up_to_percent=None if up_to is None else _percent(description, side, up_to),
         points=points,
         target_percent=target,
     )
@@ -124,13 +135,23 @@ def calibrate(
             "a profile of steps",
             "give rapid-in-situ, adaptive, staircase, reversing, small-torques or an own one",
         )
-    description = default_bench() if bench is None else load_bench(bench)
     _check_model(model)
     if dry_run:
         _dry_run(description, side.chosen, chosen)
         return
     confirm_start(description, side.value, chosen, yes)
     run_calibrations(description, side.chosen, chosen, model, data, real_time=real_time, yes=yes)
+
+
+def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> float:
+    """Return a largest torque in % of the range of the one module that it is for."""
+    if side is Sides.both:
+        raise InputError(
+            f"up to {torque_nm:g} N·m at both modules",
+            "input or output",
+            "calibrate one after the other, each up to what it needs",
+        )
+    return 100.0 * torque_nm / description.module(side.chosen[0]).range_nm
 
 
 def _check_model(name: str | None) -> None:
@@ -152,7 +173,10 @@ def confirm_start(description: Any, side: str, profile: Profile, yes: bool) -> N
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )
-    note(f"{description.name}: {side} will be loaded to its full range by {profile.name}.")
+    note(
+        f"{description.name}: {side} will be loaded to ±{profile.largest_percent:g} % of range "
+        f"by {profile.name}."
+    )
     if not typer.confirm("Is the bench clear and may it be loaded?"):
         raise typer.Exit(1)
 

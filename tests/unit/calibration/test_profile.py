@@ -215,3 +215,42 @@ def test_unknown_profiles_are_named(tmp_path):
         load_profile("fast")
     with pytest.raises(InputError, match=r"missing\.toml"):
         load_profile(tmp_path / "missing.toml")
+
+
+@given(up_to=st.floats(0.5, 30.0))
+def test_a_profile_shrinks_to_a_largest_torque_and_its_preload_with_it(up_to):
+    whole = load_profile("small-torques")
+    part = whole.with_options(up_to_percent=up_to)
+    steps = part.staircase(100.0)
+    assert max(step.target_nm for step in steps) == pytest.approx(up_to)
+    assert part.largest_percent == pytest.approx(up_to)
+    assert part.loading.percents() == pytest.approx(
+        [each * up_to / 30.0 for each in whole.loading.percents()], rel=1e-6
+    )
+    assert len(steps) == len(whole.staircase(100.0))
+
+
+def test_a_ladder_shrinks_too_and_a_profile_without_it_keeps_its_hash():
+    profile = load_profile("rapid-in-situ")
+    part = profile.with_options(up_to_percent=20.0)
+    assert part.loading.percents()[0] == pytest.approx(0.4)
+    assert len(part.loading.percents()) == len(profile.loading.percents())
+    assert (profile.largest_percent, part.largest_percent) == (100.0, 20.0)
+    assert part.sha256 != profile.sha256
+    assert load_profile("small-torques").largest_percent == 100.0  # its preload
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("small-torques", {"up_to_percent": 31.0}),
+        ("small-torques", {"up_to_percent": 0.0}),
+        ("small-torques", {"up_to_percent": float("nan")}),
+        ("rapid-in-situ", {"up_to_percent": 20.0, "step_percent": 5.0}),
+        ("verification", {"up_to_percent": 20.0}),
+        ("adaptive", {"up_to_percent": 20.0}),
+    ],
+)
+def test_what_cant_shrink_is_refused(name, options):
+    with pytest.raises(InputError):
+        load_profile(name).with_options(**options)

@@ -122,6 +122,15 @@ def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
     assert len(view.result.details["points"]["reading_nm"]) == 80
 
 
+def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:
+    request = {"side": "output", "profile": "small-torques", "up_to_nm": 60.0}
+    shown = service.jobs.preview("calibrate", request)
+    assert shown.largest_torque_nm["output"] == pytest.approx(60.0)
+    for wrong in ({"up_to_nm": 601.0}, {"up_to_nm": 0.0}, {"step_percent": 5.0}):
+        with pytest.raises(InputError):
+            service.jobs.preview("calibrate", {**request, **wrong})
+
+
 def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
     request = {"test": "starting", "reducer": "standard", "serial": "S-1", "quick": True}
     shown = service.jobs.preview("reducer-test", request)

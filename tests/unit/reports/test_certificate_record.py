@@ -20,6 +20,7 @@ from torquebench.reports.certificate import (
     calibration_of,
     read_letterhead,
 )
+from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import Party
 from torquebench.reports.certificate.results import evaluate_results
@@ -62,6 +63,17 @@ def test_record_states_item_method_people_dates_and_hashes(registry: Registry) -
     manifest = json.loads((bench.folder / "manifest.json").read_text())
     assert record.files["events.jsonl"] == manifest["files"]["events.jsonl"]["sha256"]
     assert record.files["calibration points"] == bench.calibration.data_sha256
+
+
+@pytest.mark.parametrize(("up_to", "said"), [(100.0, False), (40.0, True)])
+def test_how_far_a_part_of_the_range_was_calibrated_is_stated(
+    registry: Registry, up_to: float, said: bool
+) -> None:
+    part = load_profile("rapid-in-situ").with_options(up_to_percent=up_to)
+    record = build_record(registry, calibrated_bench(registry, profile=part).calibration, ISSUE)
+    for language, full_scale in (("en", "full scale"), ("de", "Messbereichsendwerts")):
+        words = " ".join(str(certificate_content(record, language)["facts"]).split())
+        assert ("±800" in words and full_scale in words) is said
 
 
 def test_compensation_shows_beside_the_raw_error_at_every_step(registry: Registry) -> None:

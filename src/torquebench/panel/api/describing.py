@@ -82,7 +82,7 @@ WORDS = {
     "remark": "In words; it is kept.",
     "remarks": "What else is to be known, in words.",
     "remedy": "What to do about it.",
-    "repeats": "How often the staircase is gone through.",
+    "repeats": "How often the staircase, or at most a running test, is gone through.",
     "rising_only": "Whether only rising torque is measured.",
     "role": "operator, metrologist or administrator; each may do what those before it may.",
     "run_id": "Identifier of a run.",

@@ -55,6 +55,15 @@ class PrepareStep:
                 self._step = Field(
                     text("prepare.step"), options=step, on_change=lambda _: self._preview()
                 )
+                self._up_to = Field(
+                    text("prepare.up_to"),
+                    kind="number",
+                    unit="N·m",
+                    hint=text("prepare.up_to_hint"),
+                    on_change=lambda _: self._preview(),
+                    min="0",
+                    step="any",
+                )
                 repeats = {"": text("prepare.as_profile"), "1": "1", "2": "2", "3": "3", "10": "10"}
                 self._repeats = Field(
                     text("prepare.repeats"), options=repeats, on_change=lambda _: self._preview()
@@ -97,6 +106,8 @@ class PrepareStep:
         request: dict[str, Any] = {"side": self._side.value, "profile": self._profile.value}
         if self._step.value:
             request["step_percent"] = float(self._step.value)
+        if self._up_to.value:
+            request["up_to_nm"] = float(self._up_to.value)
         if self._repeats.value:
             request["repeats"] = int(self._repeats.value)
         if self._clear is not None:

@@ -99,6 +99,7 @@ class CalibrateRequest(JobRequest):
     rising_only: Flag | None = None
     repeats: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
     step_percent: Percent | None = None
+    up_to_nm: Annotated[Number, Field(gt=0, le=1e6)] | None = None
     models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
     bench_clear: Flag = False
 
@@ -140,16 +141,18 @@ class VerifyRequest(JobRequest):
 
 
 def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile:
+    range_nm = place.station.description.module(request.side).range_nm
+    up_to = request.up_to_nm
     profile = place.settings.profile(request.profile).with_options(
         rising_only=request.rising_only,
         repeats=request.repeats,
         step_percent=request.step_percent,
+        up_to_percent=None if up_to is None else 100.0 * up_to / range_nm,
     )
     if profile.loading.pattern == "random":
         raise InputError(
             f"profile {profile.name} for a calibration", "a profile of steps", "take another one"
         )
-    range_nm = place.station.description.module(request.side).range_nm
     _refuse_long(profile, range_nm, request.repeats or 1)
     return profile
 

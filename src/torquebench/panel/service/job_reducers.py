@@ -16,7 +16,7 @@ from torquebench.campaign.reducer_results import TestName, TestOutcome, TestRehe
 from torquebench.campaign.reducer_settings import ReducerTestSettings
 from torquebench.campaign.reducer_tests import TESTS, rehearse_reducer_test, run_reducer_test
 from torquebench.panel.service.calibration_results import as_details
-from torquebench.panel.service.fields import Flag, ProfileName
+from torquebench.panel.service.fields import WHOLE, Flag, ProfileName
 from torquebench.panel.service.job_values import JobPreview, JobResult
 from torquebench.panel.service.jobs import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.previews import confirm_clear, limits
@@ -27,18 +27,23 @@ __all__ = ["REDUCER_KINDS", "ReducerTestRequest"]
 class ReducerTestRequest(JobRequest):
     """Put the mounted reducer to a test, or with "full" to all of them.
 
-    `quick` takes fewer points: a look, no verdict for a data sheet.
+    `quick` takes fewer points: a look, no verdict for a data sheet. `repeats` is how often running
+    tests repeat at most, and how often the empty run does.
     """
 
     test: TestName
     reducer: ProfileName
     serial: Annotated[str, Field(max_length=64)] = ""
     quick: Flag = False
+    repeats: Annotated[int, Field(ge=1, le=1000), WHOLE] | None = None
     bench_clear: Flag = False
 
 
 def _settings(request: ReducerTestRequest) -> ReducerTestSettings:
-    return ReducerTestSettings.short() if request.quick else ReducerTestSettings()
+    if request.quick:
+        return ReducerTestSettings.short()
+    settings = ReducerTestSettings()
+    return settings if request.repeats is None else settings.with_repeats(request.repeats)
 
 
 def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:

@@ -67,7 +67,7 @@ def _banner(record: CertificateRecord, words: Labels) -> str | None:
 
 
 def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str]]]:
-    item, method, reference = record.item, record.method, record.reference
+    item, reference = record.item, record.reference
     side = words.get(item.side)
     unknown = words["not_stated"]
     transducer = " ".join(part for part in (item.manufacturer, item.model) if part) or unknown
@@ -84,13 +84,6 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
     ]
     if reference.laboratory:
         traceability.append(reference.laboratory)
-    verified = words["profile_verified" if method.verified else "profile_unverified"]
-    how = [words["method_text"].format(series=method.series, points=method.points)]
-    if method.placement is not None:
-        even, placed, rounds = method.placement
-        how.append(words["placement"].format(even=even, placed=placed, rounds=rounds))
-    if method.table:
-        how.append(words["table"].format(table=method.table))
     return [
         (words["laboratory"], _party(record.laboratory, unknown)),
         (words["customer"], _party(record.customer, unknown)),
@@ -106,7 +99,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         ),
         (
             words["method"],
-            [*how, f"{words['profile']}: {method.name}", verified],
+            _method(record, words),
         ),
         (words["reference"], traceability),
         (words["environment"], [_environment(record, words)]),
@@ -116,6 +109,24 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         (words["checked_by"], [record.checked_by or words["nobody"]]),
         (words["authorised_by"], [", ".join(record.authorised_by) or words["nobody"]]),
     ]
+
+
+def _method(record: CertificateRecord, words: Labels) -> list[str]:
+    """Say how it was calibrated, and how far."""
+    method, range_nm = record.method, record.item.range_nm
+    how = [words["method_text"].format(series=method.series, points=method.points)]
+    largest_nm = max(abs(row.torque_nm) for row in record.results)
+    if largest_nm < 0.99 * range_nm:
+        percent = words.short(100.0 * largest_nm / range_nm)
+        text = words["calibrated_up_to"]
+        how.append(text.format(torque=words.short(largest_nm), percent=percent))
+    if method.placement is not None:
+        even, placed, rounds = method.placement
+        how.append(words["placement"].format(even=even, placed=placed, rounds=rounds))
+    if method.table:
+        how.append(words["table"].format(table=method.table))
+    verified = words["profile_verified" if method.verified else "profile_unverified"]
+    return [*how, f"{words['profile']}: {method.name}", verified]
 
 
 def _party(party: Party, unknown: str) -> list[str]:
