@@ -96,6 +96,15 @@ def test_a_part_of_the_range_is_calibrated_and_nothing_above_it_is_loaded(tmp_pa
     calibrated = run(*part, "--repeats", 1, "--data", "data", cwd=tmp_path)
     assert calibrated.returncode == 0, calibrated.stderr
     assert "In use: model-" in calibrated.stdout
+    checked = run("check", "output", "--data", "data", cwd=tmp_path)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+    loaded_nm = [float(each) for each in re.findall(r"(?m)^ *(-?\d+\.\d+)", checked.stdout)]
+    assert 55.0 < max(loaded_nm) < 62.0
+    loaded = run(
+        "test", "hysteresis", "--reducer", "rv-40e", "--short", "--data", "data", cwd=tmp_path
+    )
+    assert loaded.returncode == 2
+    assert "model-1, which was calibrated to" in " ".join(loaded.stderr.split())
     for wrong in (("both", 60), ("output", 601), ("output", 0)):
         side, torque = wrong
         refused = run(

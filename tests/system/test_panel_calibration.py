@@ -25,6 +25,10 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
 ) -> None:
     ben, ana = visitors
     ben.sign_in("Ben", "/calibrate")
+    ben.choose("Profile", "small-torques")
+    ben.fill("Largest torque", "60")
+    ben.sees("60 N·m; the limit is 2400 N·m")
+    ben.open("/calibrate")
     ben.choose("Step of the staircase, % of range", "20")
     ben.sees("What would happen")
     assert "the limit is 2400 N·m" in ben.text

@@ -31,7 +31,7 @@ _SIGNS: dict[str, int] = {"clockwise": 1, "counter-clockwise": -1}
 _OPTIONS: dict[str, frozenset[str]] = {
     "ladder": frozenset({"rising_only", "repeats", "step_percent", "up_to_percent", "duration_s"}),
     "cycle": frozenset({"repeats", "step_percent", "up_to_percent", "duration_s"}),
-    "random": frozenset({"groups", "points", "duration_s"}),
+    "random": frozenset({"groups", "points", "up_to_percent", "duration_s"}),
     "adaptive": frozenset({"points", "target_percent", "repeats", "step_percent", "duration_s"}),
 }
 _ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
@@ -71,7 +71,8 @@ class Loading(_Settings):
     """Which steps are loaded, how long, and how often.
 
     Exactly one of `step_percent` and `steps_percent` is given, in % of full scale; for random
-    points `step_percent` is the grid that they keep off. A step may be loaded
+    points `step_percent` is the grid that they keep off, and `up_to_percent` what full scale and
+    grid are brought down to. A step may be loaded
     `step_tolerance_percent` off its nominal torque: % of the step, or of the range.
     """
 
@@ -84,6 +85,7 @@ class Loading(_Settings):
     repeats: Count = 1
     groups: Count | None = None
     points: Annotated[int, Field(ge=4, le=10000)] | None = None
+    up_to_percent: Percent | None = None
     zero_return: bool = False
     step_tolerance_percent: Percent | None = None
     step_tolerance_of: Literal["step", "range"] = "step"
@@ -99,6 +101,8 @@ class Loading(_Settings):
         random = self.pattern == "random"
         if random != (self.groups is not None) or random != (self.points is not None):
             raise ValueError("groups and points belong to the pattern 'random', and only to it")
+        if not random and self.up_to_percent is not None:
+            raise ValueError("up_to_percent belongs to the pattern 'random'")
         return self
 
     def percents(self) -> tuple[float, ...]:
@@ -217,10 +221,29 @@ class Profile(_Settings):
     @property
     def largest_percent(self) -> float:
         """Largest torque that is loaded, preloads included, in % of full scale."""
-        loaded = [100.0] if self.loading.pattern == "random" else [self.loading.percents()[-1]]
+        loaded = [self._top_percent]
         if self.preload.cycles or self.preload.cycles_after_change:
             loaded.append(100.0 if self.preload.percent is None else self.preload.percent)
         return max(loaded)
+
+    @property
+    def _top_percent(self) -> float:
+        """Largest step, in % of full scale."""
+        if self.loading.pattern == "random":
+            return self.loading.up_to_percent or 100.0
+        return self.loading.percents()[-1]
+
+    def within(self, percent: float) -> Self:
+        """Return the profile, brought down to a largest torque in % of full scale if it exceeds it.
+
+        Examples
+        --------
+        >>> load_profile("verification").within(30.0).largest_percent
+        30.0
+        """
+        if self.largest_percent <= percent * (1.0 + 1e-9):
+            return self
+        return self.with_options(up_to_percent=min(percent, self._top_percent))
 
     @classmethod
     def from_toml(cls, text: str, origin: str) -> Self:
@@ -254,6 +277,8 @@ class Profile(_Settings):
                 del settings[name]
         if self.preload.percent is None:
             del settings["preload"]["percent"]
+        if self.loading.up_to_percent is None:
+            del settings["loading"]["up_to_percent"]
         if self.loading.step_tolerance_of == "step":
             del settings["loading"]["step_tolerance_of"]
         content = json.dumps(settings, sort_keys=True, ensure_ascii=False)
@@ -338,18 +363,24 @@ class Profile(_Settings):
         """Bring the steps and the preload of a dumped profile down to a largest step."""
         if "step_percent" in given:
             raise InputError("step_percent beside up_to_percent", "one of both")
-        percents = self.loading.percents()
-        if not 0.0 < up_to_percent <= percents[-1] * (1.0 + 1e-9):
+        top = self._top_percent
+        if not 0.0 < up_to_percent <= top * (1.0 + 1e-9):
             raise InputError(
                 f"steps up to {up_to_percent:g} % of range",
-                f"above 0 and at most {percents[-1]:g} %, as the profile {self.name} has them",
+                f"above 0 and at most {top:g} %, as the profile {self.name} has them",
                 "take a smaller torque, or a profile that goes further",
             )
-        share = min(1.0, up_to_percent / percents[-1])
-        document["loading"] |= {
-            "step_percent": None,
-            "steps_percent": tuple(float(f"{share * percent:.9g}") for percent in percents),
-        }
+        up_to_percent = min(up_to_percent, top)
+        if self.loading.pattern == "random":
+            document["loading"]["up_to_percent"] = up_to_percent
+        else:
+            document["loading"] |= {
+                "step_percent": None,
+                "steps_percent": tuple(
+                    float(f"{up_to_percent / top * percent:.9g}")
+                    for percent in self.loading.percents()
+                ),
+            }
         document["preload"]["percent"] = min(up_to_percent, self.preload.percent or 100.0)
 
     def staircase(self, range_nm: float, rng: np.random.Generator | None = None) -> list[Step]:

@@ -108,14 +108,15 @@ class Staircase:
         loading = self.profile.loading
         assert loading.points is not None
         assert self.rng is not None
+        top = loading.up_to_percent or 100.0
         parts = 2 * len(signs)
         counts = [(loading.points + parts - 1 - k) // parts for k in range(parts)]
         for number, sign in enumerate(signs):
             for percent in self._off_grid(counts[2 * number]):
-                yield "point", sign * percent, 1
-            yield "turn", sign * 100.0, 1
+                yield "point", sign * percent * top / 100.0, 1
+            yield "turn", sign * top, 1
             for percent in self._off_grid(counts[2 * number + 1])[::-1]:
-                yield "point", sign * percent, -1
+                yield "point", sign * percent * top / 100.0, -1
 
     def _off_grid(self, count: int) -> list[float]:
         """Draw one rising point in each of `count` equal cells, off the grid of the steps."""

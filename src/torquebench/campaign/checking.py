@@ -129,9 +129,12 @@ def check_module(
     """
     serial = station.description.module(side).transducer.serial
     entry = station.registry.active_model(serial, station.drivers.counter.clock_identity)
+    model = None if entry is None else load_model(entry.check_file()).model
+    if model is not None:  # no further than it was calibrated
+        range_nm = station.description.module(side).range_nm
+        profile = profile.within(100.0 * model.calibrated_nm / range_nm)
     measured = measure_check(station, side, profile, progress=progress, on_pause=on_pause)
     data = measured.result.data
-    model = None if entry is None else load_model(entry.check_file()).model
     standard = station.description.verification_standard
     torque, expanded, decisions = judge_check(
         data,

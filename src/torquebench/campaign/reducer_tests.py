@@ -23,7 +23,7 @@ from torquebench.campaign.reducer_results import (
 )
 from torquebench.campaign.reducer_settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducer_specimen import Specimen
-from torquebench.errors import TorquebenchError
+from torquebench.errors import ModelMismatchError, TorquebenchError
 from torquebench.procedures import Rehearsal, rehearse
 from torquebench.reducers import ReducerDescription
 from torquebench.station import Station
@@ -31,6 +31,8 @@ from torquebench.station import Station
 __all__ = ["TESTS", "ReducerTest", "rehearse_reducer_test", "run_reducer_test"]
 
 RPM_PER_RAD_S = 30.0 / np.pi
+LOADED = frozenset({"hysteresis", "efficiency"})
+"""Tests that load the output as far as their plans say."""
 
 
 def rehearse_reducer_test(
@@ -50,6 +52,8 @@ def rehearse_reducer_test(
         There is no test of this name.
     LimitError, InterlockError
         The data sheet or the bench doesn't allow it.
+    ModelMismatchError
+        The output would be loaded beyond what its active model was calibrated to.
     """
     settings, limits = settings or ReducerTestSettings(), reducer_limits(reducer)
     tests, devices = chosen_tests(name), station.devices
@@ -62,10 +66,26 @@ def rehearse_reducer_test(
         longest = found
         if test.repeats_on:
             longest = rehearse(devices, plan_of(test, devices, limits, settings.longest()))
-        parts.append(
-            _rehearsed(test.name, test.title, found, longest.duration_s, test.warm_up(settings))
-        )
+        part = _rehearsed(test.name, test.title, found, longest.duration_s, test.warm_up(settings))
+        _check_calibrated(station, part)
+        parts.append(part)
     return tuple(parts)
+
+
+def _check_calibrated(station: Station, part: TestRehearsal) -> None:
+    """Refuse a test that loads the output beyond what its model was calibrated to."""
+    active = station.devices.context.acquisition.compensation("output")
+    if active is None or part.name not in LOADED:
+        return
+    model, torque = active.model, part.largest_torque_nm["output"]
+    reached = min(-model.reading_low_nm_, model.reading_high_nm_)
+    if torque > reached:
+        raise ModelMismatchError(
+            f"{part.title.lower()} to {torque:.4g} N·m with model-{active.model_id}, which was "
+            f"calibrated to {reached:.4g} N·m",
+            "torques that the active model was calibrated to",
+            "calibrate the output further, or put another model into use",
+        )
 
 
 def _rehearsed(

@@ -67,6 +67,9 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
+_WHOLE = 0.9
+"""Share of the range from which on a calibration counts as one to full scale: readings of the last
+step are a little off it, and placed points needn't lie on it."""
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
 
 
@@ -88,9 +91,10 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     Parameters
     ----------
     range_nm : float, optional
-        Calibrated range in N·m, the full scale (FS). From the data when None.
+        Range of the chain in N·m, the full scale (FS). From the data when None. Readings beyond
+        what was calibrated stay refused.
     range_margin : float, default 0.02
-        Share of the range by which a reading may lie outside it.
+        Share of the calibrated range by which a reading may lie outside it.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
         What happens to a wild point: it is named in an `OutlierWarning` and its standard deviation
         taken as large as its deviation, or named in an `InputError`, or not looked for.
@@ -450,12 +454,24 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 "give the range that was calibrated, or leave the point out",
             )
         low, high = float(np.min(reading)), float(np.max(reading))
+        margin = self.range_margin * self._reached(largest)
         if self.range_nm is not None:
-            # A direction that was never loaded stays refused, whatever range is declared.
-            low = -self.full_scale_nm_ if low < -margin else 0.0
-            high = self.full_scale_nm_ if high > margin else 0.0
+            # What was never loaded stays refused, whatever range is declared: a direction, or the
+            # part of the range above a calibration of small torques.
+            low = -self._reached(-low) if low < -margin else 0.0
+            high = self._reached(high) if high > margin else 0.0
         self.reading_low_nm_ = low - margin
         self.reading_high_nm_ = high + margin
+
+    @property
+    def calibrated_nm(self) -> float:
+        """Largest torque in either direction that the model was calibrated to, N·m."""
+        return max(-self.reading_low_nm_, self.reading_high_nm_) / (1.0 + self.range_margin)
+
+    def _reached(self, largest_nm: float) -> float:
+        """Return how far a direction was loaded, N·m: to full scale where that was meant."""
+        whole = largest_nm >= _WHOLE * self.full_scale_nm_
+        return self.full_scale_nm_ if whole else largest_nm
 
     def _refuse_outside_range(self, reading: FloatArray) -> None:
         outside = (reading < self.reading_low_nm_) | (reading > self.reading_high_nm_)

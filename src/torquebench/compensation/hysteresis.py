@@ -157,7 +157,7 @@ class HysteresisOperator:
         HysteresisOperator
             `generic` where the model has no loop.
         """
-        generic = cls.generic(table.full_scale_nm, path_nm)
+        generic = cls.generic(table.reach_nm, path_nm)
         grid = generic._grid[(generic._grid >= table.reading_low_nm)]
         grid = grid[grid <= table.reading_high_nm]
         rising, falling = _rising_and_falling(table, grid)
@@ -360,7 +360,7 @@ class HistoryCompensator:
         self.table = table
         self.operator = HysteresisOperator.from_table(table) if operator is None else operator
         self.tracker = self.operator.tracker()
-        self._even = HysteresisOperator.generic(table.full_scale_nm, self.operator.path_nm)
+        self._even = HysteresisOperator.generic(self.operator.full_scale_nm, self.operator.path_nm)
         self._even_tracker = self._even.tracker()
 
     def push(self, reading_nm: ArrayLike) -> LiveTorque:

@@ -53,6 +53,11 @@ class CompensationTable:
         return self.curve.high
 
     @property
+    def reach_nm(self) -> float:
+        """Largest accepted reading in either direction, at most full scale, in N·m."""
+        return min(self.full_scale_nm, max(-self.reading_low_nm, self.reading_high_nm))
+
+    @property
     def bound_nm(self) -> float:
         """Largest possible deviation from the model in N·m."""
         return self.curve.bound

@@ -24,7 +24,8 @@ Row = Mapping[str, Any]
 SLACK_SHARE = 0.003
 """Loading accuracy and additional torque of a healthy module together, as a share of its range."""
 LOOP_SHARE = 0.1
-"""Torque, as a share of the range, from which on a cycle opens a transducer's hysteresis fully."""
+"""Torque, as a share of the calibrated range, from which on a cycle opens a transducer's hysteresis
+as far as the calibration did."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +217,8 @@ class RunningTable:
             for sign in (1.0, -1.0)
         )
         # A cycle so far below the loop's own width opens it in proportion only.
-        range_nm = self.devices.context.description.module(side).range_nm
-        opened = np.minimum(np.abs(middle) / (LOOP_SHARE * range_nm), 1.0)
+        reach_nm = active.history.table.reach_nm
+        opened = np.minimum(np.abs(middle) / (LOOP_SHARE * reach_nm), 1.0)
         loop = np.hypot(0.5 * np.abs(up - down) * opened, _in_small_cycles(active.history, reading))
         return middle, np.hypot(np.maximum(first, second), loop / np.sqrt(3.0))
 

@@ -230,6 +230,25 @@ def test_a_profile_shrinks_to_a_largest_torque_and_its_preload_with_it(up_to):
     assert len(steps) == len(whole.staircase(100.0))
 
 
+@given(up_to=st.floats(0.5, 99.0), seed=st.integers(0, 2**32 - 1))
+def test_random_points_shrink_with_their_grid(up_to, seed):
+    whole, part = (
+        points(profile.staircase(100.0, np.random.default_rng(seed)))
+        for profile in (load_profile("verification"), load_profile("verification").within(up_to))
+    )
+    assert [step.target_nm for step in part] == pytest.approx(
+        [step.target_nm * up_to / 100.0 for step in whole]
+    )
+
+
+def test_a_profile_within_what_it_has_stays_as_it_is():
+    for name in available_profiles():
+        profile = load_profile(name)
+        assert profile.within(profile.largest_percent) is profile
+    assert load_profile("check").within(3.0).loading.percents() == pytest.approx([0.6, 1.8, 3.0])
+    assert load_profile("small-torques").within(50.0).largest_percent == pytest.approx(30.0)
+
+
 def test_a_ladder_shrinks_too_and_a_profile_without_it_keeps_its_hash():
     profile = load_profile("rapid-in-situ")
     part = profile.with_options(up_to_percent=20.0)
@@ -247,7 +266,7 @@ def test_a_ladder_shrinks_too_and_a_profile_without_it_keeps_its_hash():
         ("small-torques", {"up_to_percent": 0.0}),
         ("small-torques", {"up_to_percent": float("nan")}),
         ("rapid-in-situ", {"up_to_percent": 20.0, "step_percent": 5.0}),
-        ("verification", {"up_to_percent": 20.0}),
+        ("verification", {"up_to_percent": 101.0}),
         ("adaptive", {"up_to_percent": 20.0}),
     ],
 )

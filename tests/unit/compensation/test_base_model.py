@@ -12,6 +12,7 @@ from torquebench.compensation import (
     MODELS,
     CompensationModel,
     PolynomialModel,
+    compile_table,
     feature_column,
     features,
     make_model,
@@ -116,10 +117,21 @@ def test_the_margin_is_kept_exactly(margin: float, beyond: float) -> None:
 
 def test_a_direction_that_was_never_loaded_stays_refused() -> None:
     clockwise = READING[READING >= 0.0]
-    model = PolynomialModel(range_nm=200.0).fit(clockwise[:, None], clockwise)
-    model.predict([[150.0]])
-    with pytest.raises(InputError, match="-4 to 204"):
+    model = PolynomialModel(range_nm=100.5).fit(clockwise[:, None], clockwise)
+    model.predict([[102.0]])
+    with pytest.raises(InputError, match=r"-2\.01 to 102\.51"):
         model.predict([[-20.0]])
+
+
+@given(share=st.floats(0.001, 0.85))
+def test_the_part_of_the_range_that_was_never_loaded_stays_refused(share: float) -> None:
+    model = PolynomialModel(range_nm=100.0 / share).fit(READING[:, None], STANDARD)
+    assert model.full_scale_nm_ == pytest.approx(100.0 / share)
+    model.predict([[101.9], [-101.9]])
+    with pytest.raises(InputError, match="-102 to 102"):
+        model.predict([[103.0]])
+    assert compile_table(model).reach_nm == pytest.approx(102.0)
+    assert model.calibrated_nm == pytest.approx(100.0)
 
 
 def test_a_declared_range_smaller_than_the_data_is_refused() -> None:

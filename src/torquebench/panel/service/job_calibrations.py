@@ -274,12 +274,15 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
 
 
 def _verification_profile(place: Workplace, request: VerifyRequest) -> Profile:
+    """Return the profile, over as much of the range as was calibrated."""
     profile = place.settings.profile(request.profile).with_options(
         groups=request.groups, points=request.points
     )
     if profile.loading.pattern != "random":
         raise InputError(f"profile {profile.name} for a verification", "a profile of random points")
-    return profile
+    entry, data = calibration_data(place.station, request.calibration_id)
+    loaded = float(np.max(np.abs(data.standard_nm))) / entry.range_nm
+    return profile if loaded > 0.9 else profile.within(100.0 * loaded)
 
 
 def _side_of(station: Station, entry: CalibrationEntry) -> Side:
