@@ -34,6 +34,7 @@ _OPTIONS: dict[str, frozenset[str]] = {
     "random": frozenset({"groups", "points", "up_to_percent", "duration_s"}),
     "adaptive": frozenset({"points", "target_percent", "repeats", "step_percent", "duration_s"}),
 }
+WHOLE_PERCENT = 90.0
 _ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
 
 
@@ -234,14 +235,16 @@ class Profile(_Settings):
         return self.loading.percents()[-1]
 
     def within(self, percent: float) -> Self:
-        """Return the profile, brought down to a largest torque in % of full scale if it exceeds it.
+        """Return the profile, brought down to what was calibrated, in % of full scale.
+
+        A calibration to 90 % or more counts as one to full scale, and changes nothing.
 
         Examples
         --------
         >>> load_profile("verification").within(30.0).largest_percent
         30.0
         """
-        if self.largest_percent <= percent * (1.0 + 1e-9):
+        if percent >= WHOLE_PERCENT or self.largest_percent <= percent * (1.0 + 1e-9):
             return self
         return self.with_options(up_to_percent=min(percent, self._top_percent))
 

@@ -281,8 +281,7 @@ def _verification_profile(place: Workplace, request: VerifyRequest) -> Profile:
     if profile.loading.pattern != "random":
         raise InputError(f"profile {profile.name} for a verification", "a profile of random points")
     entry, data = calibration_data(place.station, request.calibration_id)
-    loaded = float(np.max(np.abs(data.standard_nm))) / entry.range_nm
-    return profile if loaded > 0.9 else profile.within(100.0 * loaded)
+    return profile.within(100.0 * float(np.max(np.abs(data.standard_nm))) / entry.range_nm)
 
 
 def _side_of(station: Station, entry: CalibrationEntry) -> Side:
