@@ -129,6 +129,14 @@ def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:
     for wrong in ({"up_to_nm": 601.0}, {"up_to_nm": 0.0}, {"step_percent": 5.0}):
         with pytest.raises(InputError):
             service.jobs.preview("calibrate", {**request, **wrong})
+    measured = {**request, "repeats": 1, "models": ["polynomial-2"]}
+    view = ended(service, service.jobs.start(BEN, "calibrate", measured))
+    assert view.state == "done", view.problem
+    fresh = {"calibration_id": view.result.calibration_id, "groups": 1, "points": 8}
+    shown = service.jobs.preview("verify", fresh)
+    assert shown.largest_torque_nm["output"] == pytest.approx(60.0, rel=0.02)
+    view = ended(service, service.jobs.start(BEN, "verify", fresh))
+    assert view.state == "done", view.problem
 
 
 def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
