@@ -365,7 +365,7 @@ class Profile(_Settings):
     ) -> None:
         """Bring the steps and the preload of a dumped profile down to a largest step."""
         if "step_percent" in given:
-            raise InputError("step_percent beside up_to_percent", "one of both")
+            raise InputError("a width of the steps beside a largest torque", "one of both")
         top = self._top_percent
         if not 0.0 < up_to_percent <= top * (1.0 + 1e-9):
             raise InputError(

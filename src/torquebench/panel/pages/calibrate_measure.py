@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from nicegui import ui
+
 from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
 
 FIRST_PROFILE = "rapid-in-situ"
+TYPING_S = 0.4
+"""Who types a number types the next digit within this time, s."""
 
 
 class PrepareStep:
@@ -31,6 +35,7 @@ class PrepareStep:
     def __init__(self, page: CalibratePage) -> None:
         self._page, self._text = page, page.text
         self._checked: tuple[Any, ...] = ()
+        self._waiting: ui.timer | None = None
 
     def build(self) -> None:
         """Make the step's elements."""
@@ -60,7 +65,7 @@ class PrepareStep:
                     kind="number",
                     unit="N·m",
                     hint=text("prepare.up_to_hint"),
-                    on_change=lambda _: self._preview(),
+                    on_change=lambda _: self._preview_soon(),
                     min="0",
                     step="any",
                 )
@@ -114,7 +119,15 @@ class PrepareStep:
             request["bench_clear"] = "clear" in self._clear.values
         return request
 
+    def _preview_soon(self) -> None:
+        """Show what would happen once nothing more is typed."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+        with self._plan:
+            self._waiting = ui.timer(TYPING_S, self._preview, once=True)
+
     def _preview(self) -> None:
+        self._waiting = None
         self._plan.clear()
         with self._plan, panel(self._text("preview.title")):
             try:
