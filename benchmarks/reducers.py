@@ -1,7 +1,7 @@
 """How near reducer tests come to the truth, on simulated specimens behind a calibrated bench.
 
 python -m benchmarks.reducers [--quick] [--specimens N] [--reducer NAME] [--profile NAME]
-    [--up-to INPUT,OUTPUT] [--tests NAME,NAME] [--loops N] [--repeats N] [--workers N]
+    [--up-to INPUT,OUTPUT] [--series N] [--tests NAME,NAME] [--loops N] [--repeats N] [--workers N]
     [--first-seed N] [--into FOLDER]
 
 For each simulated bench (a seed of its own) both modules are calibrated and compensated; then a
@@ -187,6 +187,7 @@ class Work:
     tests: tuple[str, ...]
     loops: int
     repeats: int | None
+    series: int | None
     up_to_nm: dict[Side, float] | None
     into: Path | None
 
@@ -198,6 +199,8 @@ class Work:
         name = [self.reducer, self.profile, *self.tests, f"{self.loops}-loops"]
         if self.repeats is not None:
             name.append(f"{self.repeats}-repeats")
+        if self.series is not None:
+            name.append(f"{self.series}-series")
         if self.up_to_nm is not None:
             name.append("to-" + "-".join(f"{each:g}" for each in self.up_to_nm.values()))
         return self.into / f"{'_'.join([*name, str(self.seed)])}.json"
@@ -209,7 +212,7 @@ class Work:
 
     def calibration(self, side: Side) -> Profile:
         """Return how a side is calibrated."""
-        profile = load_profile(self.profile)
+        profile = load_profile(self.profile).with_options(repeats=self.series)
         if self.up_to_nm is None:
             return profile
         range_nm = default_bench().module(side).range_nm
@@ -337,6 +340,7 @@ def main() -> int:
     parser.add_argument("--tests", default=",".join(TESTS), help="some of them, with commas")
     parser.add_argument("--loops", type=int, default=1, help="torque-angle loops a position")
     parser.add_argument("--repeats", type=int, help="of running tests at most, and empty runs")
+    parser.add_argument("--series", type=int, help="of both calibrations; the profile's without")
     parser.add_argument(
         "--up-to", help="largest torque of both calibrations, N·m: INPUT,OUTPUT; profile's without"
     )
@@ -356,6 +360,7 @@ def main() -> int:
             tests=tests,
             loops=arguments.loops,
             repeats=arguments.repeats,
+            series=arguments.series,
             up_to_nm=up_to_nm,
             into=arguments.into,
         )

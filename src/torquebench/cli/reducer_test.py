@@ -88,6 +88,15 @@ TareOption = Annotated[
         "torque is taken off. Left out by --short.",
     ),
 ]
+LoopsOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=100,
+        help="Torque-angle loops at each output position; without it 3, with --short 2.",
+        show_default=False,
+    ),
+]
 RepeatsOption = Annotated[
     int | None,
     typer.Option(
@@ -139,6 +148,7 @@ def _command(name: str) -> Callable[..., None]:
         no_twist: NoTwistOption = False,
         tare: TareOption = True,
         repeats: RepeatsOption = None,
+        loops: LoopsOption = None,
         dry_run: DryRunOption = False,
         report: ReportOption = None,
         bench: BenchOption = None,
@@ -154,6 +164,9 @@ def _command(name: str) -> Callable[..., None]:
         kind, described = _mounted(described, reducer, serial)
         accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
         settings = _settings(short, twist, no_twist, tare, repeats)
+        if loops is not None:
+            hysteresis = replace(settings.hysteresis, loops=loops)
+            settings = replace(settings, hysteresis=hysteresis)
         wanted = _Wanted(name, kind, settings, serial, accepted)
         check_reports(report or [])
         if dry_run:
