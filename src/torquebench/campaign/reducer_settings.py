@@ -9,7 +9,11 @@ from torquebench.errors import InputError
 from torquebench.procedures.friction import FrictionSettings
 from torquebench.procedures.reducer_breakaway import BreakawaySettings
 from torquebench.procedures.reducer_empty import EmptyRunSettings
-from torquebench.procedures.reducer_loop import BenchTwistSettings, HysteresisSettings
+from torquebench.procedures.reducer_loop import (
+    BenchTwistSettings,
+    HysteresisSettings,
+    even_positions,
+)
 from torquebench.procedures.reducer_running import EfficiencySettings, NoLoadSettings
 from torquebench.procedures.reducer_setup import ReducerLimits, WarmUp
 from torquebench.procedures.reducer_turning import TransmissionSettings
@@ -83,6 +87,15 @@ class ReducerTestSettings:
             ),
             empty_run=empty if empty is None else replace(empty, repeats=most),
         )
+
+    def with_loops(self, loops: int | None = None, positions: int | None = None) -> Self:
+        """Return the settings with other numbers of loops and output positions; None keeps one."""
+        settings = self.hysteresis
+        if loops is not None:
+            settings = replace(settings, loops=loops)
+        if positions is not None:
+            settings = replace(settings, positions_deg=even_positions(positions))
+        return replace(self, hysteresis=settings)
 
     @classmethod
     def short(cls) -> Self:

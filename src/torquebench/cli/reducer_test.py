@@ -97,6 +97,15 @@ LoopsOption = Annotated[
         show_default=False,
     ),
 ]
+PositionsOption = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        max=100,
+        help="Output positions of the loops, over one turn; without it 5, with --short 1.",
+        show_default=False,
+    ),
+]
 RepeatsOption = Annotated[
     int | None,
     typer.Option(
@@ -149,6 +158,7 @@ def _command(name: str) -> Callable[..., None]:
         tare: TareOption = True,
         repeats: RepeatsOption = None,
         loops: LoopsOption = None,
+        positions: PositionsOption = None,
         dry_run: DryRunOption = False,
         report: ReportOption = None,
         bench: BenchOption = None,
@@ -164,9 +174,7 @@ def _command(name: str) -> Callable[..., None]:
         kind, described = _mounted(described, reducer, serial)
         accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
         settings = _settings(short, twist, no_twist, tare, repeats)
-        if loops is not None:
-            hysteresis = replace(settings.hysteresis, loops=loops)
-            settings = replace(settings, hysteresis=hysteresis)
+        settings = settings.with_loops(loops, positions)
         wanted = _Wanted(name, kind, settings, serial, accepted)
         check_reports(report or [])
         if dry_run:

@@ -46,6 +46,7 @@ __all__ = [
     "Loop",
     "LoopRecording",
     "bench_twist",
+    "even_positions",
     "hysteresis_loops",
 ]
 
@@ -54,6 +55,17 @@ LOADING_SHARE = 0.0015
 TURNS = 4
 PHASE_DEG = 10.0
 """So near to its phase the input is turned."""
+
+
+def even_positions(count: int) -> tuple[float, ...]:
+    """Return so many positions that share out one output turn, degrees.
+
+    Examples
+    --------
+    >>> even_positions(5)
+    (0.0, 72.0, 144.0, 216.0, 288.0)
+    """
+    return tuple(360.0 * place / count for place in range(count))
 
 
 @dataclass(frozen=True)
@@ -65,7 +77,9 @@ class HysteresisSettings:
     loops : int
         Loops at each position after the preload.
     positions_deg : tuple of float
-        Output positions, degrees.
+        Output positions, degrees. They share out one turn of the input, too, so that errors of
+        the input's orders cancel but for multiples of their number: five of them by default, as
+        harmonic reducers err two and four times a turn.
     torque_share : float
         Largest torque of the loop, as a share of the rated torque.
     loop_s : float
@@ -78,7 +92,7 @@ class HysteresisSettings:
     """
 
     loops: int = 3
-    positions_deg: tuple[float, ...] = (0.0, 90.0, 180.0, 270.0)
+    positions_deg: tuple[float, ...] = even_positions(5)
     torque_share: float = 1.0
     loop_s: float = 40.0
     steps: int = 0

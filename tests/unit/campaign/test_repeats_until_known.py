@@ -96,6 +96,16 @@ def test_what_repeats_share_counts_and_what_points_share_does_not(shift, width):
     assert errors_of_means(value[:4], point[:4], sign[:4], repeat[:4])[1] == np.inf
 
 
+def test_loops_and_positions_are_as_many_as_asked_for():
+    settings = ReducerTestSettings()
+    assert len(settings.hysteresis.positions_deg) == 5
+    more = settings.with_loops(10, 4).hysteresis
+    assert (more.loops, more.positions_deg) == (10, (0.0, 90.0, 180.0, 270.0))
+    assert settings.with_loops() == settings
+    with pytest.raises(InputError):
+        settings.with_loops(0)
+
+
 def test_more_repeats_are_those_of_the_empty_run_too():
     settings = ReducerTestSettings().with_repeats(60)
     assert settings.no_load.most_repeats == settings.efficiency.most_repeats == 60
