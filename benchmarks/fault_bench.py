@@ -243,7 +243,13 @@ def _runs_away(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> No
     sign = float(draw.choice((-1.0, 1.0)))
     if drive.state().enabled:
         torque_nm = sign * 1.5 * module.limits.torque_nm
-        _insist(faulty, lambda: drive.command_torque(torque_nm, 50.0 * module.range_nm))
+
+        def pull() -> None:
+            drive.command_speed(drive.state().speed_rad_s or 0.0, 1e9)  # no speed ramp goes on
+            other_nm = torque_nm * float(draw.uniform(0.999, 1.0))  # the same again is no command
+            drive.command_torque(other_nm, 50.0 * module.range_nm)
+
+        _insist(faulty, pull)
 
 
 def _spins(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
