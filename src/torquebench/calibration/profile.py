@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from torquebench.calibration.adaptive import Adaptive
 from torquebench.calibration.staircase import Staircase
 from torquebench.calibration.steps import Step
+from torquebench.compensation import WHOLE_SHARE
 from torquebench.errors import InputError
 
 __all__ = ["Consequence", "Profile", "available_profiles", "load_profile"]
@@ -34,7 +35,6 @@ _OPTIONS: dict[str, frozenset[str]] = {
     "random": frozenset({"groups", "points", "up_to_percent", "duration_s"}),
     "adaptive": frozenset({"points", "target_percent", "repeats", "step_percent", "duration_s"}),
 }
-WHOLE_PERCENT = 90.0
 _ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
 
 
@@ -244,7 +244,7 @@ class Profile(_Settings):
         >>> load_profile("verification").within(30.0).largest_percent
         30.0
         """
-        if percent >= WHOLE_PERCENT or self.largest_percent <= percent * (1.0 + 1e-9):
+        if percent >= 100.0 * WHOLE_SHARE or self.largest_percent <= percent * (1.0 + 1e-9):
             return self
         return self.with_options(up_to_percent=min(percent, self._top_percent))
 

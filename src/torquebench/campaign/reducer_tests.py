@@ -102,13 +102,13 @@ def _rehearsed(
         side, _, what = move.device.partition(" ")
         if side not in modes:
             continue
-        if what == "mode" and modes[side][-1:] != [str(move.value)]:
-            modes[side].append(str(move.value))
-        elif what == "speed":
-            value = abs(float(move.value)) * RPM_PER_RAD_S  # type: ignore[arg-type]
-            speed[side] = max(speed[side], value)
-        elif what == "torque":
-            torque[side] = max(torque[side], abs(float(move.value)))  # type: ignore[arg-type]
+        value = move.value
+        if what == "mode" and modes[side][-1:] != [str(value)]:
+            modes[side].append(str(value))
+        elif what == "speed" and isinstance(value, int | float):
+            speed[side] = max(speed[side], abs(value) * RPM_PER_RAD_S)
+        elif what == "torque" and isinstance(value, int | float):
+            torque[side] = max(torque[side], abs(value))
     return TestRehearsal(
         name=name,
         title=title,
@@ -154,7 +154,7 @@ def run_reducer_test(
     ------
     InputError
         There is no test of this name, or what was recorded can't be evaluated.
-    LimitError, InterlockError
+    LimitError, InterlockError, ModelMismatchError
         Before anything moves.
     RunAbortedError
         Somebody ended the run.

@@ -88,32 +88,26 @@ TareOption = Annotated[
         "torque is taken off. Left out by --short.",
     ),
 ]
+
+
+def _count(most: int, text: str) -> Any:
+    return typer.Option(min=1, max=most, help=text, show_default=False)
+
+
 LoopsOption = Annotated[
     int | None,
-    typer.Option(
-        min=1,
-        max=100,
-        help="Torque-angle loops at each output position; without it 3, with --short 2.",
-        show_default=False,
-    ),
+    _count(100, "Torque-angle loops at each output position; without it 3, with --short 2."),
 ]
 PositionsOption = Annotated[
     int | None,
-    typer.Option(
-        min=1,
-        max=100,
-        help="Output positions of the loops, over one turn; without it 5, with --short 1.",
-        show_default=False,
-    ),
+    _count(100, "Output positions of the loops, over one turn; without it 5, with --short 1."),
 ]
 RepeatsOption = Annotated[
     int | None,
-    typer.Option(
-        min=1,
-        max=1000,
-        help="Repeats of no-load torque and efficiency at most, and of the empty run; without it "
-        "12 and 8. They end where the means are known well enough.",
-        show_default=False,
+    _count(
+        1000,
+        "Repeats of no-load torque and efficiency at most, and of the empty run; without it 12 "
+        "and 8. They end where the means are known well enough.",
     ),
 ]
 YesOption = Annotated[

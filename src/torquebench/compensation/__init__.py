@@ -8,6 +8,7 @@ hysteresis, budgets the uncertainty of a reading and proposes where to calibrate
 from torquebench.compensation.base import (
     FEATURES,
     MODELS,
+    WHOLE_SHARE,
     CompensationModel,
     feature_column,
     features,
@@ -52,6 +53,7 @@ __all__ = [
     "FEATURES",
     "MODELS",
     "RECOMMENDED",
+    "WHOLE_SHARE",
     "BayesianNetworkModel",
     "ChainSpecification",
     "Comparison",

@@ -67,7 +67,7 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-_WHOLE = 0.9
+WHOLE_SHARE = 0.9
 """Share of the range from which on a calibration counts as one to full scale: readings of the last
 step are a little off it, and placed points needn't lie on it."""
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
@@ -470,7 +470,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
 
     def _reached(self, largest_nm: float) -> float:
         """Return how far a direction was loaded, N·m: to full scale where that was meant."""
-        whole = largest_nm >= _WHOLE * self.full_scale_nm_
+        whole = largest_nm >= WHOLE_SHARE * self.full_scale_nm_
         return self.full_scale_nm_ if whole else largest_nm
 
     def _refuse_outside_range(self, reading: FloatArray) -> None:

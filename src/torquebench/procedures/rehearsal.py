@@ -6,6 +6,7 @@ bench description and against what the bench will have mounted, clamped and coup
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
@@ -163,8 +164,8 @@ class _Stage:
         bind(drive.power, "power", self._switch)
         bind(drive.torque, "torque", self._torque)
         bind(drive.speed, "speed", self._speed)
-        bind(drive.torque_ramp, "torque", self._torque_ramp)
-        bind(drive.speed_ramp, "speed", self._speed_ramp)
+        bind(drive.torque_ramp, "torque", lambda side, to: self._torque(side, to.target, to.rate))
+        bind(drive.speed_ramp, "speed", lambda side, to: self._speed(side, to.target, to.rate))
         self._readings[id(module.mode.mode)] = lambda: state.mode
         self._readings[id(drive.power.enabled)] = lambda: state.enabled
         self._readings[id(drive.torque.setpoint)] = lambda: state.torque_nm
@@ -297,7 +298,7 @@ class _Stage:
             self._refuse_load("switching a drive off")
         self.sides[side].enabled = value
 
-    def _torque(self, side: Side, value: float) -> None:
+    def _torque(self, side: Side, value: float, rate: float = math.inf) -> None:
         state, module = self.sides[side], self.description.module(side)
         if value != 0.0:
             self._refuse_undriven(side, "torque")
@@ -305,22 +306,11 @@ class _Stage:
             raise LimitError(
                 f"{value:g} N·m at the {side}", f"at most {module.limits.torque_nm:g} N·m"
             )
-        self.now_s += abs(value - state.torque_nm) / module.drive.torque_rate_nm_per_s
+        rate = min(rate, module.drive.torque_rate_nm_per_s)
+        self.now_s += abs(value - state.torque_nm) / rate
         state.torque_nm = value
 
-    def _torque_ramp(self, side: Side, value: RampTo) -> None:
-        fastest = self.description.module(side).drive.torque_rate_nm_per_s
-        before, began_s = self.sides[side].torque_nm, self.now_s
-        self._torque(side, value.target)
-        self.now_s = began_s + abs(value.target - before) / min(value.rate, fastest)
-
-    def _speed_ramp(self, side: Side, value: RampTo) -> None:
-        fastest = self.description.module(side).drive.speed_rate_rad_per_s2
-        before, began_s = self.sides[side].speed_rad_s, self.now_s
-        self._speed(side, value.target)
-        self.now_s = began_s + abs(value.target - before) / min(value.rate, fastest)
-
-    def _speed(self, side: Side, value: float) -> None:
+    def _speed(self, side: Side, value: float, rate: float = math.inf) -> None:
         state, module = self.sides[side], self.description.module(side)
         if value != 0.0:  # shafts that nothing connects may turn with the clamp open
             self._refuse_undriven(side, "speed", clamp=self.mounted != "nothing")
@@ -329,7 +319,8 @@ class _Stage:
             raise LimitError(
                 f"{rpm:g} rpm at the {side}", f"at most {module.limits.speed_rpm:g} rpm"
             )
-        self.now_s += abs(value - state.speed_rad_s) / module.drive.speed_rate_rad_per_s2
+        rate = min(rate, module.drive.speed_rate_rad_per_s2)
+        self.now_s += abs(value - state.speed_rad_s) / rate
         state.speed_rad_s = value
 
     def _refuse_undriven(self, side: Side, what: str, *, clamp: bool = True) -> None:

@@ -15,7 +15,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.devices.ramp import DriveRamp, command
+from torquebench.bench.devices.ramp import DriveRamp, go_to
 from torquebench.bench.roles import Side
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
@@ -56,17 +56,7 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         LimitError
             The value is beyond the limits of the bench description.
         """
-        context, side = self._context, self._side
-        description = context.description.module(side).drive
-        before = self._present()
-        if self._quantity == "torque":
-            context.interlocks.check_torque(side, value)
-            rate = description.torque_rate_nm_per_s
-        else:
-            context.interlocks.check_speed(side, value)
-            rate = description.speed_rate_rad_per_s2
-        await command(context, side, self._quantity, value, rate)
-        await context.clock.sleep(abs(value - before) / rate)
+        await go_to(self._context, self._side, self._quantity, value)
 
     async def stop(self, success: bool = True) -> None:
         """Bring torque and speed to zero at the drive's own rates, without waiting for it."""

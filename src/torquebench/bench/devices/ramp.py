@@ -6,6 +6,7 @@ shafts' inertia.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from bluesky.protocols import Movable
@@ -16,10 +17,50 @@ from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity
 from torquebench.errors import InputError
 
-__all__ = ["DriveRamp", "RampTo", "command"]
+__all__ = ["DriveRamp", "RampTo", "go_to"]
 
 
-async def command(
+async def go_to(
+    context: BenchContext,
+    side: Side,
+    quantity: Quantity,
+    target: float,
+    rate: float = math.inf,
+) -> None:
+    """Bring a drive to a torque or speed; done when its ramp has had its time.
+
+    Parameters
+    ----------
+    context : BenchContext
+    side : {"input", "output"}
+    quantity : {"torque", "speed"}
+    target : float
+        N·m or rad/s.
+    rate : float
+        At most, and at most as fast as described, N·m/s or rad/s².
+
+    Raises
+    ------
+    InterlockError
+        Clamp open, side not driven, alarm latched, drive off.
+    LimitError
+        The target is beyond the limits of the bench description.
+    BenchError
+        The drive doesn't obey, which is an alarm.
+    """
+    commands, drive = context.commands.side(side), context.description.module(side).drive
+    if quantity == "torque":
+        context.interlocks.check_torque(side, target)
+        before, fastest = commands.torque_nm, drive.torque_rate_nm_per_s
+    else:
+        context.interlocks.check_speed(side, target)
+        before, fastest = commands.speed_rad_s, drive.speed_rate_rad_per_s2
+    rate = min(rate, fastest)
+    await _command(context, side, quantity, target, rate)
+    await context.clock.sleep(abs(target - before) / rate)
+
+
+async def _command(
     context: BenchContext, side: Side, quantity: Quantity, value: float, rate: float
 ) -> None:
     """Tell a drive where to go, if it has power, and note it before and after.
@@ -97,14 +138,4 @@ class DriveRamp(Device, Movable[RampTo]):
         LimitError
             The target is beyond the limits of the bench description.
         """
-        context, side = self._context, self._side
-        commands, drive = context.commands.side(side), context.description.module(side).drive
-        if self._quantity == "torque":
-            context.interlocks.check_torque(side, value.target)
-            before, fastest = commands.torque_nm, drive.torque_rate_nm_per_s
-        else:
-            context.interlocks.check_speed(side, value.target)
-            before, fastest = commands.speed_rad_s, drive.speed_rate_rad_per_s2
-        rate = min(value.rate, fastest)
-        await command(context, side, self._quantity, value.target, rate)
-        await context.clock.sleep(abs(value.target - before) / rate)
+        await go_to(self._context, self._side, self._quantity, value.target, value.rate)
