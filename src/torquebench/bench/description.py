@@ -138,7 +138,12 @@ class LimitsDescription(_Section):
 
 
 class ModuleDescription(_Section):
-    """One module: range, transducer, drive, encoder, limits and its transducer's probe."""
+    """One module: range, transducer, drive, encoder, limits and its transducer's probe.
+
+    `flange_inertia_kgm2` is that of all that turns between the transducer's measuring section and
+    the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops take off
+    what the output's flange takes to move. Unknown where it isn't given.
+    """
 
     range_nm: Torque
     transducer: TransducerDescription
@@ -146,6 +151,8 @@ class ModuleDescription(_Section):
     encoder: EncoderDescription
     limits: LimitsDescription
     temperature_probe: Text
+    flange_inertia_kgm2: Annotated[float, Field(gt=0, le=1e4, description="kg·m²")] | None = None
+    flange_inertia_uncertainty_percent: Annotated[float, Field(ge=0, le=100, description="%")] = 10
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

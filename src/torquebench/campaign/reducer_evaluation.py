@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.devices import SynchronousRecording
 from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.flange_torque import flange_inertia_remark, output_at_flange
 from torquebench.campaign.reducer_uncertainty import (
     Bench,
     bench_remarks,
@@ -60,8 +61,10 @@ class Evaluated:
 # -- uncertainties of this bench ------------------------------------------------------------
 
 
-def _loop_uncertainty(bench: Bench, ratio: float, loops: LoopRecording) -> LoopUncertainty:
-    """Split the active model's uncertainty into what grows with torque and what branches keep."""
+def _loop_uncertainty(
+    bench: Bench, ratio: float, loops: LoopRecording, recording: SynchronousRecording
+) -> LoopUncertainty:
+    """Split the torque's uncertainty into what grows with torque and what branches keep."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
     angle = _resolution_rad(bench, "output") / np.sqrt(12.0)
@@ -74,8 +77,7 @@ def _loop_uncertainty(bench: Bench, ratio: float, loops: LoopRecording) -> LoopU
             angle_rad=angle,
             bench_compliance_rad_per_nm=twist,
         )
-    torque = np.concatenate([loop.recording.output_torque_nm for loop in loops.loops])
-    model = np.concatenate([loop.recording.output_uncertainty_nm for loop in loops.loops])
+    torque, model = recording.output_torque_nm, recording.output_uncertainty_nm
     share = np.abs(torque) / loops.torque_nm
     large = share > LARGE
     growing = root_mean_square(model[large] / np.abs(torque[large]))
@@ -110,7 +112,8 @@ def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float
 
 def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -> Evaluated:
     """Evaluate torque-angle loops of the output's angle against the input's."""
-    parts = [loop.recording for loop in loops.loops]
+    module = bench.description.output
+    parts = [output_at_flange(loop.recording, module) for loop in loops.loops]
     recording = SynchronousRecording.joined(parts)
     sizes = [part.time_s.size for part in parts]
     turned = {side: _flange_angle_rad(bench, recording, side) for side in SIDES}
@@ -128,10 +131,12 @@ def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecordi
         position=np.repeat([loop.position_deg for loop in loops.loops], sizes),
         loop=np.repeat([loop.number for loop in loops.loops], sizes),
         resolution_rad=_resolution_rad(bench, "output"),
-        uncertainty=_loop_uncertainty(bench, reducer.ratio, loops),
+        uncertainty=_loop_uncertainty(bench, reducer.ratio, loops, recording),
     )
     remarks = bench_remarks(bench, loops.compensated, ("output",))
     remarks += _twist_remarks(bench)
+    if any(finding.name == "torque ripple" for finding in result.findings):
+        remarks.append(flange_inertia_remark(module))
     return Evaluated(result, tuple(remarks))
 
 

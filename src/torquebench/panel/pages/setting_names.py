@@ -13,6 +13,7 @@ UNITS = {
     "_hz_per_nm": "Hz/(N·m)",
     "_arcmin": "arcmin",
     "_arcsec": "arcsec",
+    "_kgm2": "kg·m²",
     "_percent": "%",
     "_days": "d",
     "_rpm": "rpm",
