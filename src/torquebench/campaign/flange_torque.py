@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from torquebench.bench.description import ModuleDescription
 from torquebench.bench.devices import SynchronousRecording
@@ -14,7 +15,9 @@ __all__ = ["flange_inertia_remark", "output_at_flange"]
 
 WINDOW = 11
 DEGREE = 5
-"""A ripple of 12 samples a period keeps 94 % of its acceleration, one of 20 99 %."""
+"""Samples and degree of the polynomials through torque and angle: of a ripple of 12 samples a
+period 99 % of the torque and 94 % of the acceleration stay, of one of 20 samples 99 % of both, and
+of white noise 58 %."""
 
 
 def output_at_flange(
@@ -23,13 +26,14 @@ def output_at_flange(
     """Return a recording whose output torque is the one that acts at the flange.
 
     A drive's ripple swings the flange, and the transducer before it reads what that takes, too:
-    where the ripple turns a loading back, that is missing at the reducer or added to it.
+    where the ripple turns a loading back, that is missing at the reducer or added to it. Torque
+    and angle go through the same window, which takes noise off the torque as well.
 
     Parameters
     ----------
     recording : SynchronousRecording
-        With gaps or without; the first and last samples of a stretch, which have no acceleration
-        of their own, keep their torque.
+        With gaps or without; the first and last samples of a stretch, which have no window of
+        their own, keep their torque.
     module : ModuleDescription
         Of the output; without an inertia in it the recording stays as it is.
     """
@@ -52,15 +56,10 @@ def output_at_flange(
             degree=DEGREE,
             angle_uncertainty_rad=resolution_rad / 12.0**0.5,
         )
-        acceleration = motion.acceleration_rad_s2.copy()
-        acceleration[: WINDOW // 2] = acceleration[-(WINDOW // 2) :] = 0.0
-        torque[rows], uncertainty[rows] = without_inertia(
-            torque[rows],
-            uncertainty[rows],
-            replace(motion, acceleration_rad_s2=acceleration),
-            inertia,
-            unsure,
-        )
+        inner = slice(WINDOW // 2, rows.size - WINDOW // 2)
+        smooth = savgol_filter(torque[rows], WINDOW, DEGREE)
+        flange, unsure_nm = without_inertia(smooth, uncertainty[rows], motion, inertia, unsure)
+        torque[rows[inner]], uncertainty[rows[inner]] = flange[inner], unsure_nm[inner]
     return replace(recording, output_torque_nm=torque, output_uncertainty_nm=uncertainty)
 
 

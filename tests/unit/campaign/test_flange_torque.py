@@ -65,8 +65,8 @@ def test_what_a_swinging_flange_takes_is_taken_off(inertia, frequency_hz, amplit
     spring, read, angle = swung(inertia, frequency_hz, amplitude_rad)
     found = output_at_flange(recording(read, angle), described(inertia).output)
     inner = slice(5, -5)
-    before = np.abs(read - spring).max()
-    assert np.abs(found.output_torque_nm - spring)[inner].max() < 0.07 * before + 1e-9
+    allowed = 0.07 * np.abs(read - spring).max() + 0.012 * STIFFNESS * amplitude_rad
+    assert np.abs(found.output_torque_nm - spring)[inner].max() < allowed
     # Where there is no acceleration to be had, the torque stays as it was read.
     assert np.array_equal(found.output_torque_nm[:5], read[:5])
     assert np.array_equal(found.output_torque_nm[-5:], read[-5:])
@@ -78,12 +78,20 @@ def test_its_uncertainty_is_that_of_inertia_and_angle():
     known, unsure = (
         output_at_flange(taken, described(percent=percent).output) for percent in (0.0, 20.0)
     )
-    acceleration = np.abs(read - known.output_torque_nm) / INERTIA
+    inner = slice(5, -5)
     added = np.sqrt(unsure.output_uncertainty_nm**2 - known.output_uncertainty_nm**2)
-    assert added == pytest.approx(0.1 * INERTIA * acceleration, abs=1e-9)
+    taken_nm = np.abs(read - STIFFNESS * angle)
+    assert added[inner] == pytest.approx(0.1 * taken_nm[inner], abs=0.01 * taken_nm.max())
     # Counts of 3.6 million a turn, by the gain of the window for white noise.
     own = np.sqrt(known.output_uncertainty_nm**2 - 0.01**2)
-    assert own == pytest.approx(0.25 * 0.0322, rel=0.02)
+    assert own[inner] == pytest.approx(INERTIA * 0.0322, rel=0.02)
+    assert np.all(own[:5] == 0.0)
+
+
+def test_white_noise_of_the_torque_is_halved():
+    noise = np.random.default_rng(4).standard_normal(20_000)
+    found = output_at_flange(recording(noise, np.zeros(noise.size)), described().output)
+    assert found.output_torque_nm.std() == pytest.approx(1.0 / 3.0**0.5, rel=0.02)
 
 
 def test_without_an_inertia_or_samples_enough_the_torque_stays():
