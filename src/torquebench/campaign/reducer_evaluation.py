@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ from torquebench.reducers import (
     evaluate_no_load,
     evaluate_transmission_error,
 )
+from torquebench.reducers.loop_rules import RIPPLE_LEFT, RIPPLE_LEFT_AT_REDUCER
 
 __all__ = ["EVALUATIONS", "Evaluated"]
 
@@ -67,27 +68,26 @@ def _loop_uncertainty(
     """Split the torque's uncertainty into what grows with torque and what branches keep."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
-    angle = _resolution_rad(bench, "output") / np.sqrt(12.0)
+    described = bench.description.output.flange_inertia_kgm2 is not None
+    known = LoopUncertainty(
+        angle_rad=_resolution_rad(bench, "output") / np.sqrt(12.0),
+        bench_compliance_rad_per_nm=twist,
+        ripple_left=RIPPLE_LEFT_AT_REDUCER if described else RIPPLE_LEFT,
+    )
     if not loops.compensated["output"]:
         nominal = nominal_nm(bench, "output")
         relative = max(standard_relative(bench), nominal / loops.torque_nm)
-        return LoopUncertainty(
-            torque_relative=relative,
-            torque_branch_nm=nominal,
-            angle_rad=angle,
-            bench_compliance_rad_per_nm=twist,
-        )
+        return replace(known, torque_relative=relative, torque_branch_nm=nominal)
     torque, model = recording.output_torque_nm, recording.output_uncertainty_nm
     share = np.abs(torque) / loops.torque_nm
     large = share > LARGE
     growing = root_mean_square(model[large] / np.abs(torque[large]))
-    return LoopUncertainty(
+    return replace(
+        known,
         torque_relative=float(np.hypot(growing, standard_relative(bench))),
         # A reducer's loop is an inner loop of the chain's own hysteresis: what the model leaves
         # of it stands between the branches at every torque, not only as little as near zero.
         torque_branch_nm=root_mean_square(model),
-        angle_rad=angle,
-        bench_compliance_rad_per_nm=twist,
     )
 
 

@@ -96,7 +96,7 @@ def evaluate_hysteresis(
     loops, blurred = _loops(steady, settings)
     left = NOTHING_LEFT
     if ripple is not None:
-        left, found = what_it_hid(ripple, loops, _loops(record, settings)[0])
+        left, found = what_it_hid(ripple, loops, _loops(record, settings)[0], known.ripple_left)
         findings.append(found)
     check_closure(loops, settings)
     findings += [*blurred, *loop_findings(loops, settings)]

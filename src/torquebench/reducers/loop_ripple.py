@@ -33,10 +33,9 @@ OVERTONE = 0.1
 """An overtone with this share has tips of its own."""
 RESOLVED = 6.0
 """Samples in a period from which on a ripple's tips are seen."""
-LEFT = 0.1
-"""Standard uncertainty of what the outermost samples still miss, as a share of what the ripple
-hid; 1 to 12 % were missed on simulated loops with 12 to 20 samples a period."""
 LEFT_UNRESOLVED = 0.5
+"""Standard uncertainty of what the outermost samples of a faster ripple miss, as a share of what
+the ripple hid."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +52,6 @@ class Ripple:
 
     period: float
     amplitude_nm: float
-
-    @property
-    def left(self) -> float:
-        """Share of the hidden width that stays uncertain (k = 1)."""
-        return LEFT if self.period >= RESOLVED else LEFT_UNRESOLVED
 
     @property
     def averaged(self) -> int:
@@ -126,28 +120,33 @@ def without_ripple(record: Record, resolution_rad: float = 0.0) -> tuple[Record,
 
 
 def what_it_hid(
-    ripple: Ripple, steady: list[LoopFeatures], rippling: list[LoopFeatures]
+    ripple: Ripple, steady: list[LoopFeatures], rippling: list[LoopFeatures], share: float
 ) -> tuple[RippleLeft, Finding]:
-    """Compare loops by their outermost samples with those by all samples."""
+    """Compare loops by their outermost samples with those by all samples.
+
+    A share of what both differ by stays uncertain (k = 1), more of it where the ripple isn't
+    resolved.
+    """
+    left = share if ripple.period >= RESOLVED else max(share, LEFT_UNRESOLVED)
 
     def change(value: Callable[[LoopFeatures], float]) -> float:
         means = [float(np.mean([value(each) for each in loops])) for loops in (steady, rippling)]
         return abs(means[0] - means[1])
 
     energy = change(lambda each: each.energy_j)
-    left = RippleLeft(
-        ripple.left * change(lambda each: each.backlash_rad),
-        ripple.left * change(lambda each: each.lost_motion_rad),
-        ripple.left * energy,
-    )
-    share = energy / max(float(np.mean([abs(each.energy_j) for each in steady])), 1e-300)
+    hidden = energy / max(float(np.mean([abs(each.energy_j) for each in steady])), 1e-300)
     remedy = "load with less ripple to measure it without detour"
     if ripple.period < RESOLVED:
         remedy = f"sample faster: at least {RESOLVED:g} samples a period"
-    return left, Finding(
+    uncertain = RippleLeft(
+        left * change(lambda each: each.backlash_rad),
+        left * change(lambda each: each.lost_motion_rad),
+        left * energy,
+    )
+    return uncertain, Finding(
         "torque ripple",
         f"the torque ripples by ±{ripple.amplitude_nm:.3g} N·m with {ripple.period:.3g} samples a "
-        f"period, which narrows a loop as a vibration does ({100.0 * share:.2g} % of its energy); "
+        f"period, which narrows a loop as a vibration does ({100.0 * hidden:.2g} % of its energy); "
         "branches are read where the angle is further than before, which a ripple doesn't change",
         remedy,
     )
