@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from torquebench.bench.devices import SynchronousRecording
 from torquebench.bench.roles import SIDES, Side
-from torquebench.campaign.flange_torque import flange_inertia_remark, output_at_flange
 from torquebench.campaign.reducer_uncertainty import (
     Bench,
     bench_remarks,
@@ -28,6 +27,7 @@ from torquebench.procedures.running_table import RunningRecording
 from torquebench.reducers import (
     AngleUncertainty,
     AnyResult,
+    FlangeInertia,
     LoopSettings,
     LoopUncertainty,
     ReducerDescription,
@@ -38,7 +38,6 @@ from torquebench.reducers import (
     evaluate_no_load,
     evaluate_transmission_error,
 )
-from torquebench.reducers.loop_rules import RIPPLE_LEFT, RIPPLE_LEFT_AT_REDUCER
 
 __all__ = ["EVALUATIONS", "Evaluated"]
 
@@ -68,11 +67,9 @@ def _loop_uncertainty(
     """Split the torque's uncertainty into what grows with torque and what branches keep."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
-    described = bench.description.output.flange_inertia_kgm2 is not None
     known = LoopUncertainty(
         angle_rad=_resolution_rad(bench, "output") / np.sqrt(12.0),
         bench_compliance_rad_per_nm=twist,
-        ripple_left=RIPPLE_LEFT_AT_REDUCER if described else RIPPLE_LEFT,
     )
     if not loops.compensated["output"]:
         nominal = nominal_nm(bench, "output")
@@ -112,8 +109,8 @@ def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float
 
 def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -> Evaluated:
     """Evaluate torque-angle loops of the output's angle against the input's."""
-    module = bench.description.output
-    parts = [output_at_flange(loop.recording, module) for loop in loops.loops]
+    flange = _flange(bench)
+    parts = [loop.recording for loop in loops.loops]
     recording = SynchronousRecording.joined(parts)
     sizes = [part.time_s.size for part in parts]
     turned = {side: _flange_angle_rad(bench, recording, side) for side in SIDES}
@@ -131,13 +128,32 @@ def evaluate_loops(bench: Bench, reducer: ReducerDescription, loops: LoopRecordi
         position=np.repeat([loop.position_deg for loop in loops.loops], sizes),
         loop=np.repeat([loop.number for loop in loops.loops], sizes),
         resolution_rad=_resolution_rad(bench, "output"),
+        time_s=recording.time_s,
+        flange=flange,
         uncertainty=_loop_uncertainty(bench, reducer.ratio, loops, recording),
     )
     remarks = bench_remarks(bench, loops.compensated, ("output",))
     remarks += _twist_remarks(bench)
     if any(finding.name == "torque ripple" for finding in result.findings):
-        remarks.append(flange_inertia_remark(module))
+        remarks.append(_flange_remark(flange))
     return Evaluated(result, tuple(remarks))
+
+
+def _flange(bench: Bench) -> FlangeInertia | None:
+    """Return what turns between the output's transducer and the reducer, where it is described."""
+    module = bench.description.output
+    if module.flange_inertia_kgm2 is None:
+        return None
+    return FlangeInertia(module.flange_inertia_kgm2, module.flange_inertia_uncertainty_percent)
+
+
+def _flange_remark(flange: FlangeInertia | None) -> str:
+    if flange is None:
+        return (
+            "the inertia of the output's flange isn't described: where the torque's ripple turns "
+            "round, what the flange takes to move counts as the reducer's"
+        )
+    return f"what the output's flange takes to move, {flange}, is taken off"
 
 
 def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:

@@ -136,6 +136,13 @@ def hysteresis(
     compliance_uncertainty: Annotated[
         float, typer.Option(min=0, help="Its standard uncertainty, arcmin per N·m.")
     ] = 0.0,
+    flange_inertia: Annotated[
+        float | None,
+        typer.Option(min=0, help="Of what turns between transducer and reducer, kg·m²."),
+    ] = None,
+    inertia_uncertainty: Annotated[
+        float, typer.Option(min=0, help="Its expanded uncertainty (k = 2), %.")
+    ] = 10.0,
     torque_uncertainty: TorqueOption = 0.0,
     zero_uncertainty: ZeroOption = 0.0,
     branch_uncertainty: Annotated[
@@ -149,9 +156,15 @@ def hysteresis(
     """Evaluate torque-angle loops: stiffness, backlash, lost motion, hysteresis loss.
 
     Columns: torque and angle; position (label of the output position), loop (its number) and
-    demanded (torque that was asked for) if there are such. Input locked, load at the output.
+    demanded (torque that was asked for) if there are such; time for a flange's inertia. Input
+    locked, load at the output.
     """
-    from torquebench.reducers import LoopSettings, LoopUncertainty, evaluate_hysteresis
+    from torquebench.reducers import (
+        FlangeInertia,
+        LoopSettings,
+        LoopUncertainty,
+        evaluate_hysteresis,
+    )
 
     described = _described(reducer)
     if rated_torque is None and described is None:
@@ -163,7 +176,12 @@ def hysteresis(
         "loop": "label",
         "demanded": "torque",
     }
-    table = read_columns(data, kinds, ("torque", "angle"), column or (), where or ())
+    needed: tuple[str, ...] = ("torque", "angle")
+    flange = None
+    if flange_inertia is not None:
+        flange = FlangeInertia(flange_inertia, inertia_uncertainty)
+        kinds["time"], needed = "time", (*needed, "time")
+    table = read_columns(data, kinds, needed, column or (), where or ())
     share = None if interval is None else (interval[0] / 100.0, interval[1] / 100.0)
     settings = LoopSettings(
         rated_torque_nm=rated_torque or (described.rated_torque_nm if described else 0.0),
@@ -182,6 +200,8 @@ def hysteresis(
         loop=table.get("loop"),
         demanded_nm=table.get("demanded"),
         bench_compliance_rad_per_nm=bench_compliance * arcmin,
+        time_s=table.get("time"),
+        flange=flange,
         uncertainty=LoopUncertainty(
             torque_relative=torque_uncertainty / 100.0,
             torque_zero_nm=zero_uncertainty,
@@ -190,7 +210,7 @@ def hysteresis(
             bench_compliance_rad_per_nm=compliance_uncertainty * arcmin,
         ),
     )
-    _finish("hysteresis", data, result, described, output, loop=settings)
+    _finish("hysteresis", data, result, described, output, loop=settings, flange=flange)
 
 
 def friction(

@@ -22,6 +22,7 @@ from torquebench.reducers.description import (
     load_reducer,
 )
 from torquebench.reducers.efficiency import EfficiencyMap, EfficiencyPoint, evaluate_efficiency
+from torquebench.reducers.flange_torque import FlangeInertia, torque_at_flange
 from torquebench.reducers.friction import (
     FrictionCurve,
     FrictionResult,
@@ -78,6 +79,7 @@ __all__ = [
     "Estimate",
     "Finding",
     "FirstMotion",
+    "FlangeInertia",
     "FrictionCurve",
     "FrictionFit",
     "FrictionResult",
@@ -116,5 +118,6 @@ __all__ = [
     "friction_curve",
     "load_reducer",
     "refuse",
+    "torque_at_flange",
     "verdicts",
 ]

@@ -1,12 +1,15 @@
 """Torque-angle loops: stiffness, backlash, lost motion and hysteresis loss, with uncertainties."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.description import NM_PER_RAD_OF_NM_PER_ARCMIN
+from torquebench.reducers.flange_torque import FlangeInertia, torque_at_flange
 from torquebench.reducers.loop_branches import cut_loops, smoothed, turning_points
 from torquebench.reducers.loop_features import features_of, key_points_of
 from torquebench.reducers.loop_findings import (
@@ -43,6 +46,8 @@ def evaluate_hysteresis(
     demanded_nm: ArrayLike | None = None,
     bench_compliance_rad_per_nm: float = 0.0,
     resolution_rad: float = 0.0,
+    time_s: ArrayLike | None = None,
+    flange: FlangeInertia | None = None,
     uncertainty: LoopUncertainty | None = None,
 ) -> HysteresisResult:
     """Evaluate torque-angle loops, input locked and output loaded.
@@ -51,7 +56,8 @@ def evaluate_hysteresis(
     interval on the branches that are being loaded. Values are means over the loops of a position
     and over positions (the worst position where the rule asks for it); a torque uncertainty
     becomes an angle uncertainty through the local slope of the loop. Where the torque ripples,
-    branches are read where the angle is at its outermost (`loop_ripple`).
+    branches are read where the angle is at its outermost (`loop_ripple`), by the torque less what
+    a flange that is known takes to move (`torque_at_flange`).
 
     Parameters
     ----------
@@ -72,6 +78,10 @@ def evaluate_hysteresis(
         The bench's own twist per torque between the encoder and the reducer, which is subtracted.
     resolution_rad : float
         Step of the angle's counts: it narrows a loop that is read where the angle is outermost.
+    time_s : array of float, shape (n,), optional
+        At an even rate but for gaps; only needed with `flange`.
+    flange : FlangeInertia, optional
+        What turns between the transducer and the reducer.
     uncertainty : LoopUncertainty, optional
         Of torque, angle and compliance; by default none, so that only repeatability counts.
 
@@ -79,7 +89,7 @@ def evaluate_hysteresis(
     ------
     InputError
         Where the data can't be used: not finite, no whole loop, a loop that doesn't close,
-        swapped columns, a loop that never reaches the stiffness interval.
+        swapped columns, a loop that never reaches the stiffness interval, a flange without times.
     """
     torque, measured = finite_columns(16, torque_nm=torque_nm, angle_rad=angle_rad)
     place = labels(position, torque.size, 0.0, "position")
@@ -91,12 +101,16 @@ def evaluate_hysteresis(
         here = place == label
         check_columns(torque[here], angle[here], settings.rated_torque_nm)
     findings = torque_saturation(torque, demanded)
+    if flange is not None:
+        torque, known = _at_reducer(time_s, torque, angle, flange, known, resolution_rad)
     record = Record(torque, angle, place, number)
     steady, ripple = without_ripple(record, resolution_rad)
     loops, blurred = _loops(steady, settings)
     left = NOTHING_LEFT
     if ripple is not None:
-        left, found = what_it_hid(ripple, loops, _loops(record, settings)[0], known.ripple_left)
+        left, found = what_it_hid(
+            ripple, loops, _loops(record, settings)[0], at_reducer=flange is not None
+        )
         findings.append(found)
     check_closure(loops, settings)
     findings += [*blurred, *loop_findings(loops, settings)]
@@ -114,6 +128,28 @@ def evaluate_hysteresis(
         key_points=key_points_of(loops[0], settings),
         findings=tuple(findings),
     )
+
+
+def _at_reducer(
+    time_s: ArrayLike | None,
+    torque: NDArray[np.float64],
+    angle: NDArray[np.float64],
+    flange: FlangeInertia,
+    known: LoopUncertainty,
+    resolution_rad: float,
+) -> tuple[NDArray[np.float64], LoopUncertainty]:
+    """Return the torque at the reducer, and what is known of it."""
+    if time_s is None:
+        raise InputError(
+            f"a flange of {flange}, but no times",
+            "the time of each sample: how fast the flange swings follows from it",
+            "give the times, or leave the flange's inertia out",
+        )
+    at_reducer, added = torque_at_flange(
+        time_s, torque, angle, flange, angle_uncertainty_rad=resolution_rad / 12.0**0.5
+    )
+    branch = float(np.hypot(known.torque_branch_nm, np.sqrt(np.mean(added**2))))
+    return at_reducer, replace(known, torque_branch_nm=branch)
 
 
 def _loops(record: Record, settings: LoopSettings) -> tuple[list[LoopFeatures], list[Finding]]:

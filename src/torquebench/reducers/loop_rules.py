@@ -8,21 +8,7 @@ from typing import Literal
 
 from torquebench.errors import InputError
 
-__all__ = [
-    "LOST_MOTION_RULES",
-    "RIPPLE_LEFT",
-    "RIPPLE_LEFT_AT_REDUCER",
-    "LoopSettings",
-    "LoopUncertainty",
-    "LostMotionRule",
-]
-
-RIPPLE_LEFT = 0.15
-"""Where the torque is measured beyond a flange that swings with the ripple: of five simulated
-benches 0.13 to 0.24 of the backlash were missed on four, with 12 to 20 samples a period."""
-RIPPLE_LEFT_AT_REDUCER = 0.05
-"""Where the torque is that at the reducer: 0.01 to 0.04 of the backlash and 0.02 to 0.08 of the
-loss on the same four."""
+__all__ = ["LOST_MOTION_RULES", "LoopSettings", "LoopUncertainty", "LostMotionRule"]
 
 
 @dataclass(frozen=True)
@@ -148,9 +134,6 @@ class LoopUncertainty:
         Of the angle's scale, as a share.
     bench_compliance_rad_per_nm : float
         Of the bench's own compliance, rad/(N·m).
-    ripple_left : float
-        Of what the outermost samples of a resolved ripple still miss, as a share of what the ripple
-        hid (`RIPPLE_LEFT` and `RIPPLE_LEFT_AT_REDUCER`).
     """
 
     torque_relative: float = 0.0
@@ -159,7 +142,6 @@ class LoopUncertainty:
     angle_rad: float = 0.0
     angle_relative: float = 0.0
     bench_compliance_rad_per_nm: float = 0.0
-    ripple_left: float = RIPPLE_LEFT
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -1,0 +1,61 @@
+"""What a bench's description says of its flange comes to the loops that are evaluated."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from torquebench.bench.description import default_bench
+from torquebench.bench.devices import SynchronousRecording
+from torquebench.campaign.reducer_evaluation import evaluate_loops
+from torquebench.campaign.reducer_uncertainty import Bench
+from torquebench.procedures.reducer_loop import Loop, LoopRecording
+from torquebench.reducers import load_reducer
+
+REDUCER = load_reducer("harmonic-20")
+RATED = REDUCER.rated_torque_nm
+STIFFNESS = 2.5e4
+INTERVAL_S = 0.002
+
+
+def described(inertia):
+    bench = default_bench()
+    output = bench.output.model_copy(update={"flange_inertia_kgm2": inertia})
+    return bench.model_copy(update={"output": output})
+
+
+def loops(inertia, ripple):
+    corners = (-1.1 * RATED, 1.1 * RATED, -1.1 * RATED)
+    ramp = np.concatenate([np.linspace(*each, 10_000) for each in pairwise(corners)])
+    time = INTERVAL_S * np.arange(ramp.size)
+    swing = 2.0 * np.pi * 25.0
+    angle = (ramp + ripple * np.sin(swing * time)) / STIFFNESS
+    lag = 0.05 * RATED * np.sign(np.gradient(ramp))
+    torque = (
+        STIFFNESS * angle + lag - inertia * swing**2 * ripple / STIFFNESS * np.sin(swing * time)
+    )
+    nothing = np.zeros(time.size)
+    little = np.full(time.size, 0.01)
+    recording = SynchronousRecording(time, nothing, torque, little, little, nothing, angle)
+    return LoopRecording((Loop(0.0, 1, recording),), RATED, {"input": True, "output": True}, 23.0)
+
+
+def test_the_described_flange_is_taken_off_and_said():
+    measured = loops(0.25, 0.02 * RATED)
+    taken, left = (
+        evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, measured)
+        for inertia in (0.25, None)
+    )
+    assert taken.result.backlash.value > 1.05 * left.result.backlash.value
+    assert (
+        "what the output's flange takes to move, 0.25 kg·m² ± 10 %, is taken off" in taken.remarks
+    )
+    assert any(
+        "the inertia of the output's flange isn't described" in each for each in left.remarks
+    )
+
+
+@pytest.mark.parametrize("inertia", [0.25, None])
+def test_nothing_is_said_of_a_flange_that_does_not_swing(inertia):
+    found = evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, loops(0.25, 0.0))
+    assert not any("flange takes to move" in each for each in found.remarks)
