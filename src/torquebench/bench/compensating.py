@@ -155,6 +155,28 @@ class ActiveCompensation:
         torque, uncertainty = self.model.predict(X[:, : self._columns], return_std=True)
         return float(torque[0]), float(self.widened(torque, uncertainty)[0])
 
+    def rectified_nm(
+        self, reading_nm: NDArray[np.float64], speed_rpm: float, temperature_c: float
+    ) -> float:
+        """Return what a ripple adds to the torque of the mean reading by the curve's bend, N·m.
+
+        The mean torque of readings less the torque of their mean, in the middle of the loop; 0
+        where one of them is outside the calibrated range.
+
+        Parameters
+        ----------
+        reading_nm : float64 array of shape (n,)
+            Windows over whole periods of the ripple.
+        speed_rpm, temperature_c : float
+            Over the same time.
+        """
+        if not self._inside(reading_nm).all():
+            return 0.0
+        both = np.append(reading_nm, reading_nm.mean())
+        X = features(both, 0, 0, speed_rpm, temperature_c)
+        torque = self.model.predict(X[:, : self._columns])
+        return float(torque[:-1].mean() - torque[-1])
+
     def widened(
         self, torque_nm: NDArray[np.float64], uncertainty_nm: NDArray[np.float64]
     ) -> NDArray[np.float64]:

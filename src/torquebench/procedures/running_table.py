@@ -212,6 +212,7 @@ class RunningTable:
             return self._column(side, "torque_nm"), self._column(side, "torque_uncertainty_nm")
         reading, width = self._column(side, "reading_nm"), int(active.model.n_features_in_)
         middle = active.model.predict(features(reading, 0.0, 0.0)[:, :width])
+        rectified = self._column(side, "torque_rectified_nm")
         (up, first), (down, second) = (
             active.model.predict(features(reading, sign, 0.0)[:, :width], return_std=True)
             for sign in (1.0, -1.0)
@@ -220,7 +221,7 @@ class RunningTable:
         reach_nm = active.history.table.reach_nm
         opened = np.minimum(np.abs(middle) / (LOOP_SHARE * reach_nm), 1.0)
         loop = np.hypot(0.5 * np.abs(up - down) * opened, _in_small_cycles(active.history, reading))
-        return middle, np.hypot(np.maximum(first, second), loop / np.sqrt(3.0))
+        return middle + rectified, np.hypot(np.maximum(first, second), loop / np.sqrt(3.0))
 
     def _interval(self, side: Side) -> NDArray[np.int64]:
         """Return the number of the zero before each point."""

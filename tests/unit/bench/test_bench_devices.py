@@ -215,6 +215,31 @@ def test_an_active_compensation_adds_its_torque_to_a_steady_value(bench: Any) ->
             )
             assert added == pytest.approx(7.0, abs=1e-6)
             assert value["output-steady-torque_uncertainty_nm"]["value"] >= 0.0
+            assert value["output-steady-torque_rectified_nm"]["value"] == pytest.approx(0.0)
+
+    play(bench, scene)
+
+
+def test_a_steady_torque_is_the_mean_of_its_windows_torques(bench: Any) -> None:
+    readings = np.linspace(-2000.0, 2000.0, 81)
+    model = make_model("polynomial", degree=2, range_nm=2000.0).fit(
+        readings[:, None], readings + 1e-5 * readings**2
+    )
+
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            active = ActiveCompensation(model, "1", "p")
+            bench.acquisition.set_compensation("output", active)
+            await devices.output.steady.trigger()
+            value = await devices.output.steady.read()
+            reading, torque, rectified = (
+                value[f"output-steady-{name}_nm"]["value"]
+                for name in ("reading", "torque", "torque_rectified")
+            )
+            assert rectified > 0.0  # a square rectifies whatever there is of noise and ripple
+            assert torque == pytest.approx(active.value(reading, 0.0, 23.0)[0] + rectified)
+            described = await devices.output.steady.describe()
+            assert described["output-steady-torque_rectified_nm"]["units"] == "N·m"
 
     play(bench, scene)
 

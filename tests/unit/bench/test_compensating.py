@@ -41,6 +41,22 @@ def test_live_windows_get_what_the_model_says(kind: str) -> None:
     assert one == pytest.approx((torque_nm[7], uncertainty_nm[7]))
 
 
+@pytest.mark.parametrize("kind", ["polynomial", "hybrid"])
+def test_a_ripple_is_rectified_where_the_curve_bends(kind: str) -> None:
+    active = ActiveCompensation(fitted(kind), "1", kind)
+    ripple = 60.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False))
+    for mean in (-120.0, 150.0):
+        # The mean of a square is the square of the mean and half that of the amplitude.
+        truth = 0.6 * 0.5 * (60.0 / FULL_SCALE_NM) ** 2
+        found = active.rectified_nm(mean + ripple, 3.0, 23.0)
+        assert found == pytest.approx(truth, rel=0.35)
+        of_mean = active.model.predict(features([mean], 0)[:, : active.model.n_features_in_])
+        rows = features(mean + ripple, 0)[:, : active.model.n_features_in_]
+        assert of_mean[0] + found == pytest.approx(active.model.predict(rows).mean(), abs=1e-9)
+    assert active.rectified_nm(np.full(9, 150.0), 3.0, 23.0) == pytest.approx(0.0, abs=1e-9)
+    assert active.rectified_nm(FULL_SCALE_NM - 1.0 + ripple, 3.0, 23.0) == 0.0
+
+
 @cache
 def loop_model(kind: str) -> CompensationModel:
     """A chain whose loop is ten times its noise, calibrated up and down in both directions."""

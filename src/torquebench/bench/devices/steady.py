@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from bluesky.protocols import HasHints, Hints, Preparable, Reading, Triggerable
 from event_model import DataKey
+from numpy.typing import NDArray
 from ophyd_async.core import AsyncConfigurable, AsyncReadable, AsyncStatus, Device
 
 from torquebench.bench.devices.context import BenchContext
@@ -34,6 +35,7 @@ _UNITS = {
     "time_s": "s",
     "torque_nm": "N·m",
     "torque_uncertainty_nm": "N·m",
+    "torque_rectified_nm": "N·m",
     "standard_nm": "N·m",
     "standard_uncertainty_nm": "N·m",
     "standard_drift_nm_per_s": "N·m/s",
@@ -84,10 +86,11 @@ class SteadySettings:
 
 @dataclass(frozen=True)
 class _Evaluated:
-    """Steady value of one channel and its mean frequency."""
+    """Steady value of one channel, its mean frequency, and the windows that it rests on."""
 
     steady: SteadyValue
     frequency_hz: float
+    window_nm: NDArray[np.float64]
 
 
 class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Preparable, HasHints):
@@ -109,6 +112,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `time_s`                     s       bench time of the middle of the window
     `torque_nm`                  N·m     compensated torque, with an active model only
     `torque_uncertainty_nm`      N·m     the model's standard uncertainty, likewise
+    `torque_rectified_nm`        N·m     part of `torque_nm` that the reading's ripple makes by the
+                                         bend of the model's curve, likewise
     `standard_nm`                N·m     torque that the standard states, with `reference` only
     `standard_uncertainty_nm`    N·m     standard error of that mean, likewise
     `standard_drift_nm_per_s`    N·m/s   its slope, likewise
@@ -196,7 +201,12 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         active = acquisition.compensation(side)
         if active is not None:
             torque, uncertainty = active.value(reading.steady.value, speed_rpm, temperature_c)
-            values |= {"torque_nm": torque, "torque_uncertainty_nm": uncertainty}
+            rectified = active.rectified_nm(reading.window_nm, speed_rpm, temperature_c)
+            values |= {
+                "torque_nm": torque + rectified,
+                "torque_uncertainty_nm": uncertainty,
+                "torque_rectified_nm": rectified,
+            }
         if self._settings.reference:
             standard = self._steady(reference_channel(side), start_s, stop_s)
             values |= {
@@ -221,7 +231,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             period_s=self._settings.period_s,
             minimum_samples=min(LEAST_WINDOWS, samples.time_s.size),
         )
-        return _Evaluated(steady, float(samples.frequency_hz.mean()))
+        used = (samples.time_s >= steady.start_s) & (samples.time_s <= steady.stop_s)
+        return _Evaluated(steady, float(samples.frequency_hz.mean()), samples.torque_nm[used])
 
     def _check_complete(self, samples: ChannelSamples, start_s: float, stop_s: float) -> None:
         window_s = self._context.description.counter.window_s
@@ -259,7 +270,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     async def _expected_fields(self) -> list[str]:
         fields = [field for field in _UNITS if not field.startswith(("torque", "standard", "true"))]
         if self._context.acquisition.compensation(self.side) is not None:
-            fields += ["torque_nm", "torque_uncertainty_nm"]
+            fields += ["torque_nm", "torque_uncertainty_nm", "torque_rectified_nm"]
         if self._settings.reference:
             fields += [field for field in _UNITS if field.startswith("standard")]
         if self._context.drivers.truth is not None:
