@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,16 @@ def test_help_of_a_command_fits_80_columns(name: str, tmp_path: Path) -> None:
     result = run(name, "--help", cwd=tmp_path)
     assert result.returncode == 0
     assert widest_line(result.stdout) <= 80
+
+
+def test_help_flows_and_shows_what_stands_in_brackets(tmp_path: Path) -> None:
+    said = run("evaluate", "hysteresis", "--help", cwd=tmp_path).stdout
+    assert "NAME=Header[unit]" in said
+    paragraph = said[said.index("Columns:") : said.index("locked, load at the output")]
+    lines = [line.strip() for line in paragraph.splitlines()]
+    # A line ends where the next word has no place, not where it does in the code.
+    for line, following in pairwise(lines):
+        assert len(line) + 1 + len(following.split()[0]) > 76
 
 
 def test_an_unknown_option_is_bad_input(tmp_path: Path) -> None:

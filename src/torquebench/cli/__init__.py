@@ -13,7 +13,7 @@ import typer
 
 from torquebench.cli import records
 from torquebench.cli.failure import guarded
-from torquebench.cli.options import REGISTRY_URL
+from torquebench.cli.options import HELP_MARKUP, REGISTRY_URL
 
 __all__ = ["app", "main"]
 
@@ -22,6 +22,7 @@ app = typer.Typer(
     help="Torque measurement for test benches of industrial-robot reducers: calibrate in "
     "place, compensate, state the uncertainty. The simulated bench is the default.",
     no_args_is_help=True,
+    rich_markup_mode=HELP_MARKUP,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

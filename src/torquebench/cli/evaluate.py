@@ -12,7 +12,13 @@ from rich.text import Text
 
 from torquebench.cli.console import narrow_table, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import DEFAULT_DATA, DataOption, RangeOption, check_output
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    HELP_MARKUP,
+    DataOption,
+    RangeOption,
+    check_output,
+)
 
 if TYPE_CHECKING:
     from torquebench.calibration import (
@@ -30,6 +36,7 @@ __all__ = ["app"]
 app = typer.Typer(
     name="evaluate",
     help="Evaluate tables that were measured on any bench.",
+    rich_markup_mode=HELP_MARKUP,
     no_args_is_help=True,
 )
 

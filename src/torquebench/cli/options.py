@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -27,6 +27,9 @@ __all__ = [
     "has_registry",
 ]
 
+HELP_MARKUP: Literal["markdown"] = "markdown"
+"""How help is set: paragraphs flow at the terminal's width. As Rich's own markup, lines would end
+where they do in the code, and what stands in square brackets would be taken for a style."""
 DEFAULT_DATA = Path("torquebench-data")
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server; see `records.REGISTRY_URL`."""

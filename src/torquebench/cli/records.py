@@ -15,6 +15,7 @@ from torquebench.cli import audit, drift, equipment, export, export_data, record
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.options import (
     DEFAULT_DATA,
+    HELP_MARKUP,
     REGISTRY_FILE,
     REGISTRY_URL,
     DataOption,
@@ -31,7 +32,10 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 app = typer.Typer(
-    name="records", help="List and show what the registry holds.", no_args_is_help=True
+    name="records",
+    help="List and show what the registry holds.",
+    rich_markup_mode=HELP_MARKUP,
+    no_args_is_help=True,
 )
 
 

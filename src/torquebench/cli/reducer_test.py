@@ -16,6 +16,7 @@ from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
+    HELP_MARKUP,
     AcceptCounterOption,
     BenchOption,
     ClockToleranceOption,
@@ -134,6 +135,7 @@ def register(app: typer.Typer) -> None:
         cls=_Tests,
         name="test",
         no_args_is_help=True,
+        rich_markup_mode=HELP_MARKUP,
         help="Test a mounted reducer, with uncertainties and a verdict against its data sheet.",
     )
     for name, about in ABOUT.items():
