@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.swinging_flange import TRUE_BACKLASH, swinging_loop
 
 from torquebench.cli import main
 
@@ -223,24 +224,10 @@ def test_german_tables_with_decimal_commas_semicolons_and_units_are_read(tmp_pat
     refused(evaluate("friction", latin, *columns), "UTF-8")
 
 
-def swinging_loop(path: Path) -> Path:
-    """Write a loop of an elastic reducer with play, its torque taken beyond a swinging flange."""
-    time = 0.002 * np.arange(20_001)
-    ramp = np.interp(time, [0.0, 20.0, 40.0], [-44.0, 44.0, -44.0])
-    swing = 2.0 * np.pi * 25.0
-    angle = (ramp + 0.8 * np.sin(swing * time)) / 2.5e4
-    slip, held = np.empty(time.size), -2.0
-    for row, change in enumerate(np.diff(angle, prepend=angle[0])):
-        held = slip[row] = float(np.clip(held + 2.5e4 * change, -2.0, 2.0))
-    torque = 2.5e4 * angle + slip - 0.25 * swing**2 * 0.8 / 2.5e4 * np.sin(swing * time)
-    rows = [
-        [f"{t:.3f}", f"{n:.6f}", f"{a:.9f}"] for t, n, a in zip(time, torque, angle, strict=True)
-    ]
-    return write(path, "time_s,torque_nm,angle_rad", rows)
-
-
 def test_what_a_flange_takes_to_move_is_taken_off(tmp_path: Path) -> None:
-    table = swinging_loop(tmp_path / "loop.csv")
+    columns = (np.char.mod("%.9f", column) for column in swinging_loop(0.25, 0.8))
+    rows = np.column_stack(list(columns)).tolist()
+    table = write(tmp_path / "loop.csv", "time_s,torque_nm,angle_rad", rows)
     arguments = ("hysteresis", table, "--rated-torque", 40)
     backlash = {}
     for flange in ((), ("--flange-inertia", 0.25)):
@@ -249,9 +236,8 @@ def test_what_a_flange_takes_to_move_is_taken_off(tmp_path: Path) -> None:
         backlash[len(flange)] = quantities(folder)["backlash"]
     settings = json.loads((tmp_path / "result2" / "result.json").read_text("utf-8"))["settings"]
     assert settings["flange"] == {"inertia_kgm2": 0.25, "expanded_uncertainty_percent": 10.0}
-    truth = 2.0 * 2.0 / 2.5e4 * 10800.0 / np.pi
-    assert backlash[2] == pytest.approx(truth, rel=0.02)
-    assert backlash[0] < 0.95 * truth
+    assert backlash[2] == pytest.approx(TRUE_BACKLASH, rel=0.02)
+    assert backlash[0] < 0.95 * TRUE_BACKLASH
     timeless = write(tmp_path / "timeless.csv", "torque_nm,angle_rad", [[0, 0], [1, 1]])
     refused(
         evaluate("hysteresis", timeless, "--rated-torque", 40, "--flange-inertia", 0.25), "time"

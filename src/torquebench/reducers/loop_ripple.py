@@ -36,7 +36,8 @@ RESOLVED = 6.0
 LEFT = 0.15
 """Standard uncertainty of what the outermost samples still miss, as a share of what the ripple hid,
 where the torque is measured beyond a flange that swings with it: of five simulated benches 0.13 to
-0.24 of the backlash were missed on four, with 12 to 20 samples a period."""
+0.24 of the backlash were missed on four, with 12 to 21 samples a period; on the fifth the ripple
+hid less than noise did."""
 LEFT_AT_REDUCER = 0.05
 """The same where the torque is that at the reducer: 0.01 to 0.04 of the backlash and 0.02 to 0.08
 of the loss on the same four."""

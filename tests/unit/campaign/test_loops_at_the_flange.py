@@ -1,9 +1,8 @@
 """What a bench's description says of its flange comes to the loops that are evaluated."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
+from tests.swinging_flange import RATED_NM, swinging_loop
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import SynchronousRecording
@@ -13,9 +12,6 @@ from torquebench.procedures.reducer_loop import Loop, LoopRecording
 from torquebench.reducers import load_reducer
 
 REDUCER = load_reducer("harmonic-20")
-RATED = REDUCER.rated_torque_nm
-STIFFNESS = 2.5e4
-INTERVAL_S = 0.002
 
 
 def described(inertia):
@@ -24,24 +20,18 @@ def described(inertia):
     return bench.model_copy(update={"output": output})
 
 
-def loops(inertia, ripple):
-    corners = (-1.1 * RATED, 1.1 * RATED, -1.1 * RATED)
-    ramp = np.concatenate([np.linspace(*each, 10_000) for each in pairwise(corners)])
-    time = INTERVAL_S * np.arange(ramp.size)
-    swing = 2.0 * np.pi * 25.0
-    angle = (ramp + ripple * np.sin(swing * time)) / STIFFNESS
-    lag = 0.05 * RATED * np.sign(np.gradient(ramp))
-    torque = (
-        STIFFNESS * angle + lag - inertia * swing**2 * ripple / STIFFNESS * np.sin(swing * time)
-    )
+def loops(ripple_nm):
+    time, torque, angle = swinging_loop(0.25, ripple_nm)
     nothing = np.zeros(time.size)
     little = np.full(time.size, 0.01)
     recording = SynchronousRecording(time, nothing, torque, little, little, nothing, angle)
-    return LoopRecording((Loop(0.0, 1, recording),), RATED, {"input": True, "output": True}, 23.0)
+    return LoopRecording(
+        (Loop(0.0, 1, recording),), RATED_NM, {"input": True, "output": True}, 23.0
+    )
 
 
 def test_the_described_flange_is_taken_off_and_said():
-    measured = loops(0.25, 0.02 * RATED)
+    measured = loops(0.02 * RATED_NM)
     taken, left = (
         evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, measured)
         for inertia in (0.25, None)
@@ -57,5 +47,5 @@ def test_the_described_flange_is_taken_off_and_said():
 
 @pytest.mark.parametrize("inertia", [0.25, None])
 def test_nothing_is_said_of_a_flange_that_does_not_swing(inertia):
-    found = evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, loops(0.25, 0.0))
+    found = evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, loops(0.0))
     assert not any("flange takes to move" in each for each in found.remarks)

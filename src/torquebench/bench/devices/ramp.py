@@ -7,6 +7,7 @@ shafts' inertia.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from bluesky.protocols import Movable
@@ -29,6 +30,8 @@ async def go_to(
 ) -> None:
     """Bring a drive to a torque or speed; done when its ramp has had its time.
 
+    It is noted before the drive is told, if it has power, and after.
+
     Parameters
     ----------
     context : BenchContext
@@ -48,45 +51,23 @@ async def go_to(
     BenchError
         The drive doesn't obey, which is an alarm.
     """
-    commands, drive = context.commands.side(side), context.description.module(side).drive
+    commands, drive = context.commands.side(side), context.drivers.drives[side]
+    described = context.description.module(side).drive
+    tell: Callable[[float, float], None]
     if quantity == "torque":
         context.interlocks.check_torque(side, target)
-        before, fastest = commands.torque_nm, drive.torque_rate_nm_per_s
+        before, fastest = commands.torque_nm, described.torque_rate_nm_per_s
+        tell, unit = drive.command_torque, "N·m"
     else:
         context.interlocks.check_speed(side, target)
-        before, fastest = commands.speed_rad_s, drive.speed_rate_rad_per_s2
+        before, fastest = commands.speed_rad_s, described.speed_rate_rad_per_s2
+        tell, unit = drive.command_speed, "rad/s"
     rate = min(rate, fastest)
-    await _command(context, side, quantity, target, rate)
-    await context.clock.sleep(abs(target - before) / rate)
-
-
-async def _command(
-    context: BenchContext, side: Side, quantity: Quantity, value: float, rate: float
-) -> None:
-    """Tell a drive where to go, if it has power, and note it before and after.
-
-    Parameters
-    ----------
-    context : BenchContext
-    side : {"input", "output"}
-    quantity : {"torque", "speed"}
-    value, rate : float
-        N·m and N·m/s, or rad/s and rad/s².
-
-    Raises
-    ------
-    BenchError
-        The drive doesn't obey, which is an alarm.
-    LimitError
-        Beyond what the drive can do.
-    """
-    drive, commands = context.drivers.drives[side], context.commands.side(side)
-    commands.ask(quantity, value, rate, context.clock.now())
+    commands.ask(quantity, target, rate, context.clock.now())
     if commands.enabled:
-        tell = drive.command_torque if quantity == "torque" else drive.command_speed
-        unit = "N·m" if quantity == "torque" else "rad/s"
-        await context.tell_drive(side, f"go to {value:g} {unit}", tell, value, rate)
-    commands.told(quantity, value, context.clock.now())
+        await context.tell_drive(side, f"go to {target:g} {unit}", tell, target, rate)
+    commands.told(quantity, target, context.clock.now())
+    await context.clock.sleep(abs(target - before) / rate)
 
 
 @dataclass(frozen=True)
