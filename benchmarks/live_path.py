@@ -30,7 +30,7 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.safety import SafetySupervisor
-from torquebench.bench.safety_priority import lift_process, prefer_this_thread
+from torquebench.bench.safety.priority import lift_process, prefer_this_thread
 from torquebench.bench.samples import AcquiredBlock, CompensatedSamples, Viewer
 from torquebench.bench.state import CommandState
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model

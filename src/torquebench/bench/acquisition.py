@@ -28,7 +28,7 @@ from torquebench.bench.roles import (
     torque_channel,
 )
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
-from torquebench.bench.safety_priority import prefer_this_thread
+from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
@@ -205,7 +205,7 @@ class Acquisition:
             if number:  # the first one was waited for already
                 self._paced((number + 1) / count)
             parts.append(counter.read_block(self._block_s / count))
-            self._supervisor.look(parts[-1], self._channels)
+            self._supervisor.check_edges(parts[-1], self._channels)
         return joined(parts)
 
     def _keep(self, block: AcquiredBlock) -> None:

@@ -21,7 +21,7 @@ from torquebench.bench.drivers.base import (
     ModeConverter,
     Side,
 )
-from torquebench.bench.safety_alarms import Alarm
+from torquebench.bench.safety.alarms import Alarm
 from torquebench.errors import InterlockError
 
 __all__ = ["AuditedClamp", "AuditedDrive", "AuditedModes", "CommandGate", "audited"]

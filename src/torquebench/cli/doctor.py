@@ -129,7 +129,7 @@ def installation() -> Iterator[Finding]:
 
 def _priority() -> Finding:
     """Try whether the threads that safety depends on come before other programs."""
-    from torquebench.bench.safety_priority import PRIORITY, Priority, available_priority
+    from torquebench.bench.safety.priority import PRIORITY, Priority, available_priority
 
     granted = available_priority()
     if granted is Priority.REAL_TIME:

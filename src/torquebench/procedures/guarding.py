@@ -10,7 +10,7 @@ from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
-from torquebench.bench.safety_limits import StepLimits
+from torquebench.bench.safety.limits import StepLimits
 
 __all__ = ["StepLimits", "guarded", "loading_limits", "turning_limits"]
 

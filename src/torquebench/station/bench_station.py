@@ -25,7 +25,7 @@ from torquebench.bench.identification import check_identities
 from torquebench.bench.interlocks import Interlocks
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
-from torquebench.bench.safety_priority import available_priority
+from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.records import Registry

@@ -8,7 +8,7 @@ import pytest
 from torquebench.bench.audit import AUDIT_FILE, AuditLog, read_audit
 from torquebench.bench.auditing import AuditedDrive
 from torquebench.bench.drivers.base import DriveState
-from torquebench.bench.safety_alarms import Alarm, AlarmKind
+from torquebench.bench.safety.alarms import Alarm, AlarmKind
 from torquebench.errors import BenchError, InterlockError
 
 

@@ -20,9 +20,9 @@ from torquebench.signals import SignalFaultKind
 ROOT = Path(torquebench.__file__).parent
 OPERATORS_ROOMS = (
     "bench/prompts.py",
-    "bench/safety.py",
-    "bench/safety_heartbeats.py",
-    "bench/safety_signals.py",
+    "bench/safety/supervisor.py",
+    "bench/safety/heartbeats.py",
+    "bench/safety/signals.py",
     "bench/interlocks.py",
     "bench/auditing.py",
     "campaign/measured_elsewhere.py",

@@ -15,7 +15,7 @@ from torquebench.bench.description import BenchDescription, default_bench, load_
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety import AlarmKind
-from torquebench.bench.safety_priority import prefer_this_thread
+from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
 from torquebench.panel.service.actors import Actor, require
 from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view

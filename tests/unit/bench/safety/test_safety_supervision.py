@@ -11,7 +11,7 @@ import pytest
 
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet, DriveState
 from torquebench.bench.safety import AlarmKind, AlarmLevel, StepLimits
-from torquebench.bench.safety_signals import SignalJudge
+from torquebench.bench.safety.signals import SignalJudge
 from torquebench.bench.slices import joined
 from torquebench.errors import (
     BenchError,

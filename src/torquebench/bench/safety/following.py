@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
-from torquebench.bench.safety_alarms import AlarmKind, Violation
+from torquebench.bench.safety.alarms import AlarmKind, Violation
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState, Quantity, SetPoint
 
 __all__ = ["FollowingJudge"]
 
 RPM = 60.0 / (2.0 * math.pi)
-ASTRAY_S = 0.1
+DEVIATING_S = 0.1
 """How long a drive may be outside its band, s of bench time; for one block in any case."""
 
 
@@ -41,7 +41,7 @@ class _Course:
         self._rate = math.inf
         self._time_s, self._value = time_s, 0.0
         self._before = deque([(time_s, found), (time_s, 0.0)])
-        self.astray_s = 0.0
+        self.deviating_s = 0.0
 
     def go_on(self, point: SetPoint, stop_s: float, found: float, late_s: float) -> None:
         """Go on to a time, towards a set point that may be obeyed late."""
@@ -126,10 +126,10 @@ class FollowingJudge:
         allowed = self._share * self._range(side, point.quantity)
         apart = float(np.min(np.maximum(low - known, known - high)))
         if apart <= allowed:
-            course.astray_s = 0.0
+            course.deviating_s = 0.0
             return None
-        before_s, course.astray_s = course.astray_s, course.astray_s + lasts_s
-        if before_s == 0.0 or course.astray_s < ASTRAY_S:
+        before_s, course.deviating_s = course.deviating_s, course.deviating_s + lasts_s
+        if before_s == 0.0 or course.deviating_s < DEVIATING_S:
             return None
         return _violation(side, point.quantity, last, point.value, allowed)
 

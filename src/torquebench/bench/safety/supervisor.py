@@ -22,7 +22,7 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import CounterBlock, DriverSet
 from torquebench.bench.roles import SIDES, Side
-from torquebench.bench.safety_alarms import (
+from torquebench.bench.safety.alarms import (
     Alarm,
     AlarmBook,
     AlarmKind,
@@ -30,11 +30,11 @@ from torquebench.bench.safety_alarms import (
     StandingAlarm,
     Violation,
 )
-from torquebench.bench.safety_drives import DriveHand, untold
-from torquebench.bench.safety_heartbeats import Heartbeats
-from torquebench.bench.safety_limits import LimitBook, SideLimits, StepLimits
-from torquebench.bench.safety_priority import lift_process, prefer_this_thread
-from torquebench.bench.safety_signals import Change, Glance, SignalJudge
+from torquebench.bench.safety.drives import DriveWorker, unreachable
+from torquebench.bench.safety.heartbeats import Heartbeats
+from torquebench.bench.safety.limits import LimitBook, SideLimits, StepLimits
+from torquebench.bench.safety.priority import lift_process, prefer_this_thread
+from torquebench.bench.safety.signals import Change, FastCheck, SignalJudge
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
@@ -58,7 +58,7 @@ UNLOAD_SETTLING_S = 0.2
 """How long shafts and drives swing after an orderly ramp to zero, s of bench time."""
 FAST_PATIENCE = 15.0
 """How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
-HAND_PATIENCE_S = 0.1
+DRIVE_PATIENCE_S = 0.1
 """How long simulated time stands for a drive that takes its time to answer, s of wall time."""
 ANSWER_S = 10.0
 """How long a drive may take to be told to go off, with all tries of its wire, s of wall time."""
@@ -99,9 +99,9 @@ class SafetySupervisor:
         safety = description.safety
         self.heartbeats = Heartbeats(clock.now, safety.presence_s)
         self._signals = SignalJudge(description, self.limits, commands)
-        patience_s = HAND_PATIENCE_S if clock.fast else 0.0
-        self._hands = {
-            side: DriveHand(side, drive, threaded=drivers.blocking, patience_s=patience_s)
+        patience_s = DRIVE_PATIENCE_S if clock.fast else 0.0
+        self._workers = {
+            side: DriveWorker(side, drive, threaded=drivers.blocking, patience_s=patience_s)
             for side, drive in drivers.drives.items()
         }
         self._stall_s = safety.stall_s * (FAST_PATIENCE if clock.fast else 1.0)
@@ -114,7 +114,7 @@ class SafetySupervisor:
         self._left_alone_s = self._left_alone_wall = math.inf
         self._safe = threading.Event()
         self._safe.set()
-        self._told: Mapping[Side, bool] = dict.fromkeys(self._hands, True)
+        self._told: Mapping[Side, bool] = dict.fromkeys(self._workers, True)
         self._answered_wall = math.inf
         self._failed = ""
         self._busy_since: float | None = None
@@ -219,7 +219,7 @@ class SafetySupervisor:
     def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
         """Require a heartbeat from now on, at the latest every `timeout_s` of bench time.
 
-        `ping` is called with every look and may ask for the beat without waiting for it.
+        `ping` is called at every check and may ask for the beat without waiting for it.
         """
         self.heartbeats.expect(name, timeout_s, ping)
 
@@ -246,10 +246,10 @@ class SafetySupervisor:
         finally:
             self._busy_since = None
 
-    def look(self, raw: CounterBlock, channels: Mapping[str, Glance]) -> None:
+    def check_edges(self, raw: CounterBlock, channels: Mapping[str, FastCheck]) -> None:
         """Judge the bare edges of a few milliseconds, before they become samples."""
         self._busy_since = time.monotonic()  # a part of a block came: nothing stalls
-        self._act(*self._signals.look(raw, channels))
+        self._act(*self._signals.check_edges(raw, channels))
 
     def check(self, block: AcquiredBlock) -> None:
         """Judge a block; act on what is wrong, go on with an action that has begun."""
@@ -281,16 +281,16 @@ class SafetySupervisor:
     def _look_around(self) -> None:
         """Ask the drives, feed their watchdogs, look for signs of life."""
         latched = self._book.latched is not None
-        for side in self._hands:
+        for side in self._workers:
             if not self._commands.side(side).enabled:
                 self._enabled_since.pop(side, None)
             else:
                 self._enabled_since.setdefault(side, time.monotonic())
         feed = not latched or not (self._cut or self._safe.is_set())
-        for hand in self._hands.values():
-            hand.look(feed=feed)
-        for hand in self._hands.values():
-            hand.wait_looked()
+        for worker in self._workers.values():
+            worker.ask(feed=feed)
+        for worker in self._workers.values():
+            worker.wait_asked()
         if latched or not self._commands.any_enabled:
             return
         violation = self._drive_violation() or self.heartbeats.missing()
@@ -298,13 +298,13 @@ class SafetySupervisor:
             self._trip_for(violation)
 
     def _drive_violation(self) -> Violation | None:
-        for side, hand in self._hands.items():
+        for side, worker in self._workers.items():
             since = self._enabled_since.get(side)
             if since is None:
                 continue
             commands = self._commands.side(side)
             watchdog_s = self._description.module(side).drive.watchdog_s
-            found = hand.found_wrong(since, commands.enabled_wall_s, watchdog_s)
+            found = worker.found_wrong(since, commands.enabled_wall_s, watchdog_s)
             # It may have been switched off meanwhile: what was told last is what counts.
             if found and commands.enabled:
                 return Violation(
@@ -376,7 +376,7 @@ class SafetySupervisor:
 
     def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
         """Tell a drive to go to zero torque and speed, and disable one that can't."""
-        self._hands[side].ramp_to_zero(ramp_s)
+        self._workers[side].ramp_to_zero(ramp_s)
         self._commands.side(side).at_zero(self._clock.now(), ramp_s)
 
     def disable(self) -> None:
@@ -393,13 +393,13 @@ class SafetySupervisor:
         def done(side: Side, was_told: bool) -> None:
             told[side] = was_told
             if not was_told and self._book.latched is None:
-                self._trip_for(untold(side))
-            elif len(told) == len(self._hands):
+                self._trip_for(unreachable(side))
+            elif len(told) == len(self._workers):
                 self._arrive() if all(told.values()) else self._leave_alone(told)
 
-        for side, hand in self._hands.items():
+        for side, worker in self._workers.items():
             self._commands.side(side).off(self._clock.now())  # from now on it may be off
-            hand.disable(functools.partial(done, side))
+            worker.disable(functools.partial(done, side))
 
     def _leave_alone(self, told: Mapping[Side, bool]) -> None:
         """Give drives that couldn't be told the time that their own watchdogs need."""
@@ -422,8 +422,8 @@ class SafetySupervisor:
         """Start the supervisor's own thread."""
         if not self._clock.fast:
             self._lifted = lift_process()
-        for hand in self._hands.values():
-            hand.start()
+        for worker in self._workers.values():
+            worker.start()
         self._thread.start()
 
     def close(self) -> None:
@@ -431,8 +431,8 @@ class SafetySupervisor:
         self._closing.set()
         if self._thread.is_alive():
             self._thread.join()
-        for hand in self._hands.values():
-            hand.close()
+        for worker in self._workers.values():
+            worker.close()
         self._lifted.close()
 
     def _watch(self) -> None:
@@ -453,7 +453,7 @@ class SafetySupervisor:
         if not self._clock.fast:
             self._look_around()
         now = time.monotonic()
-        if self._cut and len(self._told) < len(self._hands) and now > self._answered_wall:
+        if self._cut and len(self._told) < len(self._workers) and now > self._answered_wall:
             self._give_up()
         elif not self._safe.is_set():
             if now > self._left_alone_wall:
@@ -472,9 +472,9 @@ class SafetySupervisor:
     def _give_up(self) -> None:
         """Leave alone drives that haven't even answered to being told to go off."""
         self._answered_wall = math.inf
-        silent = [side for side in self._hands if side not in self._told]
+        silent = [side for side in self._workers if side not in self._told]
         if self._book.latched is None:
-            self._trip_for(untold(silent[0]))  # and then the way to safety, with a second try
+            self._trip_for(unreachable(silent[0]))  # and then the way to safety, with a second try
         else:
             self._leave_alone({**dict.fromkeys(silent, False), **self._told})
 
@@ -495,5 +495,5 @@ class SafetySupervisor:
             )
         except Exception:  # not even that: the power goes off without ceremony
             logger.exception("the supervisor can't stop the bench in order")
-            for hand in self._hands.values():
-                hand.disable(lambda _told: None)
+            for worker in self._workers.values():
+                worker.disable(lambda _told: None)

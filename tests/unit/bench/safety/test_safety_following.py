@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.safety import AlarmKind
-from torquebench.bench.safety_following import FollowingJudge
+from torquebench.bench.safety.following import FollowingJudge
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError

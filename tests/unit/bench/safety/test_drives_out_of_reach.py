@@ -83,15 +83,15 @@ def test_time_in_which_nobody_asked_is_not_the_drives_silence(
     with open_bench(wrap=wired(wires, blocking=blocking), output__drive__watchdog_s=0.1) as bench:
         bench.load_output(300.0)
         bench.clock.wait(0.5)
-        hand = bench.supervisor._hands["output"]
-        looked, waited = hand.look, hand.wait_looked
+        worker = bench.supervisor._workers["output"]
+        looked, waited = worker.ask, worker.wait_asked
 
         def held_up(**options: Any) -> None:
             looked(**options)
             waited()
             time.sleep(0.3)  # this computer does something else before it looks at the answer
 
-        hand.look = held_up
+        worker.ask = held_up
         bench.clock.wait(0.2)
         assert bench.supervisor.alarm is None
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
-from torquebench.bench.safety_alarms import AlarmLevel
+from torquebench.bench.safety.alarms import AlarmLevel
 
 __all__ = ["LimitBook", "SideLimits", "StepLimits", "Watch", "tightened"]
 

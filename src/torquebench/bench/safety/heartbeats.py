@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from torquebench.bench.safety_alarms import AlarmKind, Violation
+from torquebench.bench.safety.alarms import AlarmKind, Violation
 
 __all__ = ["Heartbeats"]
 
@@ -43,7 +43,7 @@ class Heartbeats:
         self.present = ""
 
     def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
-        """Require a heartbeat from now on; `ping` is called at every look and may ask for it."""
+        """Require a heartbeat from now on; `ping` is called at every check and may ask for it."""
         with self._lock:
             self._beats[name] = _Heartbeat(timeout_s, self._now(), ping)
 

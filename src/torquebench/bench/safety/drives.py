@@ -1,4 +1,4 @@
-"""The supervisor's hands on the drives: they ask, feed and stop, no drive waiting for another.
+"""The workers that ask, feed and stop the drives, no drive waiting for another.
 
 A drive on a wire may take its time to answer, and one that hangs must not keep the supervisor
 from stopping the other. So every drive that may block gets a thread of its own.
@@ -14,19 +14,19 @@ from collections.abc import Callable
 
 from torquebench.bench.drivers.base import Drive, DriveState
 from torquebench.bench.roles import Side
-from torquebench.bench.safety_alarms import AlarmKind, Violation
-from torquebench.bench.safety_priority import prefer_this_thread
+from torquebench.bench.safety.alarms import AlarmKind, Violation
+from torquebench.bench.safety.priority import prefer_this_thread
 
-__all__ = ["DriveHand", "untold"]
+__all__ = ["DriveWorker", "unreachable"]
 
 Order = Callable[[], None]
 Answer = Callable[[bool], None]
 SHORTEST_SILENCE_S = 0.005
 ENDING_S = 2.0
-"""How long a hand that is told to end may still be busy with its drive, s."""
+"""How long a worker that is told to end may still be busy with its drive, s."""
 
 
-class DriveHand:
+class DriveWorker:
     """Asks, feeds, ramps and disables one drive.
 
     Parameters
@@ -82,14 +82,14 @@ class DriveHand:
 
     # -- what the supervisor asks for -------------------------------------------------------
 
-    def look(self, *, feed: bool) -> None:
+    def ask(self, *, feed: bool) -> None:
         """Ask for the state and feed the watchdog; on a thread, once at a time."""
         if self._thread is None:
-            self._look(feed)
+            self._ask(feed)
         elif self._idle.is_set():
             self._put = time.monotonic()
             self._idle.clear()
-            self._orders.put(lambda: self._look(feed))
+            self._orders.put(lambda: self._ask(feed))
 
     def silent_s(self, since: float) -> float:
         """Return how long a question waits for its answer, s of wall time; 0 where none waits.
@@ -124,7 +124,7 @@ class DriveHand:
             return ""
         return state.fault or ("" if state.enabled else "lost its enable")
 
-    def wait_looked(self) -> None:
+    def wait_asked(self) -> None:
         """Wait until the drive has been asked, as long as patience lasts."""
         if self._thread is not None and self._patience_s:
             self._idle.wait(self._patience_s)
@@ -177,7 +177,7 @@ class DriveHand:
             with contextlib.suppress(Exception):
                 self.drive.disable()
 
-    def _look(self, feed: bool) -> None:
+    def _ask(self, feed: bool) -> None:
         try:
             if feed:
                 self.drive.feed_watchdog()
@@ -192,7 +192,7 @@ class DriveHand:
             self._idle.set()
 
 
-def untold(side: Side) -> Violation:
+def unreachable(side: Side) -> Violation:
     """Return what to say of a drive that doesn't hear that it is to go off."""
     return Violation(
         AlarmKind.DRIVE_FAULT,

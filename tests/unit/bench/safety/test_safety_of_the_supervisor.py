@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from torquebench.bench import safety
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.safety import AlarmKind, StandingAlarm
-from torquebench.bench.safety_signals import SignalJudge
+from torquebench.bench.safety import AlarmKind, StandingAlarm, supervisor
+from torquebench.bench.safety.signals import SignalJudge
 from torquebench.errors import BenchError
 
 if TYPE_CHECKING:
@@ -122,7 +121,7 @@ def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
         deaf.update({side: Deaf(drive) for side, drive in drivers.drives.items()})
         return replace(drivers, drives=deaf, blocking=True)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(safety, "ANSWER_S", 0.2)
+    monkeypatch.setattr(supervisor, "ANSWER_S", 0.2)
     with open_bench(real_time=True, wrap=wrap) as bench:
         bench.load_output(100.0)
         bench.supervisor.trip(AlarmKind.STOP, "test", "a stop", "", "")

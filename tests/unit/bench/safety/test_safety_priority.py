@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from torquebench.bench import safety_priority
-from torquebench.bench.safety_priority import (
+from torquebench.bench.safety import priority
+from torquebench.bench.safety.priority import (
     NICENESS,
     PRIORITY,
     SWITCH_INTERVAL_S,
@@ -37,7 +37,7 @@ def on_a_thread(question: Any) -> Any:
 
 def test_a_process_is_lifted_until_its_last_bench_is_closed() -> None:
     before = (niceness(), sys.getswitchinterval())
-    granted = on_a_thread(lambda: safety_priority._set_niceness(0, NICENESS))
+    granted = on_a_thread(lambda: priority._set_niceness(0, NICENESS))
     first, second = lift_process(), lift_process()
     first.close()
     assert sys.getswitchinterval() <= SWITCH_INTERVAL_S * 1.01

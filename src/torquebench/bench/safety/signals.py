@@ -1,6 +1,6 @@
 """Judges what the counter delivers: torque, speed, angle, temperature, rates and their freshness.
 
-Twice: a quick look at the bare edges of a few milliseconds, in real time, so that the drives hear
+Twice: a fast check of the bare edges of a few milliseconds, in real time, so that the drives hear
 of a violation at once; and every block after the whole signal path, which knows the faults.
 """
 
@@ -16,26 +16,26 @@ import numpy as np
 from torquebench.bench.description import BenchDescription, TransducerDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
-from torquebench.bench.safety_alarms import AlarmKind, AlarmLevel, Violation
-from torquebench.bench.safety_following import FollowingJudge
-from torquebench.bench.safety_limits import LimitBook, Watch
+from torquebench.bench.safety.alarms import AlarmKind, AlarmLevel, Violation
+from torquebench.bench.safety.following import FollowingJudge
+from torquebench.bench.safety.limits import LimitBook, Watch
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.signals import EdgeBlock, SignalFaultKind
 
-__all__ = ["Change", "Glance", "SignalJudge"]
+__all__ = ["Change", "FastCheck", "SignalJudge"]
 
 RPM = 60.0 / (2.0 * math.pi)
 TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
-"""Fewer edges than these in one look are no frequency."""
+"""Fewer edges than these in one fast check are no frequency."""
 HELD_SHARE = 0.01
 """A standard that repeats one value while its module moves by this share of the range is stuck."""
 
 
-class Glance(Protocol):
-    """What a quick look needs of a torque channel."""
+class FastCheck(Protocol):
+    """What a fast check needs of a torque channel."""
 
     name: str
     side: Side
@@ -104,7 +104,7 @@ class SignalJudge:
         self._violation: Violation | None = None
 
     def forget(self) -> None:
-        """Begin afresh after an acknowledgement, with the next look; from any thread."""
+        """Begin afresh after an acknowledgement, with the next check; from any thread."""
         self._forgetting = True
 
     def _begin(self) -> None:
@@ -124,10 +124,10 @@ class SignalJudge:
         self._violation, self._warnings = None, []
         return found
 
-    # -- the quick look ---------------------------------------------------------------------
+    # -- the fast check ---------------------------------------------------------------------
 
-    def look(
-        self, raw: CounterBlock, channels: Mapping[str, Glance]
+    def check_edges(
+        self, raw: CounterBlock, channels: Mapping[str, FastCheck]
     ) -> tuple[Violation | None, list[Change]]:
         """Judge a few milliseconds of bare edges and encoder counts.
 
@@ -144,13 +144,13 @@ class SignalJudge:
         for name, edges in raw.edges.items():
             channel = channels.get(name)
             if channel is not None:
-                self._glance(channel, edges, raw.stop_s)
+                self._check_edges(channel, edges, raw.stop_s)
         for side, angles in raw.angles.items():
             if angles.time_s.size:
                 self._turn(side, angles)
         return self._result()
 
-    def _glance(self, channel: Glance, edges: EdgeBlock, now_s: float) -> None:
+    def _check_edges(self, channel: FastCheck, edges: EdgeBlock, now_s: float) -> None:
         ticks, name = edges.ticks, channel.name
         count = ticks.size
         zero_hz = channel.transducer.option_khz * 1e3
@@ -192,7 +192,7 @@ class SignalJudge:
     # -- whole blocks -----------------------------------------------------------------------
 
     def judge(self, block: AcquiredBlock) -> tuple[Violation | None, list[Change]]:
-        """Judge a block after the whole signal path; returns like `look`."""
+        """Judge a block after the whole signal path; returns like `check_edges`."""
         self._begin()
         for side in SIDES:
             speed = block.speed_rad_s.get(side)  # a silent encoder: see below
@@ -212,10 +212,14 @@ class SignalJudge:
             self._faulty(block)
             self._holding(block)
             self._disagreeing(block)
-            astray = self._following.judge(block)
-            if astray is not None:
+            deviating = self._following.judge(block)
+            if deviating is not None:
                 self._violated(
-                    astray.kind, astray.source, astray.found, astray.allowed, astray.remedy
+                    deviating.kind,
+                    deviating.source,
+                    deviating.found,
+                    deviating.allowed,
+                    deviating.remedy,
                 )
         elif not self._commands.any_enabled:
             self._held.clear()
