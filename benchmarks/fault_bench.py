@@ -20,6 +20,7 @@ from torquebench.bench.drivers.base import (
 )
 from torquebench.bench.drivers.simulated import SimulatedBench
 from torquebench.errors import BenchError
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["KINDS", "FaultyBench", "Kind"]
 
@@ -256,7 +257,7 @@ def _spins(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
     drive, module = faulty.bench.drives[side], faulty.bench.description.module(side)
     sign = float(draw.choice((-1.0, 1.0)))
     if drive.state().enabled:
-        speed = sign * 1.2 * module.limits.speed_rpm * 2.0 * np.pi / 60.0
+        speed = sign * 1.2 * module.limits.speed_rpm * RAD_S_PER_RPM
         _insist(faulty, lambda: drive.command_speed(speed, 1e4))
 
 

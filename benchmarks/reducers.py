@@ -54,8 +54,8 @@ from torquebench.twin.reducer_truth import (
     true_starting_nm,
     true_transmission_error,
 )
+from torquebench.units import ARCSEC
 
-ARCSEC_PER_RAD = 648000.0 / np.pi
 COLD = WarmUp(longest_s=0.0)
 BLOCK_S = 0.05
 """Bench time of one block: as short as the watch over the drives needs it to follow a ramp."""
@@ -137,7 +137,7 @@ def truths(
     if outcome.name == "transmission-error":
         angle = np.linspace(0.0, 2.0 * np.pi, 100_001)
         error = float(np.ptp(true_transmission_error(constants, angle)))
-        return {"transmission_error": error * ARCSEC_PER_RAD}
+        return {"transmission_error": error / ARCSEC}
     if outcome.name == "starting":
         return {"starting_torque": true_starting_nm(constants, recording.temperature_c)}
     if outcome.name == "back-driving":

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import date
 from importlib import resources
-from math import pi
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -15,6 +14,7 @@ from torquebench.bench.description_errors import ConflictError, parse_toml, vali
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.signals import FrequencyScale
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "BenchDescription",
@@ -105,7 +105,7 @@ class DriveDescription(_Section):
     @property
     def speed_rate_rad_per_s2(self) -> float:
         """Rate of the speed, rad/s²."""
-        return self.speed_rate_rpm_per_s * 2.0 * pi / 60.0
+        return self.speed_rate_rpm_per_s * RAD_S_PER_RPM
 
 
 class EncoderDescription(_Section):

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.bench.certificate_table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
+from torquebench.units import ARCSEC
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -106,8 +107,7 @@ def read_encoder_certificate(path: Path | str) -> EncoderCertificate:
     )
     points = sorted(tuple(row.number(column) for column in _COLUMNS) for row in rows)
     angle, error_arcsec, expanded = np.array(points, dtype=np.float64).T
-    arcsec = np.pi / 648000.0
-    return EncoderCertificate(np.radians(angle), error_arcsec * arcsec, expanded * arcsec)
+    return EncoderCertificate(np.radians(angle), error_arcsec * ARCSEC, expanded * ARCSEC)
 
 
 def encoder_certificates(

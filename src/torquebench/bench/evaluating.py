@@ -19,12 +19,12 @@ from torquebench.bench.samples import (
     SampleRing,
 )
 from torquebench.errors import BenchError
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["BlockEvaluator", "mean_speed"]
 
 KEPT_S = 120.0
 ANGLE_RATE_HZ = 1000.0
-RPM = 60.0 / (2.0 * np.pi)
 
 
 class BlockEvaluator:
@@ -122,7 +122,7 @@ class BlockEvaluator:
                 probe = self._description.module(side).temperature_probe
                 found[side] = active.samples(
                     readings.torque_nm,
-                    speeds.get(side, np.nan) * RPM,
+                    speeds.get(side, np.nan) * RPM_PER_RAD_S,
                     temperatures.get(probe, np.nan),
                     readings.time_s,
                 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import pi
 from typing import TYPE_CHECKING, Literal
 
 from torquebench.bench.description import BenchDescription
@@ -11,6 +10,7 @@ from torquebench.bench.roles import MODES, MOUNTINGS, SIDES, Mode, Mounting, Sid
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.state import CommandState
 from torquebench.errors import InputError, InterlockError, LimitError
+from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.acquisition import Acquisition
@@ -19,7 +19,6 @@ __all__ = ["Interlocks", "ProcedureKind"]
 
 ProcedureKind = Literal["calibration", "verification", "reducer_test"]
 
-RPM = 60.0 / (2.0 * pi)
 
 _NEEDED: dict[ProcedureKind, Mounting] = {
     "calibration": "calibrator",
@@ -70,9 +69,9 @@ class Interlocks:
         With anything mounted it needs the clamp too.
         """
         limit = self._supervisor.limits_of(side).speed_rpm
-        if not abs(speed_rad_s) * RPM <= limit:
+        if not abs(speed_rad_s) * RPM_PER_RAD_S <= limit:
             raise LimitError(
-                f"{speed_rad_s * RPM:g} rpm asked of the {side} drive",
+                f"{speed_rad_s * RPM_PER_RAD_S:g} rpm asked of the {side} drive",
                 f"±{limit:g} rpm",
                 f"raise {side}.limits.speed_rpm only if the whole chain bears it",
             )
@@ -139,7 +138,7 @@ class Interlocks:
         if commands.enabled and (commands.torque_nm != 0.0 or commands.speed_rad_s != 0.0):
             raise InterlockError(
                 f"{side} drive at {commands.torque_nm:g} N·m and "
-                f"{commands.speed_rad_s * RPM:g} rpm",
+                f"{commands.speed_rad_s * RPM_PER_RAD_S:g} rpm",
                 "zero torque and standstill",
                 f"unload the side first to {purpose}",
             )
@@ -153,7 +152,7 @@ class Interlocks:
                 f"unload the side first to {purpose}; where nothing loads it, its zero is off: "
                 "raise `safety.unloaded_percent`, or have the transducer adjusted",
             )
-        speed = abs(self._acquisition.speed_rad_s(side)) * RPM
+        speed = abs(self._acquisition.speed_rad_s(side)) * RPM_PER_RAD_S
         if speed > safety.standstill_rpm:
             raise InterlockError(
                 f"{side} side turns with {speed:.2f} rpm",

@@ -38,6 +38,7 @@ from torquebench.reducers import (
     evaluate_no_load,
     evaluate_transmission_error,
 )
+from torquebench.units import ARCMIN
 
 __all__ = ["EVALUATIONS", "Evaluated"]
 
@@ -171,7 +172,7 @@ def _twist_remarks(bench: Bench) -> list[str]:
     if not bench.twists:
         return ["the bench's own twist isn't known: it counts as the reducer's"]
     return [
-        f"the bench's own twist at the {side}, {each.rad_per_nm * 180 * 60 / np.pi:.3g} arcmin per "
+        f"the bench's own twist at the {side}, {each.rad_per_nm / ARCMIN:.3g} arcmin per "
         f"N·m ({each.source}), is taken off"
         for side, each in bench.twists.items()
     ]

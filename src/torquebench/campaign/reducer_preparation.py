@@ -6,8 +6,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.roles import Side
 from torquebench.campaign.reducer_settings import ReducerTestSettings
@@ -18,10 +16,10 @@ from torquebench.procedures.reducer_empty import empty_run
 from torquebench.procedures.reducer_loop import bench_twist
 from torquebench.procedures.reducer_setup import ReducerLimits
 from torquebench.reducers import Tare
+from torquebench.units import ARCMIN
 
 __all__ = ["Known", "Preparation", "preparations"]
 
-ARCMIN = np.pi / 180.0 / 60.0
 RUNNING = frozenset({"no-load", "efficiency"})
 
 

@@ -7,8 +7,6 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from torquebench import __version__
 from torquebench.bench.roles import SIDES
 from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
@@ -27,10 +25,10 @@ from torquebench.errors import ModelMismatchError, TorquebenchError
 from torquebench.procedures import Rehearsal, rehearse
 from torquebench.reducers import ReducerDescription
 from torquebench.station import Station
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["TESTS", "ReducerTest", "rehearse_reducer_test", "run_reducer_test"]
 
-RPM_PER_RAD_S = 30.0 / np.pi
 LOADED = frozenset({"hysteresis", "efficiency"})
 """Tests that load the output as far as their plans say."""
 

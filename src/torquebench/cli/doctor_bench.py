@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from torquebench.errors import ModelMismatchError, TorquebenchError
+from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.audit import AuditLog
@@ -211,7 +212,7 @@ def _encoders(station: Station) -> Iterator[Finding]:
     for side in SIDES:
         what = f"{side} encoder"
         try:
-            rpm = station.acquisition.speed_rad_s(side) * 60.0 / (2.0 * math.pi)
+            rpm = station.acquisition.speed_rad_s(side) * RPM_PER_RAD_S
             degrees = math.degrees(station.acquisition.angle_rad(side))
         except TorquebenchError as error:
             yield _problem(what, error)

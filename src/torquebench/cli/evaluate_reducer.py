@@ -11,6 +11,7 @@ import typer
 from torquebench.cli.reducer_columns import Kind, read_columns
 from torquebench.cli.reducer_tables import present
 from torquebench.errors import InputError
+from torquebench.units import ARCMIN, ARCSEC
 
 if TYPE_CHECKING:
     from torquebench.reducers import AnyResult, FrictionResult, QuantityVerdict, ReducerDescription
@@ -191,7 +192,6 @@ def hysteresis(
         settling_loops=settling_loops,
         closure_share=closure / 100.0,
     )
-    arcmin = 0.0002908882086657216
     result = evaluate_hysteresis(
         table["torque"],
         table["angle"],
@@ -199,15 +199,15 @@ def hysteresis(
         position=table.get("position"),
         loop=table.get("loop"),
         demanded_nm=table.get("demanded"),
-        bench_compliance_rad_per_nm=bench_compliance * arcmin,
+        bench_compliance_rad_per_nm=bench_compliance * ARCMIN,
         time_s=table.get("time"),
         flange=flange,
         uncertainty=LoopUncertainty(
             torque_relative=torque_uncertainty / 100.0,
             torque_zero_nm=zero_uncertainty,
             torque_branch_nm=branch_uncertainty,
-            angle_rad=angle_uncertainty * arcmin / 60.0,
-            bench_compliance_rad_per_nm=compliance_uncertainty * arcmin,
+            angle_rad=angle_uncertainty * ARCSEC,
+            bench_compliance_rad_per_nm=compliance_uncertainty * ARCMIN,
         ),
     )
     _finish("hysteresis", data, result, described, output, loop=settings, flange=flange)
@@ -346,7 +346,7 @@ def breakaway(
         run=table.get("run"),
         position=table.get("position"),
         uncertainty=TorqueUncertainty(torque_uncertainty / 100.0, zero_uncertainty),
-        presliding_rad=presliding * 0.0002908882086657216,
+        presliding_rad=presliding * ARCMIN,
         largest_share=None if largest_uncertainty is None else largest_uncertainty / 100.0,
     )
     _finish(f"{kind} torque", data, result, described, output)
@@ -388,7 +388,6 @@ def transmission_error(
     given, taken = table["input"], table["output"]
     if wrapped:
         given, taken = np.unwrap(given), np.unwrap(taken)
-    arcsec = np.pi / 648000.0
     order = highest_order or (described.highest_error_order if described else None)
     result = evaluate_transmission_error(
         given,
@@ -396,7 +395,7 @@ def transmission_error(
         _ratio(ratio, described),
         time_s=table.get("time"),
         highest_order=order,
-        uncertainty=AngleUncertainty(output_uncertainty * arcsec, input_uncertainty * arcsec),
+        uncertainty=AngleUncertainty(output_uncertainty * ARCSEC, input_uncertainty * ARCSEC),
     )
     _finish("transmission error", data, result, described, output, highest_order=order)
 

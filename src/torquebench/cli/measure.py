@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -17,6 +16,7 @@ from torquebench.cli.options import (
     DataOption,
     accepted_counter,
 )
+from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.compensating import AcceptedCounter
@@ -134,7 +134,7 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
 def measured_line(station: Station, blocks: list[AcquiredBlock]) -> str:
     """Return one line of at most 80 columns about an interval."""
     newest = blocks[-1]
-    rpm = newest.speed_rad_s["input"] * 60.0 / (2.0 * math.pi)
+    rpm = newest.speed_rad_s["input"] * RPM_PER_RAD_S
     temperature = newest.temperatures[station.description.input.temperature_probe]
     return (
         f"{newest.stop_s:6.1f} s  in {_torque('input', blocks)}  out {_torque('output', blocks)}"

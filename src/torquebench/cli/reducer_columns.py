@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torquebench.errors import InputError
+from torquebench.units import ARCMIN, ARCSEC, DEGREE, RPM_PER_RAD_S, TURN
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,18 +21,17 @@ __all__ = ["Kind", "read_columns"]
 Kind = str
 """One of the keys of `UNITS`, or ``"label"`` for a number without a unit."""
 
-_TURN = 6.283185307179586
 UNITS: Mapping[Kind, Mapping[str, float]] = {
     "torque": {"nm": 1.0, "knm": 1e3, "mnm": 1e-3},
     "angle": {
         "rad": 1.0,
         "mrad": 1e-3,
-        "deg": _TURN / 360.0,
-        "arcmin": _TURN / 21600.0,
-        "arcsec": _TURN / 1296000.0,
-        "rev": _TURN,
+        "deg": DEGREE,
+        "arcmin": ARCMIN,
+        "arcsec": ARCSEC,
+        "rev": TURN,
     },
-    "speed": {"rpm": 1.0, "rads": 60.0 / _TURN, "degs": 1.0 / 6.0, "revs": 60.0},
+    "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / 6.0, "revs": 60.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
     "temperature": {"c": 1.0, "degc": 1.0},
 }
@@ -149,7 +149,7 @@ def _factor(kind: Kind, unit: str, text: str) -> float:
     unit = unit.strip().lower()
     counts = re.fullmatch(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", unit)
     if kind == "angle" and counts is not None and float(counts[1]) > 0.0:
-        return _TURN / float(counts[1])
+        return TURN / float(counts[1])
     plain = _SPELLED.get(unit, re.sub(r"[^a-z]", "", unit))
     if plain not in UNITS[kind]:
         more = ", counts/N for N counts per revolution" if kind == "angle" else ""

@@ -22,7 +22,6 @@ from torquebench.procedures.guarding import (
 )
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
-    RAD_S_PER_RPM,
     TURN_RPM,
     ReducerLimits,
     WarmUp,
@@ -42,6 +41,7 @@ from torquebench.procedures.setup import (
     unloaded_after,
 )
 from torquebench.reducers.repeatability import errors_of_means
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "EfficiencySettings",

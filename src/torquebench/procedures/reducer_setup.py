@@ -18,10 +18,10 @@ from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.setup import REST_S, Plan, power_on
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "GENTLE_RPM_PER_S",
-    "RAD_S_PER_RPM",
     "TURN_RPM",
     "ReducerLimits",
     "WarmUp",
@@ -35,7 +35,6 @@ __all__ = [
     "warm_up",
 ]
 
-RAD_S_PER_RPM = 2.0 * np.pi / 60.0
 REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
 """Share of the speed by which a drive may miss it before it counts as saturated."""

@@ -18,7 +18,6 @@ from torquebench.errors import InputError
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress
 from torquebench.procedures.reducer_setup import (
-    RAD_S_PER_RPM,
     TURN_RPM,
     ReducerLimits,
     run_metadata,
@@ -34,6 +33,7 @@ from torquebench.procedures.setup import (
     set_up,
     unloaded_after,
 )
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "AngleRecording",

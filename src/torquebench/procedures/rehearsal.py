@@ -17,6 +17,7 @@ from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySetting
 from torquebench.bench.drivers.base import SIDES, Mode, Seating, Side
 from torquebench.errors import InterlockError, LimitError
 from torquebench.procedures.setup import Plan, ProcedureGate, ProcedureKind
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Move", "Rehearsal", "rehearse"]
 
@@ -27,7 +28,6 @@ _WANTED: dict[ProcedureKind, str] = {
     "verification": "verification_standard",
     "reducer_test": "reducer",
 }
-RPM_PER_RAD_S = 30.0 / 3.141592653589793
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from torquebench.reducers.comparison import (
     compare_specimens,
 )
 from torquebench.reducers.description import (
-    NM_PER_RAD_OF_NM_PER_ARCMIN,
     DataSheetLimits,
     EfficiencyLimit,
     NoLoadLimit,
@@ -63,7 +62,6 @@ __all__ = [
     "COMMON_CONTRIBUTIONS",
     "FORMS",
     "LOST_MOTION_RULES",
-    "NM_PER_RAD_OF_NM_PER_ARCMIN",
     "AngleUncertainty",
     "AnyResult",
     "BreakawayResult",

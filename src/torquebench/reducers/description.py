@@ -2,7 +2,6 @@
 
 import tomllib
 from importlib import resources
-from math import pi
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -11,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from torquebench.errors import InputError
 
 __all__ = [
-    "NM_PER_RAD_OF_NM_PER_ARCMIN",
     "DataSheetLimits",
     "EfficiencyLimit",
     "NoLoadLimit",
@@ -20,8 +18,6 @@ __all__ = [
     "load_reducer",
 ]
 
-NM_PER_RAD_OF_NM_PER_ARCMIN = 180.0 * 60.0 / pi
-"""1 N·m/arcmin in N·m/rad: 3437.75."""
 
 Positive = Annotated[float, Field(gt=0)]
 RuleName = Literal["nabtesco", "spinea", "harmonic-drive", "yaskawa"]

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from torquebench.reducers.quantities import Contribution, ResultQuantity, budget
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["EfficiencyPoint", "Side", "SteadyPoints", "both_directions", "points_of"]
 
 FloatArray = NDArray[np.float64]
 Side = Literal["input", "output"]
-RAD_S_PER_RPM = 2.0 * np.pi / 60.0
 SAME_POINT = 0.01
 """Share of the largest torque and speed within which points count as repeats."""
 CANCELLING = ("torque zero", "zero by speed")

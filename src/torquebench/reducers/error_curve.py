@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.reducers.error_segments import ARCSEC, TURN, Run
+from torquebench.reducers.error_segments import TURN, Run
+from torquebench.units import ARCSEC
 
 __all__ = ["Revolution", "mean_revolution"]
 

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.reducers.loop_branches import turning_points
+from torquebench.units import ARCSEC
 
 __all__ = ["Run", "check_ratio", "check_sampling", "check_slip", "runs_of"]
 
 Floats = NDArray[np.float64]
 TURN = 2.0 * np.pi
-ARCSEC = np.pi / 180.0 / 3600.0
 SAMPLES_PER_PERIOD = 10.0
 RATIO_TOLERANCE = 1e-3
 """Relative deviation of the ratio that is named before anything else is looked at."""

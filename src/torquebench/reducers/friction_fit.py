@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 from torquebench.errors import InputError
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["FORMS", "Estimate", "Form", "FrictionFit", "fit_friction"]
 
-RAD_S_PER_RPM = 2.0 * np.pi / 60.0
 
 Form = Literal["coulomb", "coulomb-viscous", "coulomb-stribeck", "coulomb-viscous-stribeck"]
 FORMS: dict[str, tuple[str, ...]] = {

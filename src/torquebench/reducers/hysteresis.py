@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns, labels
-from torquebench.reducers.description import NM_PER_RAD_OF_NM_PER_ARCMIN
 from torquebench.reducers.flange_torque import FlangeInertia, torque_at_flange
 from torquebench.reducers.loop_branches import cut_loops, smoothed, turning_points
 from torquebench.reducers.loop_features import features_of, key_points_of
@@ -30,6 +29,7 @@ from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.reducers.saturation import torque_saturation
 from torquebench.uncertainty import Budget
+from torquebench.units import NM_PER_RAD_OF_NM_PER_ARCMIN
 
 __all__ = ["evaluate_hysteresis"]
 

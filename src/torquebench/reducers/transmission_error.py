@@ -10,7 +10,6 @@ from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.error_curve import Revolution, mean_revolution
 from torquebench.reducers.error_segments import (
-    ARCSEC,
     TURN,
     Run,
     check_ratio,
@@ -20,6 +19,7 @@ from torquebench.reducers.error_segments import (
 )
 from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
 from torquebench.uncertainty import Budget
+from torquebench.units import ARCSEC
 
 __all__ = [
     "AngleUncertainty",

@@ -28,6 +28,7 @@ from torquebench.reports.figures import (
     _svg,
     friction_figure,
 )
+from torquebench.units import ARCMIN
 
 __all__ = [
     "breakaway_figure",
@@ -38,7 +39,6 @@ __all__ = [
     "transmission_error_figure",
 ]
 
-ARCMIN = np.pi / 180.0 / 60.0
 LEAST_MAP = 2
 """Torques and speeds that iso-lines need at least."""
 

@@ -12,6 +12,7 @@ from torquebench.bench.drivers import cia402
 from torquebench.bench.drivers.base import Side
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import Plant
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Cia402Node", "serial_number"]
 
@@ -53,7 +54,7 @@ class Cia402Node:
         self._plant = plant
         self._side: Side = side
         self._drive = plant.bench.drives[side]
-        self._units = velocity_units_per_rpm * cia402.RPM
+        self._units = velocity_units_per_rpm * RPM_PER_RAD_S
         self._faults = faults
         self._master = master
         self._rated_nm = module.range_nm / 5.0

@@ -18,6 +18,7 @@ from torquebench.twin.reducer import ReducerConstants
 from torquebench.twin.reducers import ReducerName, draw_reducer
 from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
+from torquebench.units import ARCSEC
 
 __all__ = ["EncoderConstants", "SideParameters", "TwinParameters"]
 
@@ -176,17 +177,16 @@ def _draw_side(
         if steepest_slope(chain) < 0.5:
             break
     calibrator, standard = presets.draw_references(generator, design, wear, carrier_hz)
-    arcsec = np.pi / 180.0 / 3600.0
     phase = generator.uniform(0.0, 2.0 * np.pi, 2)
     largest = 4.0 if side == "input" else 0.8
     encoder = EncoderConstants(
         360_000 if side == "input" else 3_600_000,
         (
-            generator.uniform(0.3, 1.0) * largest * arcsec,
-            generator.uniform(0.1, 0.4) * largest * arcsec,
+            generator.uniform(0.3, 1.0) * largest * ARCSEC,
+            generator.uniform(0.1, 0.4) * largest * ARCSEC,
         ),
         (float(phase[0]), float(phase[1])),
-        1.25 * largest * arcsec,
+        1.25 * largest * ARCSEC,
     )
     return SideParameters(
         geometry=geometry,

@@ -13,12 +13,11 @@ from torquebench.twin.counter import CounterConstants
 from torquebench.twin.drive import DriveConstants
 from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["BANDWIDTH", "DESIGNS", "WEAR", "Preset", "SideDesign"]
 
 Preset = Literal["nominal", "worn"]
-
-RPM = 2.0 * np.pi / 60.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class SideDesign:
 DESIGNS: dict[Side, SideDesign] = {
     "input": SideDesign(
         range_nm=50.0,
-        largest_speed_rad_s=1200.0 * RPM,
+        largest_speed_rad_s=1200.0 * RAD_S_PER_RPM,
         temperature_effect_per_k=1e-4,
         chain=Chain(0.030, 0.010, 0.20, 79e9, 0.015, 16e-6, 9e-5, 5.5e7, 3.6e5, 1.2e4),
         motor_inertia_kgm2=0.012,
@@ -69,7 +68,7 @@ DESIGNS: dict[Side, SideDesign] = {
     ),
     "output": SideDesign(
         range_nm=2000.0,
-        largest_speed_rad_s=15.0 * RPM,
+        largest_speed_rad_s=15.0 * RAD_S_PER_RPM,
         temperature_effect_per_k=0.5e-4,
         chain=Chain(0.090, 0.030, 0.30, 79e9, 0.045, 16e-6, 1.8e-4, 5.5e8, 1.5e7, 2.4e5),
         motor_inertia_kgm2=2.5,
@@ -210,7 +209,7 @@ def draw_transducer(
         creep_time_s=(_around(generator, 8.0, 0.3), _around(generator, 90.0, 0.3)),
         zero_drift_per_k=_signed(generator, 0.3, 0.9) * effect * wear,
         span_drift_per_k=_signed(generator, 0.3, 0.9) * effect * wear,
-        zero_by_speed_s=_signed(generator, 0.6e-4, 1.3e-4) * wear / (1000.0 * RPM),
+        zero_by_speed_s=_signed(generator, 0.6e-4, 1.3e-4) * wear / (1000.0 * RAD_S_PER_RPM),
         repeatability=generator.uniform(1.0e-4, 2.0e-4) * wear,
         wander=generator.uniform(0.1e-4, 0.3e-4) * wear,
         wander_time_s=_around(generator, 30.0, 0.3),
@@ -292,7 +291,7 @@ def draw_thermal(generator: np.random.Generator) -> ThermalConstants:
         ambient_spread_k=_around(generator, 0.4, 0.3),
         ambient_time_s=1800.0,
         transducer_time_s=(_around(generator, 600.0, 0.2), _around(generator, 1500.0, 0.2)),
-        transducer_heating_k_s=(4.0 / (1200.0 * RPM), 1.0 / (15.0 * RPM)),
+        transducer_heating_k_s=(4.0 / (1200.0 * RAD_S_PER_RPM), 1.0 / (15.0 * RAD_S_PER_RPM)),
         calibrator_time_s=1200.0,
         heat_capacity_j_k=8000.0,
         cooling_w_k=8.0,

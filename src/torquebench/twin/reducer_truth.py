@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.twin import reducer as red
 from torquebench.twin.reducer import ReducerConstants
+from torquebench.units import ARCMIN, RAD_S_PER_RPM
 
 __all__ = [
     "true_back_driving_nm",
@@ -17,8 +18,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-RPM = 2.0 * np.pi / 60.0
-ARCMIN = np.pi / 180.0 / 60.0
 
 
 def true_loop(
@@ -126,7 +125,7 @@ def _input_torque(
     reducer: ReducerConstants, speed_rpm: ArrayLike, load_nm: ArrayLike, temperature_c: float
 ) -> FloatArray:
     """Torque at the input that turns it at a speed against a load at the output, N·m."""
-    speed, load = np.broadcast_arrays(np.asarray(speed_rpm, float) * RPM, load_nm)
+    speed, load = np.broadcast_arrays(np.asarray(speed_rpm, float) * RAD_S_PER_RPM, load_nm)
     coulomb, viscous = red.temperature_factors(reducer, temperature_c)
     gear = _output_drag(reducer, np.abs(speed) / reducer.ratio, viscous) + load
     level = [

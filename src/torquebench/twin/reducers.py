@@ -6,13 +6,11 @@ import numpy as np
 
 from torquebench.errors import InputError
 from torquebench.twin.reducer import ReducerConstants
+from torquebench.units import ARCMIN, ARCSEC
 
 __all__ = ["REDUCERS", "ReducerName", "draw_reducer"]
 
 ReducerName = Literal["standard", "rv-40e", "harmonic-20"]
-
-ARCMIN = np.pi / 180.0 / 60.0
-ARCSEC = ARCMIN / 60.0
 
 
 class _Design(NamedTuple):

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from torquebench.errors import InputError
 from torquebench.reducers import (
     LOST_MOTION_RULES,
-    NM_PER_RAD_OF_NM_PER_ARCMIN,
     LoopSettings,
     LoopUncertainty,
     evaluate_hysteresis,
 )
+from torquebench.units import NM_PER_RAD_OF_NM_PER_ARCMIN
 
 ARCMIN = np.pi / 180 / 60
 RATED = 400.0

@@ -18,11 +18,11 @@ from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.compensation import features
 from torquebench.errors import SignalFault
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Recorder", "SynchronousRecording", "group_delay_s"]
 
 FloatArray = NDArray[np.float64]
-RPM = 60.0 / (2.0 * np.pi)
 
 FINE_WINDOW_S = 0.002
 """Windows of a fine stretch, s: a drive's ripple of some 10 Hz is resolved by them."""
@@ -196,7 +196,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         active = context.acquisition.compensation(side)
         if active is None:
             return time_s, reading_nm, np.full(time_s.size, np.nan)
-        speed = context.acquisition.mean_speed_rad_s(side, *span) * RPM
+        speed = context.acquisition.mean_speed_rad_s(side, *span) * RPM_PER_RAD_S
         temperature = context.acquisition.temperature_c(module.temperature_probe)
         table = features(reading_nm, 0, 0, speed, temperature)
         columns = int(active.model.n_features_in_)

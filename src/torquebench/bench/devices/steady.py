@@ -16,10 +16,10 @@ from torquebench.bench.roles import Side, reference_channel, torque_channel
 from torquebench.bench.samples import ChannelSamples
 from torquebench.errors import InputError, SignalFault
 from torquebench.signals import SteadyValue, steady_value
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["SteadySettings", "SteadyTorque"]
 
-RPM = 60.0 / (2.0 * np.pi)
 LEAST_WINDOWS = 8
 
 _UNITS = {
@@ -184,7 +184,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         acquisition, module = context.acquisition, context.description.module(side)
         reading = self._steady(torque_channel(side), start_s, stop_s)
         commands = context.commands.side(side)
-        speed_rpm = acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM
+        speed_rpm = acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM_PER_RAD_S
         temperature_c = acquisition.temperature_c(module.temperature_probe)
         values: dict[str, float | int | bool] = {
             "reading_nm": reading.steady.value,

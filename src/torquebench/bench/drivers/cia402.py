@@ -24,6 +24,7 @@ from torquebench.bench.drivers.plugins import (
     require_library,
 )
 from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["PLUGIN", "CanopenLink", "Cia402Drive", "load_dictionary"]
 
@@ -42,7 +43,6 @@ ABORT_BY_FAULT = 1
 OPERATIONAL = 5
 LARGEST_SLOPE = 2**31 - 1
 HEARTBEAT_ERRORS = (0x8130, 0x8110, 0x8120)
-RPM = 60.0 / (2.0 * math.pi)
 POLL_S = 0.005
 
 STATES = (
@@ -223,7 +223,7 @@ class Cia402Drive:
                 "set object 0x6076 of the drive",
             )
         self._maximum_nm = link.read(MAXIMUM_TORQUE) * self._rated_nm / 1e3
-        self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM
+        self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM_PER_RAD_S
 
     def identity(self) -> Identity:
         """Ask the drive for its identity object."""
@@ -366,7 +366,7 @@ class Cia402Drive:
         return min(LARGEST_SLOPE, max(1, abs(self._velocity(rate_rad_per_s2))))
 
     def _velocity(self, speed_rad_s: float) -> int:
-        return round(speed_rad_s * RPM * self._options.velocity_units_per_rpm)
+        return round(speed_rad_s * RPM_PER_RAD_S * self._options.velocity_units_per_rpm)
 
     def feed_watchdog(self) -> None:
         """Send the heartbeat that the drive watches."""
@@ -379,7 +379,7 @@ class Cia402Drive:
         torque_nm = speed_rad_s = None
         if mode == PROFILE_VELOCITY:
             units = self._link.read(VELOCITY_DEMAND)
-            speed_rad_s = units / self._options.velocity_units_per_rpm / RPM
+            speed_rad_s = units / self._options.velocity_units_per_rpm / RPM_PER_RAD_S
         else:
             torque_nm = self._link.read(TORQUE_DEMAND) * self._rated_nm / 1e3
         enabled = status == "operation enabled"

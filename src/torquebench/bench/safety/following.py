@@ -19,10 +19,10 @@ from torquebench.bench.roles import SIDES, Side, reference_channel, torque_chann
 from torquebench.bench.safety.alarms import AlarmKind, Violation
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState, Quantity, SetPoint
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["FollowingJudge"]
 
-RPM = 60.0 / (2.0 * math.pi)
 DEVIATING_S = 0.1
 """How long a drive may be outside its band, s of bench time; for one block in any case."""
 
@@ -135,7 +135,7 @@ class FollowingJudge:
 
     def _range(self, side: Side, quantity: Quantity) -> float:
         module = self._description.module(side)
-        return module.range_nm if quantity == "torque" else module.limits.speed_rpm / RPM
+        return module.range_nm if quantity == "torque" else module.limits.speed_rpm / RPM_PER_RAD_S
 
 
 def _values(quantity: Quantity, side: Side, block: AcquiredBlock) -> NDArray[np.float64]:
@@ -149,7 +149,7 @@ def _values(quantity: Quantity, side: Side, block: AcquiredBlock) -> NDArray[np.
 def _violation(
     side: Side, quantity: Quantity, found: float, told: float, allowed: float
 ) -> Violation:
-    scale, unit = (1.0, "N·m") if quantity == "torque" else (RPM, "rpm")
+    scale, unit = (1.0, "N·m") if quantity == "torque" else (RPM_PER_RAD_S, "rpm")
     found, told, allowed = scale * found, scale * told, scale * allowed
     return Violation(
         AlarmKind.FOLLOWING,

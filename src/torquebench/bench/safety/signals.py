@@ -22,10 +22,10 @@ from torquebench.bench.safety.limits import LimitBook, Watch
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.signals import EdgeBlock, SignalFaultKind
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Change", "FastCheck", "SignalJudge"]
 
-RPM = 60.0 / (2.0 * math.pi)
 TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
@@ -197,7 +197,7 @@ class SignalJudge:
         for side in SIDES:
             speed = block.speed_rad_s.get(side)  # a silent encoder: see below
             if speed is not None:
-                self._speed(side, speed * RPM, block.stop_s, quick=False)
+                self._speed(side, speed * RPM_PER_RAD_S, block.stop_s, quick=False)
             angles = block.angles.get(side)
             if angles is not None and angles.time_s.size:
                 self._angle(side, 360.0 * float(angles.counts[-1]) / angles.counts_per_revolution)

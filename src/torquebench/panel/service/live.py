@@ -21,6 +21,7 @@ from torquebench.bench.roles import SIDES, Side, reference_channel, torque_chann
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.errors import InputError
 from torquebench.panel.service.rings import TrendMemory, envelope, nan_mean
+from torquebench.units import DEGREE, RPM_PER_RAD_S
 
 __all__ = [
     "SIGNALS",
@@ -41,8 +42,6 @@ ROWS = 3600
 FACTORS = (10, 4)
 """With blocks of 30 ms: 108 s of every block, 18 min of 0.3 s, 72 min of 1.2 s."""
 MAXIMUM_INCREMENT = 1000
-RPM = 60.0 / (2.0 * np.pi)
-DEGREES = 180.0 / np.pi
 MEANINGFUL_SHARE = 0.02
 """Below this share of range a torque says nothing about efficiency."""
 MEANINGFUL_SPEED_RPM = 1.0
@@ -248,10 +247,10 @@ class LiveHub:
             if compensated is not None:
                 put(f"{side}_torque_nm", compensated.torque_nm)
                 put(f"{side}_uncertainty_nm", 2.0 * compensated.standard_uncertainty_nm)
-            put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM)
+            put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S)
             angles = block.angles.get(side)
             if angles is not None and angles.time_s.size:
-                put(f"{side}_angle_deg", float(angles.angle_rad[-1]) * DEGREES)
+                put(f"{side}_angle_deg", float(angles.angle_rad[-1]) / DEGREE)
             probe = self._description.module(side).temperature_probe
             put(f"{side}_temperature_c", block.temperatures.get(probe, np.nan))
         put("efficiency_percent", self._efficiency(mean))
