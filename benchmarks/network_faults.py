@@ -35,13 +35,23 @@ from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducer_results import ReducerTestRecord
 from torquebench.procedures.reducer_turning import TransmissionRecording
-from torquebench.simulators import KINDS, MisbehaviourKind, Simulators
+from torquebench.simulators import MisbehaviourKind, Simulators
 from torquebench.station import Station
 
 __all__ = ["WireFault", "networked", "numbered_wire", "wire_faults"]
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "networked.toml"
 ENDPOINTS = ("counter", "input_drive", "output_drive", "reference", "temperature", "modes", "clamp")
+KINDS: tuple[MisbehaviourKind, ...] = (
+    "delay",
+    "drop",
+    "cut",
+    "garble",
+    "disconnect",
+    "freeze",
+    "lie",
+)
+"""What an instrument's answers may suffer."""
 SET_UP_ONLY = ("modes", "clamp")
 """Asked while a procedure sets up the bench; they misbehave from its start."""
 MAY_DO_NO_HARM: tuple[MisbehaviourKind, ...] = ("freeze", "lie")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
 from typing import Any
 
@@ -61,6 +62,9 @@ class Cia402Node:
         self._maximum = 1.2 * module.limits.torque_nm, 1.2 * module.limits.speed_rpm
         self._state = "switch on disabled"
         self._mode = 0
+        self._word = 0
+        self._next: tuple[float, str] | None = None
+        self._booted: float | None = None
         self._frozen: dict[int, int] = {}
         self.node = canopen.LocalNode(node, cia402.load_dictionary())
         self._identity = {1: 0x0, 2: 0x192, 3: 0x10000, 4: serial_number(module.drive.serial)}
@@ -121,6 +125,8 @@ class Cia402Node:
 
     def _follow(self, enabled: bool, fault: bool) -> None:
         """Take over what the drive has done by itself: its watchdog has acted."""
+        self._arrive()
+        enabled = enabled or self._drive.state().enabled
         if fault and self._state != "fault":
             self._state = "fault"
         elif not enabled and self._state == "operation enabled":
@@ -134,24 +140,38 @@ class Cia402Node:
             return
         value = int(od.decode_raw(data))
         with self._plant.lock:
+            if self._faults.ignoring:
+                return
             if index == cia402.CONTROLWORD:
                 self._control(value)
             elif index == cia402.MODE:
-                self._mode = value
+                self._switch_mode(value)
             elif self._drive.state().enabled:
                 self._target(index, value)
+
+    def _switch_mode(self, mode: int) -> None:
+        """Control another quantity, from now on towards the target that is stored for it."""
+        changed, self._mode = mode != self._mode, mode
+        if changed and self._drive.state().enabled:
+            self._follow_targets()
+
+    def _follow_targets(self) -> None:
+        for index, layout in ((cia402.TARGET_TORQUE, "<h"), (cia402.TARGET_VELOCITY, "<i")):
+            self._target(index, self._stored(index, layout))
 
     def _control(self, word: int) -> None:
         state = self._drive.state()
         self._follow(state.enabled, bool(state.fault))
-        if word & cia402.FAULT_RESET:
-            if self._state == "fault":
+        resets = bool(word & ~self._word & cia402.FAULT_RESET)  # by its rising edge only
+        self._word = word
+        if self._state == "not ready to switch on":
+            return
+        if self._state == "fault":
+            if resets:
                 self._drive.disable()
                 self._drive.enable()  # forgets the fault
                 self._drive.disable()
-                self._state = "switch on disabled"
-        elif self._state == "fault":
-            return
+                self._go("switch on disabled")
         elif not word & 0x02:
             self._off("switch on disabled")
         elif not word & 0x04:  # quick stop
@@ -162,13 +182,37 @@ class Cia402Node:
         elif word & 0x0F == cia402.SWITCH_ON and self._state != "switch on disabled":
             self._off("switched on")
         elif word & 0x0F == cia402.ENABLE_OPERATION and self._state == "switched on":
-            self._drive.enable()
-            self._state = "operation enabled"
+            self._go("operation enabled")
 
     def _off(self, state: str) -> None:
         if self._drive.state().enabled:
             self._drive.disable()
-        self._state = state
+        if state == "switch on disabled":
+            self._state, self._next = state, None
+        else:
+            self._go(state)
+
+    def _go(self, state: str) -> None:
+        """Go to a state: at once, or as slowly as ordered."""
+        if self._state != state:
+            self._next = (time.monotonic() + self._faults.slowness_s, state)
+            self._arrive()
+
+    def _arrive(self) -> None:
+        """Take over the state that is due."""
+        slowness_s = self._faults.slowness_s
+        if not slowness_s:
+            self._booted = None
+            if self._state == "not ready to switch on":
+                self._state = "switch on disabled"
+        elif self._booted is None and self._state == "switch on disabled":
+            self._booted, self._state = time.monotonic(), "not ready to switch on"
+            self._next = (self._booted + slowness_s, "switch on disabled")
+        if self._next is not None and time.monotonic() >= self._next[0]:
+            self._state, self._next = self._next[1], None
+            if self._state == "operation enabled":
+                self._drive.enable()
+                self._follow_targets()
 
     def _target(self, index: int, value: int) -> None:
         if index == cia402.TARGET_TORQUE and self._mode == cia402.PROFILE_TORQUE:

@@ -7,8 +7,9 @@ Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do
 `{"do": "truth", "side": "output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s`
 to `stop_s` of the client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}`
 (noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator),
-`{"do": "encoder_certificates"}`. Every answer is an object, with `error` where the request can't
-be done.
+`{"do": "encoder_certificates"}`, `{"do": "drive_log", "side": "output"}` (what that drive was told
+and did, with its set points then, in the plant's time). Every answer is an object, with `error`
+where the request can't be done.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ class ControlServer(LineServer):
             "sweep": self._sweep,
             "certificates": self._certificates,
             "encoder_certificates": self._encoder_certificates,
+            "drive_log": self._drive_log,
         }
         super().__init__(WireFaults("control", random.Random(0)), host, port)
 
@@ -103,6 +105,10 @@ class ControlServer(LineServer):
             "drives": drives,
             "endpoints": list(self._misbehaviour.endpoints),
         }
+
+    def _drive_log(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        log = self._plant.bench.drives[request["side"]].log
+        return {"time_s": self._plant.now_s, "events": [event._asdict() for event in log]}
 
     def _mount(self, request: Mapping[str, Any]) -> dict[str, Any]:
         self._plant.bench.mount(request["mounting"])

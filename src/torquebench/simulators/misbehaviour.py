@@ -1,7 +1,7 @@
 """Simulated instruments misbehave on command: on the wire, and in what they state.
 
 ===============  ============================================================================
-`delay`          each answer comes `amount` seconds late (default 1 s)
+`delay`          each answer comes `amount` seconds late (default 1 s): with 0.005 a slow wire
 `drop`           no answer
 `cut`            only the first half of the answer comes
 `garble`         bytes of the answer are changed
@@ -9,6 +9,10 @@
 `freeze`         answers come, and state what was true when it began
 `lie`            answers come, and state the opposite: an enabled drive is off, a closed
                  clamp open, a probe 20 K warmer, a standard's torque of the other sign
+`ignore`         commands are acknowledged, and nothing is done
+`unguarded`      a drive's own watchdog never acts
+`slow`           a drive needs `amount` seconds for each step from off to ready and to power
+`busy`           a Modbus server answers that it is busy (exception 6)
 ===============  ============================================================================
 
 An order lasts until `replies` answers were spoilt, until `duration_s` of wall time have passed, or
@@ -29,7 +33,19 @@ from torquebench.errors import InputError
 
 __all__ = ["KINDS", "Misbehaviour", "MisbehaviourKind", "WireFaults"]
 
-MisbehaviourKind = Literal["delay", "drop", "cut", "garble", "disconnect", "freeze", "lie"]
+MisbehaviourKind = Literal[
+    "delay",
+    "drop",
+    "cut",
+    "garble",
+    "disconnect",
+    "freeze",
+    "lie",
+    "ignore",
+    "unguarded",
+    "slow",
+    "busy",
+]
 KINDS: tuple[MisbehaviourKind, ...] = get_args(MisbehaviourKind)
 DELAY_S = 1.0
 GARBLED_SHARE = 4
@@ -113,6 +129,23 @@ class WireFaults:
     def lying(self) -> bool:
         """Whether it states the opposite of what is."""
         return self.active("lie")
+
+    @property
+    def ignoring(self) -> bool:
+        """Whether this command is to be acknowledged only."""
+        return self._take("ignore") is not None
+
+    @property
+    def busy(self) -> bool:
+        """Whether this request is to be answered by "busy"."""
+        return self._take("busy") is not None
+
+    @property
+    def slowness_s(self) -> float:
+        """How long each step of a drive to its power takes, s."""
+        with self._lock:
+            order = self._orders.get("slow")
+            return 0.0 if order is None or order.over() else order.amount
 
     @property
     def refusing(self) -> bool:
@@ -201,7 +234,7 @@ class Misbehaviour:
         kind : str
             See the module.
         amount : float, optional
-            Seconds of a delay.
+            Seconds of a delay, or of a slow drive's step.
         replies : int, optional
             For so many answers.
         duration_s : float, optional

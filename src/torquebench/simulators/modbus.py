@@ -137,6 +137,10 @@ class ModbusSimulator:
     ) -> ExcCodes | None:
         """Refresh what is read, obey what is written."""
         del count, start
+        if self._faults.busy:
+            return ExcCodes.DEVICE_BUSY
+        if values is not None and self._faults.ignoring:
+            return None
         try:
             with self._plant.lock:
                 if values is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from torquebench.bench.drivers import modbus_map as registers
 from torquebench.bench.drivers.base import Mode, Side
@@ -62,19 +64,32 @@ def _placed(words: Mapping[int, list[int]]) -> dict[int, int]:
 
 
 class DriveImage(Image):
-    """A drive with torque and speed control."""
+    """A drive with torque and speed control.
 
-    def __init__(self, plant: Plant, side: Side) -> None:
+    Parameters
+    ----------
+    plant : Plant
+    side : {"input", "output"}
+    slowness_s : callable
+        How long it takes from the command to power to having it, s of wall time.
+    """
+
+    def __init__(
+        self, plant: Plant, side: Side, slowness_s: Callable[[], float] = lambda: 0.0
+    ) -> None:
         module = plant.description.module(side)
         super().__init__("servo drive", module.drive.serial)
         self._plant = plant
         self._side = side
         self._drive = plant.bench.drives[side]
         self._holding = [0] * 16
+        self._slowness_s = slowness_s
+        self._power_at = math.inf
         self._maximum = 1.2 * module.limits.torque_nm, 1.2 * module.limits.speed_rpm * 0.1047198
 
     def inputs(self, lying: bool) -> dict[int, int]:
         """Return status, set points, limits and position."""
+        self._power_if_due()
         state = self._drive.state()
         enabled = state.enabled != lying
         status = DriveStatus.ENABLED if enabled else DriveStatus(0)
@@ -103,13 +118,20 @@ class DriveImage(Image):
         if DriveCommand.CONTROL in touched:
             self._obey(DriveControl(self._holding[DriveCommand.CONTROL] & 0x83))
 
+    def _power_if_due(self) -> None:
+        if time.monotonic() >= self._power_at:
+            self._power_at = math.inf
+            self._drive.enable()
+
     def _obey(self, control: DriveControl) -> None:
+        self._power_if_due()
         state = self._drive.state()
         if control & DriveControl.RESET:
             if state.fault:
                 self._drive.disable()
             return
         if not control & DriveControl.ENABLE:
+            self._power_at = math.inf
             if state.enabled:
                 self._drive.disable()
             return
@@ -118,7 +140,8 @@ class DriveImage(Image):
             return
         mode = self._holding[DriveCommand.MODE]
         if mode == DriveMode.NONE and not state.enabled:
-            self._drive.enable()
+            self._power_at = min(self._power_at, time.monotonic() + self._slowness_s())
+            self._power_if_due()
         elif mode == DriveMode.TORQUE and state.enabled:
             self._drive.command_torque(
                 self._number(DriveCommand.TORQUE), self._number(DriveCommand.TORQUE_RATE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -85,6 +86,9 @@ class Simulators:
                 section = driver.get(role)
                 if section is not None:
                     driver[role] = self._serve(role, section)
+            for side, drive in self.plant.bench.drives.items():
+                faults = self.misbehaviour.endpoint(f"{side}_drive")
+                drive.unguarded = functools.partial(faults.active, "unguarded")
             host, port = split_address(options.simulation.control, lowest=0)
             control = ControlServer(self.plant, self.misbehaviour, host, port)
             self._served["control"] = control
@@ -185,14 +189,18 @@ def _modbus(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[
 
     plant = simulators.plant
     builders: dict[str, Callable[[], images.Image]] = {
-        "input_drive": lambda: images.DriveImage(plant, "input"),
-        "output_drive": lambda: images.DriveImage(plant, "output"),
+        "input_drive": lambda: images.DriveImage(plant, "input", slowness_s),
+        "output_drive": lambda: images.DriveImage(plant, "output", slowness_s),
         "temperature": lambda: images.ProbesImage(plant, section["probes"]),
         "reference": lambda: images.ReadoutImage(plant),
         "angles": lambda: images.AnglesImage(plant, section["registers"]),
         "modes": lambda: images.DigitalImage(plant),
         "clamp": lambda: images.DigitalImage(plant),
     }
+
+    def slowness_s() -> float:
+        return simulators.misbehaviour.endpoint(role).slowness_s
+
     unit, base = int(section.get("unit", 1)), int(section.get("base", 0))
 
     def start(faults: WireFaults, host: str, port: int) -> Served:

@@ -74,6 +74,20 @@ def test_a_disconnection_closes_what_is_open_once(orders: Misbehaviour) -> None:
     assert [faults.refusing, faults.refusing] == [True, False]
 
 
+def test_commands_are_ignored_and_requests_refused_as_often_as_ordered(
+    orders: Misbehaviour,
+) -> None:
+    faults = orders.endpoint("drive")
+    orders.start("drive", "ignore", replies=1)
+    orders.start("drive", "busy", replies=1)
+    assert [faults.ignoring, faults.ignoring, faults.busy, faults.busy] == [True, False] * 2
+    assert faults.slowness_s == 0.0
+    orders.start("drive", "slow", amount=0.2)
+    assert faults.slowness_s == 0.2
+    orders.heal()
+    assert faults.slowness_s == 0.0
+
+
 def test_two_roles_of_one_instrument_misbehave_together(orders: Misbehaviour) -> None:
     orders.alias("clamp", "drive")
     orders.start("clamp", "drop")

@@ -7,9 +7,10 @@ them is the same code for both. Drives ramp by themselves and have their own wat
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,7 @@ __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulat
 RAMP_STEP_S = 0.01
 TRUTH_KEPT_S = 120.0
 TRUTH_RATE_HZ = 1000.0
+LOGGED = 1000
 
 
 class SimulatedOptions(BaseModel):
@@ -95,6 +97,15 @@ class _Ramp:
             else self.present + float(np.copysign(reach, distance))
         )
         return True
+
+
+class DriveEvent(NamedTuple):
+    """A line of a simulated drive's own log: what happened, and its set points just before."""
+
+    time_s: float
+    event: str
+    torque_nm: float
+    speed_rad_s: float
 
 
 @dataclass
@@ -233,7 +244,9 @@ class SimulatedBench:
     def _watch(self, now_s: float) -> None:
         for side, axes in self._axes.items():
             limit = self.description.module(side).drive.watchdog_s
-            if axes.enabled and now_s - axes.fed_s > limit:
+            late = axes.enabled and now_s - axes.fed_s > limit
+            if late and not self.drives[side].unguarded():
+                self._note(side, "watchdog")
                 axes.fault = f"watchdog not fed for {limit:g} s"
                 self._set_enabled(side, False)
 
@@ -254,6 +267,7 @@ class SimulatedBench:
     def _set_enabled(self, side: Side, enabled: bool) -> None:
         with self._lock:
             axes = self._axes[side]
+            self._note(side, "on" if enabled else "off")
             self._twin.enable(side, enabled)
             fault = "" if enabled else axes.fault
             self._axes[side] = _Axes(enabled=enabled, fed_s=self._twin.time_s, fault=fault)
@@ -269,15 +283,23 @@ class SimulatedBench:
                     "commands to an enabled drive",
                     "enable it first",
                 )
+            self._note(side, f"{quantity} to {target:g}")
             ramp = axes.torque if quantity == "torque" else axes.speed
             ramp.target, ramp.rate = target, rate
             axes.controls = quantity
 
     def _ramp_to_zero(self, side: Side, duration_s: float) -> None:
         with self._lock:
+            self._note(side, f"to zero in {duration_s:g} s")
             for ramp in (self._axes[side].torque, self._axes[side].speed):
                 ramp.target = 0.0
                 ramp.rate = abs(ramp.present) / duration_s if duration_s > 0.0 else float("inf")
+
+    def _note(self, side: Side, event: str) -> None:
+        axes = self._axes[side]
+        self.drives[side].log.append(
+            DriveEvent(self._twin.time_s, event, axes.torque.present, axes.speed.present)
+        )
 
     def _feed(self, side: Side) -> None:
         self._axes[side].fed_s = self._twin.time_s
@@ -370,11 +392,21 @@ class SimulatedBench:
 
 
 class SimulatedDrive:
-    """One drive of the simulated bench."""
+    """One drive of the simulated bench.
+
+    Attributes
+    ----------
+    log : deque of DriveEvent
+        What it was told and did, the newest last.
+    unguarded : callable
+        Whether its own watchdog doesn't act.
+    """
 
     def __init__(self, bench: SimulatedBench, side: Side) -> None:
         self._bench = bench
         self._side = side
+        self.log: deque[DriveEvent] = deque(maxlen=LOGGED)
+        self.unguarded: Callable[[], bool] = lambda: False
 
     def identity(self) -> Identity:
         """Name plate of the simulated drive."""
