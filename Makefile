@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint types contracts tests clean clean-kernels
+.PHONY: run test lint types contracts tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
 
-test: lint types contracts tests
+test: lint types contracts tests other-processor
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
@@ -22,6 +22,16 @@ contracts: $(VENV)/.installed-test
 
 tests: $(VENV)/.installed-test
 	$(BIN)/pytest -n auto --dist worksteal
+
+# The numbers again as on another processor: NumPy, kernels and linear algebra without the vector
+# instructions of this one. No result depends on the sign of a zero or on the last bit.
+NUMERIC := signals uncertainty calibration reducers mechanics
+other-processor: $(VENV)/.installed-test
+	NPY_DISABLE_CPU_FEATURES="$$($(BIN)/python -c 'import numpy; \
+	  print(*numpy.show_config("dicts")["SIMD Extensions"].get("found", []))')" \
+	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=.pytest_cache/generic-kernels OPENBLAS_CORETYPE=Nehalem \
+	$(BIN)/pytest -n auto --dist worksteal src/torquebench/compensation \
+	  $(NUMERIC:%=src/torquebench/%) $(NUMERIC:%=tests/unit/%)
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)

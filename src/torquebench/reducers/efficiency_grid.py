@@ -17,7 +17,7 @@ def weights_at(speed: Floats, torque: Floats, at_speed: float, at_torque: float)
     Examples
     --------
     >>> speed, torque = np.array([1.0, 1.0, 3.0, 3.0]), np.array([5.0, 9.0, 5.0, 9.0])
-    >>> float(weights_at(speed, torque, 2.0, 6.0) @ (speed + torque))
+    >>> round(float(weights_at(speed, torque, 2.0, 6.0) @ (speed + torque)), 9)
     8.0
     >>> weights_at(speed, torque, 5.0, 6.0) is None
     True

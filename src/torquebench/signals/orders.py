@@ -205,10 +205,10 @@ def fit_ripple(
     --------
     >>> angle = np.linspace(0.0, 40.0, 900) ** 1.3
     >>> fit = fit_ripple(angle, 7.0 + 0.4 * np.cos(angle - 0.5) + 0.1 * np.cos(2 * angle))
-    >>> fit.amplitude.round(6), fit.phase_rad.round(6)
-    (array([0.4, 0.1]), array([0.5, 0. ]))
-    >>> np.allclose(fit.rest, 7.0)
-    True
+    >>> fit.amplitude.round(6)
+    array([0.4, 0.1])
+    >>> np.allclose(fit.phase_rad, [0.5, 0.0]), np.allclose(fit.rest, 7.0)
+    (True, True)
     """
     angles = np.asarray(angle_rad, dtype=np.float64)
     values = np.asarray(value, dtype=np.float64)

@@ -57,7 +57,7 @@ def sensitivities(
 
     Examples
     --------
-    >>> sensitivities(lambda a, b: a * np.exp(b), [2.0, 0.0], [0.1, 0.1]).tolist()
+    >>> sensitivities(lambda a, b: a * np.exp(b), [2.0, 0.0], [0.1, 0.1]).round(9).tolist()
     [1.0, 2.0]
     """
     point = [float(value) for value in values]
