@@ -30,13 +30,13 @@ from benchmarks.fault_judging import (
 from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.faults import TRIES
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducer_results import ReducerTestRecord
 from torquebench.procedures.reducer_turning import TransmissionRecording
 from torquebench.simulators import MisbehaviourKind, Simulators
 from torquebench.station import Station
+from torquebench.validation import validated
 
 __all__ = ["WireFault", "networked", "numbered_wire", "wire_faults"]
 

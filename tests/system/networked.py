@@ -5,7 +5,7 @@ from importlib import resources
 from typing import Any
 
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
-from torquebench.bench.description_errors import validated
+from torquebench.validation import validated
 
 ANY_PORT = "127.0.0.1:0"
 TIMEOUT_S = 0.8

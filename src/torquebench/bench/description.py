@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from torquebench.bench.description_errors import ConflictError, parse_toml, validated
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.signals import FrequencyScale
 from torquebench.units import RAD_S_PER_RPM
+from torquebench.validation import ConflictError, parse_toml, validated
 
 __all__ = [
     "BenchDescription",
@@ -402,7 +402,7 @@ def parse_bench(text: str, source: str = "bench.toml") -> BenchDescription:
     >>> parse_bench("[bench]", "mine.toml")
     Traceback (most recent call last):
     ...
-    torquebench.errors.InputError: mine.toml: bench.name is missing; allowed: text of 1 to 200 ...
+    torquebench.errors.InputError: mine.toml: bench.name is missing; add the key
     """
     return validated(BenchDescription, parse_toml(text, source), source)
 

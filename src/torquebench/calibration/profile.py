@@ -2,20 +2,20 @@
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.calibration.adaptive import Adaptive
 from torquebench.calibration.staircase import Staircase
 from torquebench.calibration.steps import Step
 from torquebench.compensation import WHOLE_SHARE
 from torquebench.errors import InputError
+from torquebench.validation import parse_toml, validated
 
 __all__ = ["Consequence", "Profile", "available_profiles", "load_profile"]
 
@@ -264,12 +264,7 @@ class Profile(_Settings):
         InputError
             Where the text isn't TOML, or a key is missing, unknown or outside its limits.
         """
-        try:
-            return cls.model_validate(tomllib.loads(text))
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{origin}: not a TOML file ({error})", "a profile in TOML") from error
-        except ValidationError as error:
-            raise _named(error, origin) from error
+        return validated(cls, parse_toml(text, origin), origin)
 
     @property
     def sha256(self) -> str:
@@ -355,10 +350,7 @@ class Profile(_Settings):
         for name, value in given.items():
             table = "adaptive" if name in _ADAPTIVE_OPTIONS and self.adaptive else "loading"
             document[table][name] = value
-        try:
-            return type(self).model_validate(document)
-        except ValidationError as error:
-            raise _named(error, f"profile {self.name}") from error
+        return validated(type(self), document, f"profile {self.name}")
 
     def _shrink(
         self, document: dict[str, Any], up_to_percent: float, given: Mapping[str, Any]
@@ -458,11 +450,3 @@ def load_profile(name: str | Path) -> Profile:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"profile {text}: {error}", "a readable TOML file in UTF-8") from error
     return Profile.from_toml(content, text)
-
-
-def _named(error: ValidationError, origin: str) -> InputError:
-    first: Mapping[str, Any] = error.errors(include_url=False)[0]
-    key = ".".join(str(part) for part in first["loc"]) or "the file"
-    value = first["input"]
-    shown = "" if isinstance(value, dict) else f" = {value!r}"
-    return InputError(f"{origin}: {key}{shown}", str(first["msg"]), f"correct {key} in {origin}")

@@ -79,7 +79,7 @@ def _read(name: str, data: Path) -> InterruptedCalibration:
 
 def _recorded(interrupted: InterruptedCalibration) -> BenchDescription:
     from torquebench.bench.description import BenchDescription
-    from torquebench.bench.description_errors import validated
+    from torquebench.validation import validated
 
     source = f"the bench in the record of {interrupted.run_ids[-1]}"
     return validated(BenchDescription, interrupted.bench, source)

@@ -1,13 +1,13 @@
 """Descriptions of reducers: ratio, ratings and the limits of the data sheet, as TOML files."""
 
-import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.errors import InputError
+from torquebench.validation import parse_toml, validated
 
 __all__ = [
     "DataSheetLimits",
@@ -202,14 +202,7 @@ def load_reducer(name_or_path: str | Path) -> ReducerDescription:
             "check the path",
         )
     try:
-        return ReducerDescription.model_validate(tomllib.loads(content.decode("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
         raise InputError(f"{name}: {error}", "a TOML file in UTF-8") from error
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise InputError(
-            f"{name}: {key}: {first['msg']}",
-            "the keys of a reducer description",
-            "see the packaged types, and docs/how-to/evaluate-reducer-data.md",
-        ) from error
+    return validated(ReducerDescription, parse_toml(text, name), name)

@@ -9,7 +9,6 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.instruments import InstrumentsOptions
 from torquebench.bench.drivers.links import split_address
 from torquebench.bench.drivers.plugins import require_library
@@ -17,6 +16,7 @@ from torquebench.errors import InputError
 from torquebench.simulators.control import ControlServer
 from torquebench.simulators.misbehaviour import Misbehaviour, WireFaults
 from torquebench.simulators.plant import Plant
+from torquebench.validation import validated
 
 __all__ = ["Served", "Simulators"]
 

@@ -12,13 +12,13 @@ import pytest
 from torquebench.bench.acquisition import Acquisition
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.drivers.simulated import SimulatedBench
 from torquebench.bench.interlocks import Interlocks
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.state import CommandState
+from torquebench.validation import validated
 
 Describe = Callable[..., BenchDescription]
 

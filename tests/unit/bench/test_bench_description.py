@@ -93,7 +93,7 @@ def test_no_text_gives_anything_but_a_description_or_an_input_error(text: str) -
 )
 def test_no_wrong_section_escapes(sections: dict[str, object]) -> None:
     from torquebench.bench.description import BenchDescription
-    from torquebench.bench.description_errors import validated
+    from torquebench.validation import validated
 
     with pytest.raises(InputError):
         validated(BenchDescription, sections, "bench.toml")

@@ -37,7 +37,7 @@ def test_packaged_types_and_a_file_load(tmp_path: Path) -> None:
         (GOOD + 'lost_motion_rule = "mine"\n', "lost_motion_rule"),
         (GOOD + "[limits]\nbacklash_arcmin = 0\n", "limits.backlash_arcmin"),
         (GOOD + "[[limits.efficiency]]\ntorque_nm = 1\nspeed_rpm = 1\npercent = 100\n", "percent"),
-        ("name = ", "a TOML file"),
+        ("name = ", "valid TOML"),
     ],
 )
 def test_a_wrong_description_names_its_key(tmp_path: Path, text: str, named: str) -> None:

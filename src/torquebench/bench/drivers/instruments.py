@@ -22,7 +22,6 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.angles import with_angles
 from torquebench.bench.drivers.base import Drive, DriverSet
 from torquebench.bench.drivers.links import Address
@@ -37,6 +36,7 @@ from torquebench.bench.drivers.simulation_control import (
 from torquebench.bench.prompts import DeskOperator, PromptDesk
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError, InputError
+from torquebench.validation import validated
 
 __all__ = ["InstrumentsOptions", "SimulationOptions", "open_instruments", "open_role"]
 

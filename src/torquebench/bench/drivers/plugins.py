@@ -18,10 +18,10 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError
+from torquebench.validation import validated
 
 __all__ = [
     "ENTRY_POINTS",

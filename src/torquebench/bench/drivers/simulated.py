@@ -18,7 +18,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.certificate import ReferenceCertificate
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.bench.drivers.base import (
     SIDES,
     AngleSamples,
@@ -45,6 +44,7 @@ from torquebench.twin import (
     TwinParameters,
     draw_reducer,
 )
+from torquebench.validation import validated
 
 __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
 

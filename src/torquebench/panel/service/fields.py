@@ -6,7 +6,7 @@ import re
 from datetime import date, datetime
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, Strict, ValidationError
+from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, Strict
 
 __all__ = [
     "WHOLE",
@@ -17,7 +17,6 @@ __all__ = [
     "Number",
     "ProfileName",
     "plain",
-    "words_of",
 ]
 
 
@@ -65,13 +64,6 @@ ProfileName: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")
 ]
 """Of a profile or a kind of model: never a path."""
-
-
-def words_of(error: ValidationError) -> str:
-    """Say in words what is wrong with a request: its first complaint."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"]) or "the request"
-    return f"{place}: {first['msg']}"
 
 
 def plain(text: str, longest: int) -> str:

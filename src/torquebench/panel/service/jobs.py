@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from torquebench.bench.prompts import PromptDesk
 from torquebench.campaign.measuring import RunAbortedError, acting_as
 from torquebench.errors import InputError
 from torquebench.panel.aside import AsideEndedError
 from torquebench.panel.service.actors import Actor, Role, require
-from torquebench.panel.service.fields import plain, words_of
+from torquebench.panel.service.fields import plain
 from torquebench.panel.service.job import Job
 from torquebench.panel.service.job_values import (
     JobPoint,
@@ -31,6 +31,7 @@ from torquebench.panel.service.lease import CommandLease
 from torquebench.panel.service.problems import BusyError, NotFoundError
 from torquebench.panel.service.settings import SettingsDesk
 from torquebench.station import Station
+from torquebench.validation import validated
 
 __all__ = ["JobContext", "JobDesk", "JobKind", "JobRequest", "Workplace"]
 
@@ -264,10 +265,7 @@ class JobDesk:
             return request
         if isinstance(request, JobRequest):
             raise InputError(f"a request of {type(request).__name__}", kind.request.__name__)
-        try:
-            return kind.request.model_validate(dict(request))
-        except ValidationError as error:
-            raise InputError(words_of(error), f"what a {kind.name} takes") from None
+        return validated(kind.request, request, kind.name)
 
     def command(self, actor: Actor) -> None:
         """Refuse whoever doesn't command; where nobody does, he does from now on."""

@@ -15,7 +15,6 @@ from typing import Any
 from sqlalchemy import Connection, Row, insert, select
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import validated
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
 from torquebench.panel.service.actors import Actor, require
@@ -40,6 +39,7 @@ from torquebench.panel.service.settings_documents import (
 from torquebench.panel.service.store import PanelStore, changes, note, utc_text
 from torquebench.records import json_text
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
+from torquebench.validation import validated
 
 __all__ = ["SettingsDesk"]
 

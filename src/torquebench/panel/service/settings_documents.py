@@ -10,13 +10,13 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.description_errors import parse_toml
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
 from torquebench.panel.service.actors import Role
 from torquebench.panel.service.differences import Difference
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
+from torquebench.validation import parse_toml
 
 __all__ = [
     "BENCH",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.calibration import (
     CalibrationData,
@@ -30,9 +30,10 @@ from torquebench.calibration import (
 from torquebench.campaign.measured_elsewhere import Elsewhere, register_table
 from torquebench.errors import InputError
 from torquebench.panel.service.actors import Actor, require
-from torquebench.panel.service.fields import Day, Moment, Number, ProfileName, words_of
+from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings import SettingsDesk
 from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
+from torquebench.validation import validated
 
 __all__ = [
     "EnterTableRequest",
@@ -296,10 +297,7 @@ def _validated(model: type[Request], request: Mapping[str, Any] | TableRequest) 
     if isinstance(request, model):
         return request
     values = request.model_dump() if isinstance(request, BaseModel) else dict(request)
-    try:
-        return model.model_validate(values)
-    except ValidationError as error:
-        raise InputError(words_of(error), "what a table comes with") from None
+    return validated(model, values, "the table's request")
 
 
 def _check_size(content: str) -> None:

@@ -1,12 +1,12 @@
 """Who issues certificates and for whom: a small TOML file."""
 
-import tomllib
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.errors import InputError
 from torquebench.reports.certificate.record import Party
+from torquebench.validation import parse_toml, validated
 
 __all__ = ["LABORATORY_FILE", "Letterhead", "read_letterhead"]
 
@@ -59,14 +59,9 @@ def read_letterhead(path: Path) -> Letterhead:
         With file and key.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"laboratory {path}: {error}", "a TOML file in UTF-8 with " + _SHAPE
         ) from error
-    try:
-        return Letterhead.model_validate(document)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise InputError(f"{path}: {key}: {first['msg']}", _SHAPE, f"correct {key}") from error
+    return validated(Letterhead, parse_toml(text, str(path)), str(path))

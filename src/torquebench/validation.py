@@ -1,4 +1,7 @@
-"""Turns what pydantic finds into this project's errors: file, key, value, allowed, what to do."""
+"""Documents and requests checked against their pydantic model: TOML files, options, API bodies.
+
+What pydantic reports becomes an `InputError`: source, key, value, what is allowed, what to do.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +67,7 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, source: str)
     if others:
         shown = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
         remedy = f"{remedy}; also wrong: {shown}" if remedy else f"also wrong: {shown}"
-    return InputError(f"{source}: {key} {found}", allowed, remedy)
+    return InputError(f"{source}: {key} {found}".replace("  ", " "), allowed, remedy)
 
 
 def _explain(model: type[BaseModel], detail: ErrorDetails) -> tuple[str, str, str, str]:
@@ -79,10 +82,13 @@ def _explain(model: type[BaseModel], detail: ErrorDetails) -> tuple[str, str, st
         known = ", ".join(section.model_fields) if section else ""
         return key, "is not a key of this section", known, "correct the spelling or remove the line"
     field = _field_at(model, location)
-    allowed = _allowed(field) if field else detail["msg"]
+    message = detail["msg"].removeprefix("Value error, ")
+    described = _allowed(field) if field and kind != "value_error" else ""
     if kind == "missing":
-        return key, "is missing", allowed, "add the key"
-    return key, f"= {_shown(detail['input'])}", allowed, "correct the value"
+        return key, "is missing", described, "add the key"
+    if not key:
+        return "", message, "", "correct the values"
+    return key, f"= {_shown(detail['input'])}", described or message, "correct the value"
 
 
 def _dotted(location: Sequence[int | str], detail: ErrorDetails) -> str:
@@ -122,6 +128,7 @@ def _field_at(model: type[BaseModel], location: Sequence[int | str]) -> FieldInf
 
 
 def _allowed(field: FieldInfo) -> str:
+    """Describe a field's values by choices, limits or keys; empty where pydantic says it best."""
     annotation, metadata, unit = _constraints(field)
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(repr(choice) for choice in get_args(annotation))
@@ -137,12 +144,10 @@ def _allowed(field: FieldInfo) -> str:
         interval = " to ".join(bound for bound in (low, high) if bound)
         kind = "a whole number, " if annotation is int else "a number, "
         return f"{kind}{interval} {unit}".rstrip()
-    if annotation is str:
-        return "text of 1 to 200 characters"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         required = [n for n, f in annotation.model_fields.items() if f.is_required()]
         return "a section with " + ", ".join(required)
-    return "a list of names" if get_origin(annotation) is tuple else str(annotation)
+    return ""
 
 
 def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
