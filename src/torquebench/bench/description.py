@@ -402,7 +402,7 @@ def parse_bench(text: str, source: str = "bench.toml") -> BenchDescription:
     >>> parse_bench("[bench]", "mine.toml")
     Traceback (most recent call last):
     ...
-    torquebench.errors.InputError: mine.toml: bench.name is missing; add the key
+    torquebench.errors.InputError: mine.toml: bench.name is missing; add the key; also wrong: ...
     """
     return validated(BenchDescription, parse_toml(text, source), source)
 
