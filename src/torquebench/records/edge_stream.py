@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from torquebench.errors import RecordError
 from torquebench.records.durable_file import DurableFile
 from torquebench.records.edge_codec import EncodedEdges, decode_edges, encode_edges
-from torquebench.records.raw_stream import WholeBatches
+from torquebench.records.raw_stream import WholeBatches, write_checked
 from torquebench.signals import EdgeBlock
 
-__all__ = ["EDGE_STREAM", "EdgeStream", "RecordedEdges", "stream_edges", "torn_bytes"]
+__all__ = ["EDGE_STREAM", "EdgeStream", "RecordedEdges", "damage_to", "stream_edges"]
 
 EDGE_STREAM = "edges.arrow"
 """Name of the stream in a run's folder."""
@@ -142,7 +142,7 @@ class EdgeStream:
             if self._writer is None:
                 options = pa.ipc.IpcWriteOptions(compression="zstd", use_threads=False)
                 self._writer = pa.ipc.new_stream(self._file, _SCHEMA, options=options)
-            self._writer.write_batch(batch)
+            write_checked(self._writer, batch)
             self._file.synchronise()
         except OSError as error:
             raise self._file.failure(error) from error
@@ -160,14 +160,17 @@ def stream_edges(path: Path) -> Iterator[RecordedEdges]:
             yield RecordedEdges(row["channel"], _block(row))
 
 
-def torn_bytes(path: Path) -> int:
-    """Return the size of a stream's incomplete end; 0 where it is whole or doesn't exist."""
+def damage_to(path: Path) -> tuple[int, int]:
+    """Return the size of a stream's incomplete end, bytes, and how many of its blocks are damaged.
+
+    Both are 0 where it is whole or doesn't exist.
+    """
     if not path.exists():
-        return 0
+        return 0, 0
     batches = WholeBatches(path)
     for _ in batches:
         pass
-    return batches.torn_bytes
+    return batches.torn_bytes, batches.damaged
 
 
 def _row(channel: str, block: EdgeBlock) -> dict[str, Any]:

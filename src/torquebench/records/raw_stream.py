@@ -1,5 +1,6 @@
 """The raw samples of a run: an Arrow stream while it runs, a Parquet file when it is sealed."""
 
+import hashlib
 import os
 import threading
 import time
@@ -16,10 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import RecordError
 from torquebench.records.durable_file import DurableFile
 
-__all__ = ["RawReading", "RawStream", "WholeBatches", "read_raw", "seal_raw"]
+__all__ = ["RawReading", "RawStream", "WholeBatches", "read_raw", "seal_raw", "write_checked"]
 
 FLUSH_INTERVAL_S = 0.5
 FLUSH_ROWS = 20_000
+_CHECKSUM = b"sha256"
 
 
 class RawStream:
@@ -133,7 +135,8 @@ class RawStream:
             if self._writer is None:
                 options = pa.ipc.IpcWriteOptions(compression="lz4")
                 self._writer = pa.ipc.new_stream(self._file, self._schema, options=options)
-            self._writer.write_table(table)
+            for batch in table.to_batches():
+                write_checked(self._writer, batch)
             self._file.synchronise()
         except OSError as error:
             raise self._file.failure(error) from error
@@ -151,10 +154,13 @@ class RawReading:
         Samples by column, in the order in which they were written.
     torn_bytes : int
         Bytes of an incomplete last block, which are left out; 0 for a stream that was closed.
+    damaged : int
+        Blocks with a wrong checksum, which are left out, too.
     """
 
     columns: Mapping[str, NDArray[Any]]
     torn_bytes: int = 0
+    damaged: int = 0
 
     @property
     def rows(self) -> int:
@@ -184,13 +190,14 @@ def read_raw(folder: Path) -> RawReading:
     found = WholeBatches(stream)
     batches = list(found)
     columns = _columns(pa.Table.from_batches(batches)) if batches else {}
-    return RawReading(columns, found.torn_bytes)
+    return RawReading(columns, found.torn_bytes, found.damaged)
 
 
 class WholeBatches:
-    """The batches of an Arrow stream that are whole, one at a time.
+    """The batches of an Arrow stream that are as they were written, one at a time.
 
     An incomplete end, as a kill leaves it, is left out; `torn_bytes` tells its size afterwards.
+    So is a batch whose checksum is wrong; `damaged` tells how many.
 
     Parameters
     ----------
@@ -206,6 +213,7 @@ class WholeBatches:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.torn_bytes = 0
+        self.damaged = 0
 
     def __iter__(self) -> Iterator[Any]:
         size, whole = self._path.stat().st_size, 0
@@ -214,9 +222,12 @@ class WholeBatches:
                 with pa.ipc.open_stream(source) as reader:
                     whole = source.tell()
                     while True:
-                        batch = reader.read_next_batch()
+                        batch, checksum = reader.read_next_batch_with_custom_metadata()
                         whole = source.tell()
-                        yield batch
+                        if _is_as_written(batch, checksum):
+                            yield batch
+                        else:
+                            self.damaged += 1
             except StopIteration:
                 whole = size
             except (pa.ArrowException, OSError) as error:
@@ -225,6 +236,48 @@ class WholeBatches:
                         f"{self._path} can't be read: {error}", "an Arrow stream"
                     ) from error
         self.torn_bytes = size - whole
+
+
+def write_checked(writer: Any, batch: Any) -> None:
+    """Write a batch with a checksum of its values beside it."""
+    writer.write_batch(batch, custom_metadata={_CHECKSUM: _digest(batch)})
+
+
+def _is_as_written(batch: Any, metadata: Any) -> bool:
+    try:
+        batch.validate(full=True)
+        return metadata is not None and metadata.get(_CHECKSUM) == _digest(batch).encode()
+    except (pa.ArrowException, ValueError):  # no text in UTF-8 among them
+        return False
+
+
+def _digest(batch: Any) -> str:
+    """Return the SHA-256 of a batch's columns and values, however Arrow keeps them in memory."""
+    digest = hashlib.sha256(_described(batch.schema).encode("utf-8", "surrogateescape"))
+    for column in batch.columns:
+        _feed(digest, column)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, array: Any) -> None:
+    digest.update(array.is_valid().to_numpy(zero_copy_only=False).tobytes())
+    if pa.types.is_struct(array.type):
+        for number in range(array.type.num_fields):
+            _feed(digest, array.field(number))
+    elif pa.types.is_list(array.type):
+        digest.update(repr(array.value_lengths().to_pylist()).encode())
+        _feed(digest, array.flatten())
+    elif pa.types.is_primitive(array.type):
+        digest.update(
+            array.fill_null(False if pa.types.is_boolean(array.type) else 0)
+            .to_numpy(zero_copy_only=False)
+            .tobytes()
+        )
+    else:  # text and bytes
+        for value in array.to_pylist():
+            content = value.encode() if isinstance(value, str) else value or b""
+            digest.update(f"{len(content)}:".encode())
+            digest.update(content)
 
 
 def _torn_start(path: Path) -> bool:

@@ -1,6 +1,6 @@
 """The folder of one run: its documents, raw samples and results, sealed by a manifest."""
 
-import contextlib
+import hashlib
 import json
 import os
 import re
@@ -8,7 +8,7 @@ import secrets
 import shutil
 import threading
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +19,14 @@ from numpy.typing import ArrayLike
 import torquebench
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.records.edge_archive import read_edges, seal_edges
-from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, RecordedEdges, torn_bytes
+from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, RecordedEdges, damage_to
+from torquebench.records.event_lines import (
+    Damage,
+    ReadLines,
+    checked_line,
+    read_lines,
+    with_copies,
+)
 from torquebench.records.files import (
     json_text,
     read_json,
@@ -36,6 +43,13 @@ RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
 
 _METADATA = "run.json"
 _EVENTS = "events.jsonl"
+_COPIES = "copies.jsonl"
+"""What every event rests on (the run's metadata, start and descriptors) a second time, until the
+run is sealed: damage to it costs no point."""
+_RUN = "run"
+"""Name of the first line, a copy of the metadata."""
+_DAMAGED = ".damaged"
+"""Ending of a file's name as it was found, where a part of it was damaged."""
 _RESULTS = "results.json"
 MANIFEST = "manifest.json"
 """The file that seals a run folder."""
@@ -81,6 +95,11 @@ class Recovery:
     torn_document_bytes, torn_raw_bytes, torn_edge_bytes : int
         Bytes of an incomplete last document, block of samples or block of edges, which were left
         out.
+    damages : tuple of Damage
+        Where documents were lost to damage. The file as it was found is kept beside the whole
+        documents, as ``events.jsonl.damaged``.
+    damaged_files : tuple of str
+        Other files of which a part or all couldn't be read; each is kept as it was found.
     """
 
     documents: int
@@ -88,6 +107,8 @@ class Recovery:
     torn_document_bytes: int
     torn_raw_bytes: int
     torn_edge_bytes: int = 0
+    damages: tuple[Damage, ...] = ()
+    damaged_files: tuple[str, ...] = ()
 
 
 class RunWriter:
@@ -123,10 +144,13 @@ class RunWriter:
             "created": datetime.now(UTC),
             "software_version": torquebench.__version__,
         }
+        self._lines = 0
         try:
-            write_atomically(path / _METADATA, json_text(content, indent=2) + "\n")
+            write_atomically(path / _METADATA, _checked_json(content))
             sync_folder(path.parent)
             self._events = (path / _EVENTS).open("xb", buffering=0)
+            self._copies = (path / _COPIES).open("xb", buffering=0)
+            self.document(_RUN, content)
         except (OSError, TorquebenchError) as error:
             shutil.rmtree(path, ignore_errors=True)  # nothing is half begun
             remedy = "make room on the disk or repair it"
@@ -159,14 +183,14 @@ class RunWriter:
         RecordError
             Where the run is sealed or the disk fails.
         """
-        line = json_text({"name": name, "doc": document}).encode() + b"\n"
         with self._lock:
             self._require_open()
+            line = checked_line(self.run_id, self._lines + 1, name, document)
+            self._lines += 1  # even of one that fails, which may be on the disk all the same
             try:
-                written = 0
-                while written < len(line):
-                    written += self._events.write(line[written:]) or 0
-                os.fsync(self._events.fileno())
+                _append(self._events, line)
+                if not name.startswith("event"):
+                    _append(self._copies, line)
             except OSError as error:
                 raise RecordError(
                     f"{self.path / _EVENTS}: a document can't be written ({error})",
@@ -230,6 +254,7 @@ class RunWriter:
         if name != Path(name).name or name in (
             _METADATA,
             _EVENTS,
+            _COPIES,
             MANIFEST,
             "raw.arrow",
             EDGE_STREAM,
@@ -265,6 +290,7 @@ class RunWriter:
                 return
             self._open = False
             self._events.close()
+            self._copies.close()
         try:
             self._raw.close()
         finally:
@@ -354,9 +380,52 @@ class RunFolder:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What was known before the run started."""
-        content: dict[str, Any] = read_json(self.path / _METADATA)
-        return content
+        """What was known before the run started.
+
+        Of a run that isn't sealed, by its checksum; where that is wrong, from its copy.
+
+        Raises
+        ------
+        RecordError
+            Where it can't be read, and neither can its copy.
+        """
+        path = self.path / _METADATA
+        if self.sealed:
+            content: dict[str, Any] = read_json(path)
+            content.pop("sha256", None)
+            return content
+        found = _read_checked_json(path)
+        if found is None:
+            found = next(
+                (line.document for line in self._read_lines().lines if line.name == _RUN), None
+            )
+        if found is None:
+            raise RecordError(
+                f"{path} is damaged, and so is its copy in {_EVENTS}",
+                "a file with its checksum",
+                "restore the folder from a backup, or measure again",
+            )
+        return found
+
+    @property
+    def recovery(self) -> Recovery | None:
+        """What was found when the run was recovered; None where it was sealed by its writer."""
+        path = self.path / _RECOVERY
+        if not path.exists():
+            return None
+        known = Recovery.__dataclass_fields__
+        content = {name: value for name, value in read_json(path).items() if name in known}
+        damages = tuple(Damage(**each) for each in content.pop("damages", ()))
+        files = tuple(content.pop("damaged_files", ()))
+        return Recovery(**content, damages=damages, damaged_files=files)
+
+    @property
+    def damages(self) -> tuple[Damage, ...]:
+        """Where documents were lost to damage before the run was sealed."""
+        if not self.sealed:
+            return self._read_lines().damages
+        found = self.recovery
+        return () if found is None else found.damages
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -371,7 +440,10 @@ class RunFolder:
         return read_json(path) if path.exists() else None
 
     def documents(self, name: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield the run's documents with their names; an incomplete last line is left out.
+        """Yield the run's documents with their names.
+
+        Of a run that isn't sealed, every document whose checksum is right; `damages` tells which
+        are left out. Those of a sealed run are guarded by its manifest; see `verify`.
 
         Parameters
         ----------
@@ -381,19 +453,37 @@ class RunFolder:
         Raises
         ------
         RecordError
-            Where a line before the last one isn't a document.
+            Where a line of a sealed run isn't a document.
         """
-        for number, line in enumerate(self._whole_lines()[0], start=1):
+        for found, document in self._sealed_documents() if self.sealed else self._open_documents():
+            if found != _RUN and name in (None, found):
+                yield found, document
+
+    def _open_documents(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        for line in self._read_lines().lines:
+            yield line.name, line.document
+
+    def _sealed_documents(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        path = self.path / _EVENTS
+        lines = path.read_bytes().splitlines() if path.exists() else []
+        for number, line in enumerate(lines, start=1):
             try:
                 entry = json.loads(line)
                 found, document = entry["name"], entry["doc"]
             except (ValueError, KeyError, TypeError) as error:
                 raise RecordError(
-                    f"{self.path / _EVENTS}, line {number} isn't a document",
+                    f"{path}, line {number} isn't a document",
                     'lines of the form {"name": ..., "doc": ...}',
                 ) from error
-            if name is None or found == name:
-                yield found, document
+            yield found, document
+
+    def _read_lines(self) -> ReadLines:
+        """Return the lines of a run that isn't sealed, those from the copies included."""
+        damaged = self.path / (_EVENTS + _DAMAGED)  # a recovery that was itself interrupted
+        own = read_lines(
+            _content(damaged if damaged.exists() else self.path / _EVENTS), self.run_id
+        )
+        return with_copies(own, read_lines(_content(self.path / _COPIES), self.run_id).lines)
 
     def raw(self) -> RawReading:
         """Return the raw samples; an incomplete last block is left out and reported."""
@@ -435,8 +525,9 @@ class RunFolder:
     def recover(self) -> Recovery:
         """Seal a folder that a kill or a power cut left open, as interrupted.
 
-        Complete documents and samples are kept; an incomplete last line or block is cut off and
-        its size reported in ``recovery.json``. Nothing is filled in.
+        Documents with their checksum and complete samples are kept. An incomplete last line or
+        block is cut off, and what is damaged is left out; ``recovery.json`` reports both, and a
+        damaged file stays as it was found, under a name of its own. Nothing is filled in.
 
         Returns
         -------
@@ -449,29 +540,88 @@ class RunFolder:
         """
         if self.sealed:
             raise RecordError(f"{self.path} is sealed", "a run that was left open")
-        lines, torn = self._whole_lines()
-        raw = self.raw()
-        torn_edges = torn_bytes(self.path / EDGE_STREAM)
-        report = Recovery(len(lines), raw.rows, torn, raw.torn_bytes, torn_edges)
-        if torn:
-            write_atomically(self.path / _EVENTS, b"".join(line + b"\n" for line in lines))
+        damaged = [*self._recover_metadata()]
+        read = self._read_lines()
+        documents = b"".join(line.text + b"\n" for line in read.lines)
+        if read.damages:
+            damaged += _kept_aside(self.path / _EVENTS)
+        if documents != _content(self.path / _EVENTS):
+            write_atomically(self.path / _EVENTS, documents)
         for leftover in self.path.glob(".*.part"):
             leftover.unlink()
+        report = Recovery(
+            sum(line.name != _RUN for line in read.lines), 0, read.torn_bytes, 0, 0, read.damages
+        )
+        try:
+            raw = self.raw()
+            report = replace(report, raw_rows=raw.rows, torn_raw_bytes=raw.torn_bytes)
+            if raw.damaged:
+                damaged += _kept_aside(self.path / "raw.arrow")
+        except RecordError:
+            damaged += _kept_aside(self.path / "raw.arrow", move=True)
+        try:
+            torn, blocks = damage_to(self.path / EDGE_STREAM)
+            report = replace(report, torn_edge_bytes=torn)
+            if blocks:
+                damaged += _kept_aside(self.path / EDGE_STREAM)
+        except RecordError:
+            damaged += _kept_aside(self.path / EDGE_STREAM, move=True)
+        report = replace(report, damaged_files=tuple(damaged))
         write_atomically(self.path / _RECOVERY, json_text(report, indent=2) + "\n")
         _seal(self.path, "interrupted", "the run was left open and recovered")
         return report
 
-    def _whole_lines(self) -> tuple[list[bytes], int]:
-        path = self.path / _EVENTS
-        content = path.read_bytes() if path.exists() else b""
-        *lines, rest = content.split(b"\n")
-        if not rest:
-            return lines, 0
-        # A whole document whose line end alone is missing is a whole document.
-        with contextlib.suppress(ValueError):
-            json.loads(rest)
-            return [*lines, rest], 0
-        return lines, len(rest)
+    def _recover_metadata(self) -> Iterator[str]:
+        """Write damaged metadata anew from its copy, where there is one."""
+        path = self.path / _METADATA
+        if _read_checked_json(path) is not None:
+            return
+        try:
+            content = self.metadata
+        except RecordError:
+            yield _METADATA
+            return
+        yield from _kept_aside(path)
+        write_atomically(path, _checked_json(content))
+
+
+def _append(file: Any, line: bytes) -> None:
+    """Append a line and wait until it is on the disk."""
+    written = 0
+    while written < len(line):
+        written += file.write(line[written:]) or 0
+    os.fsync(file.fileno())
+
+
+def _content(path: Path) -> bytes:
+    return path.read_bytes() if path.exists() else b""
+
+
+def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
+    """Keep a damaged file as it was found under a name of its own, unless it is there already."""
+    kept = path.with_name(path.name + _DAMAGED)
+    if move:
+        path.replace(kept)
+    elif not kept.exists():
+        write_atomically(kept, path.read_bytes())
+    yield path.name
+
+
+def _checked_json(content: Mapping[str, Any]) -> str:
+    """Return a file's text with a checksum of everything else in it."""
+    digest = hashlib.sha256(json_text(content).encode()).hexdigest()
+    return json_text({**content, "sha256": digest}, indent=2) + "\n"
+
+
+def _read_checked_json(path: Path) -> dict[str, Any] | None:
+    """Return what `_checked_json` has written, or None where it isn't as it was written."""
+    try:
+        content = json.loads(path.read_bytes())
+        digest = content.pop("sha256")
+        text = json_text(content).encode()
+    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+        return None
+    return content if digest == hashlib.sha256(text).hexdigest() else None
 
 
 def _files_of(folder: Path) -> list[str]:
@@ -484,6 +634,7 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
     seal_raw(folder)
     seal_edges(folder)
+    (folder / _COPIES).unlink(missing_ok=True)  # from here on the manifest guards everything
     files = {
         name: {"sha256": sha256_of_file(folder / name), "bytes": (folder / name).stat().st_size}
         for name in _files_of(folder)

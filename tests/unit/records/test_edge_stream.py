@@ -17,7 +17,7 @@ from torquebench.errors import RecordError
 from torquebench.records import RunFolder
 from torquebench.records.edge_archive import read_edges, seal_edges
 from torquebench.records.edge_codec import EncodedEdges, decode_edges, encode_edges
-from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, stream_edges, torn_bytes
+from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, damage_to, stream_edges
 from torquebench.signals import EdgeBlock
 
 TIMEBASE_HZ = 100e6
@@ -149,7 +149,7 @@ def test_a_stream_of_edges_cut_anywhere_gives_whole_blocks(tmp_path: Path) -> No
         cut_file.write_bytes(content[:size])
         blocks = sum(size >= each for each in sizes)
         assert len(list(stream_edges(cut_file))) == blocks
-        assert (torn_bytes(cut_file) > 0) == (size not in (0, *sizes))
+        assert (damage_to(cut_file)[0] > 0) == (size not in (0, *sizes))
     stream.close()
 
 

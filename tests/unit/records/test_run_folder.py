@@ -140,9 +140,9 @@ def test_a_changed_removed_or_added_file_is_named(runs):
         folder.verify()
 
 
-def test_a_broken_document_inside_is_named(runs):
+def test_a_broken_document_inside_a_sealed_run_is_named(runs):
     writer = written(runs)
-    writer.close()
+    writer.seal()
     events = writer.path / "events.jsonl"
     lines = events.read_bytes().split(b"\n")
     events.write_bytes(b"\n".join([lines[0], b"{broken", *lines[1:]]))

@@ -1,0 +1,185 @@
+"""Lines of a run that isn't sealed yet: each carries its number and a checksum.
+
+A line is found by its own beginning and end, not by the line feeds around it, so that damage
+anywhere costs the lines that it lies in and no others. The checksum covers the run's identifier
+too: a block of another run's file, as a broken file system may leave it, isn't taken for one of
+this run.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from torquebench.records.files import json_text
+
+__all__ = ["CheckedLine", "Damage", "ReadLines", "checked_line", "read_lines", "with_copies"]
+
+_BEGIN = re.compile(rb'\{"line": [0-9]+, "name": ')
+_END = re.compile(rb', "sha256": "([0-9a-f]{64})"\}')
+_TAIL = len(', "sha256": ""}') + 64
+_TRIED = 16
+"""So many beginnings before an end are tried: a document may hold what looks like one."""
+
+
+@dataclass(frozen=True)
+class CheckedLine:
+    """One document whose checksum is right.
+
+    Parameters
+    ----------
+    number : int
+        From 1, without gaps, over all documents of a run.
+    name, document : str, dict
+        What was written.
+    text : bytes
+        The line as it was written, without its line feed.
+    """
+
+    number: int
+    name: str
+    document: dict[str, Any]
+    text: bytes
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A part of a file in which no line can be trusted.
+
+    Parameters
+    ----------
+    first_line, last_line : int
+        The documents that were lost, by the numbers around them; at the end of a file by its
+        line feeds. Where none was lost, `last_line` is smaller than `first_line`.
+    offset, bytes : int
+        Where it begins in the file, and its size.
+    """
+
+    first_line: int
+    last_line: int
+    offset: int
+    bytes: int
+
+    def __str__(self) -> str:
+        lines = f"line {self.first_line}"
+        if self.last_line > self.first_line:
+            lines += f" to {self.last_line}"
+        if not self.bytes:
+            return f"{lines} missing"
+        return f"{lines} damaged ({self.bytes} bytes from byte {self.offset} on)"
+
+
+@dataclass(frozen=True)
+class ReadLines:
+    """What was found in a file of lines.
+
+    Parameters
+    ----------
+    lines : tuple of CheckedLine
+        Every line whose checksum is right, by number.
+    damages : tuple of Damage
+        What lies between and after them and isn't a line.
+    torn_bytes : int
+        Size of an incomplete last line, as a kill leaves it.
+    """
+
+    lines: tuple[CheckedLine, ...]
+    damages: tuple[Damage, ...] = ()
+    torn_bytes: int = 0
+
+
+def checked_line(run_id: str, number: int, name: str, document: Any) -> bytes:
+    r"""Return a document as the line that holds it, line feed included.
+
+    Examples
+    --------
+    >>> checked_line("run-1", 1, "event", {"seq_num": 1}).decode()
+    '{"line": 1, "name": "event", "doc": {"seq_num": 1}, "sha256": "..."}\n'
+    """
+    body = json_text({"line": number, "name": name, "doc": document})[:-1].encode()
+    return body + f', "sha256": "{_digest(run_id, body)}"}}\n'.encode()
+
+
+def read_lines(content: bytes, run_id: str) -> ReadLines:
+    """Return every line of a file that is as it was written, and what is damaged.
+
+    Examples
+    --------
+    >>> lines = [checked_line("run-1", number, "event", {"seq_num": number}) for number in (1, 2)]
+    >>> read = read_lines(lines[0].replace(b'num": 1', b'num": 5') + lines[1], "run-1")
+    >>> [line.number for line in read.lines], [str(each) for each in read.damages]
+    ([2], ['line 1 damaged (129 bytes from byte 0 on)'])
+    """
+    lines: dict[int, CheckedLine] = {}
+    damages: list[Damage] = []
+    position, number = 0, 0
+    for begin, line in _found(content, run_id):
+        gap = content[position:begin].strip(b"\n")
+        if gap or line.number > number + 1:
+            damages.append(Damage(number + 1, max(line.number - 1, number), position, len(gap)))
+        lines.setdefault(line.number, line)
+        position, number = begin + len(line.text), max(number, line.number)
+    rest = content[position:].lstrip(b"\n")
+    # A line that was written whole has its line feed; without one it is a torn end.
+    lost = rest.count(b"\n")
+    if lost:
+        damages.append(Damage(number + 1, number + lost, len(content) - len(rest), len(rest)))
+    ordered = tuple(lines[key] for key in sorted(lines))
+    return ReadLines(ordered, tuple(damages), 0 if lost else len(rest))
+
+
+def with_copies(read: ReadLines, copies: Iterable[CheckedLine]) -> ReadLines:
+    """Return what was found with the lines between others that a second file still has.
+
+    A damage by which no line is missing then is left out.
+    """
+    own = {line.number: line for line in read.lines}
+    last = max((*own, *(each.last_line for each in read.damages)), default=0)
+    lines = {line.number: line for line in copies if line.number <= last} | own
+    damages = tuple(
+        each
+        for each in read.damages
+        if not all(number in lines for number in range(each.first_line, each.last_line + 1))
+    )
+    return ReadLines(tuple(lines[key] for key in sorted(lines)), damages, read.torn_bytes)
+
+
+def _found(content: bytes, run_id: str) -> Iterator[tuple[int, CheckedLine]]:
+    """Yield every line whose checksum is right, and where it begins."""
+    begin = gap = 0
+    for text in content.split(b"\n"):
+        line = _line(text, run_id)
+        if line is not None:
+            yield from _between(content, gap, begin, run_id)
+            yield begin, line
+            gap = begin + len(text)
+        begin += len(text) + 1
+    yield from _between(content, gap, len(content), run_id)
+
+
+def _between(
+    content: bytes, begin: int, end: int, run_id: str
+) -> Iterator[tuple[int, CheckedLine]]:
+    """Yield the lines in a damaged part, in which line feeds may be missing."""
+    for last in _END.finditer(content, begin, end):
+        begins = [each.start() for each in _BEGIN.finditer(content, begin, last.start())]
+        for first in reversed(begins[-_TRIED:]):
+            line = _line(content[first : last.end()], run_id)
+            if line is not None:
+                yield first, line
+                begin = last.end()
+                break
+
+
+def _line(text: bytes, run_id: str) -> CheckedLine | None:
+    body, digest = text[:-_TAIL], _END.fullmatch(text[-_TAIL:])
+    if digest is None or _digest(run_id, body) != digest[1].decode():
+        return None
+    entry = json.loads(body + b"}")
+    return CheckedLine(entry["line"], entry["name"], entry["doc"], text)
+
+
+def _digest(run_id: str, body: bytes) -> str:
+    return hashlib.sha256(run_id.encode() + b"\n" + body).hexdigest()
