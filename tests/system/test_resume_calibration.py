@@ -196,6 +196,84 @@ def test_the_command_says_what_it_found_and_goes_on(
             find_interrupted(registry, "2020")
 
 
+def damage_points(data: Path, numbers: tuple[int, ...], how: str) -> RunFolder:
+    """Damage the record of points of an open run: another digit, garbage with line feeds, zeros."""
+    folder = RunFolder.open(next(data.glob("runs/*")))
+    (stream,) = (d["uid"] for _, d in folder.documents("descriptor") if d["name"] == "points")
+    file = folder.path / "events.jsonl"
+    lines = file.read_bytes().split(b"\n")
+    places = [n for n, line in enumerate(lines) if f'"descriptor": "{stream}"'.encode() in line]
+    for number in numbers:
+        line = lines[places[number]]
+        lines[places[number]] = {
+            "digit": line.replace(b'target_nm": ', b'target_nm": 1', 1),
+            "garbage": line[:80] + b"\n\xff\x00{}\n\n" + line[150:],
+            "zeros": bytes(len(line)),
+        }[how]
+        assert lines[places[number]] != line
+    file.write_bytes(b"\n".join(lines))
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("how", "numbers"), [("digit", (4,)), ("garbage", (0, 7)), ("zeros", (9,))]
+)
+def test_damaged_points_alone_are_measured_again(
+    killed: dict[str, tuple[Path, int]], tmp_path: Path, how: str, numbers: tuple[int, ...]
+) -> None:
+    data = copied(killed, "events-16", tmp_path)
+    whole = [
+        row["output-steady-reading_nm"]
+        for row in points_on_disk(RunFolder(next(data.glob("runs/*"))))
+    ]
+    damage_points(data, numbers, how)
+    with Station.open(None, data) as station:
+        (recovered,) = station.recovered
+        assert recovered.damaged.count("damaged (") == len(numbers)
+        interrupted = read_interrupted(
+            station.registry, find_interrupted(station.registry, "latest")
+        )
+        assert [(step.series, step.index) for step in interrupted.damaged] == [
+            (1, number) for number in numbers
+        ]
+        assert interrupted.series == 2
+        assert len(interrupted.kept) == 10 - len(numbers)
+        measured = resume_calibration(station, interrupted)
+        table = measured.result.data
+        assert table.series.tolist() == [1] * 10 + [2] * 10
+        kept = [number for number in range(10) if number not in numbers]
+        assert table.reading_nm[kept].tolist() == [whole[number] for number in kept]
+        again = points_on_disk(RunFolder.open(measured.record.folder))
+        assert len(again) == 10 + len(numbers)
+        known = RunFolder.open(measured.record.folder).metadata
+        assert [text[:18] for text in known["damaged_points"]] == [
+            f"series 1, point {number + 1}"[:18] + ":" * (number < 9) for number in numbers
+        ]
+        # The point was approached as its series approaches it: it is on the same branch.
+        difference = [table.reading_nm[number] - whole[number] for number in numbers]
+        assert float(np.abs(difference).max()) < 1.0
+        errors = table.reading_nm - np.asarray(table.true_torque_nm)
+        assert float(np.abs(errors).max()) < 40.0
+
+
+def test_the_command_names_damaged_points(
+    killed: dict[str, tuple[Path, int]], tmp_path: Path
+) -> None:
+    data = copied(killed, "events-16", tmp_path)
+    damage_points(data, (4,), "digit")
+    done = run("calibrate", "--resume", "latest", "--data", data, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stderr.split())
+    assert (
+        "the record of these points is damaged, they are measured again: series 1, point 5" in said
+    )
+    with Registry.open(data) as registry:
+        (entry,) = registry.calibrations()
+        assert entry.points == 20
+        named = entry.summary["measured again for damage to the record"]
+        assert named.startswith("series 1, point 5: 2000 N·m")
+
+
 @pytest.fixture
 def interrupted_bench(
     killed: dict[str, tuple[Path, int]], tmp_path: Path

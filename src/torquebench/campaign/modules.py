@@ -118,6 +118,8 @@ def _summary(measured: Measured[StaircaseResult]) -> dict[str, Any]:
             "points of earlier runs": known["points_of_earlier_runs"],
             "measured here from series": known["resumed_at_series"],
         }
+        if known["damaged_points"]:
+            summary["measured again for damage to the record"] = "; ".join(known["damaged_points"])
     if result.placement is not None:
         summary["placement"] = result.placement.sentence
     return summary

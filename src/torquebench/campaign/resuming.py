@@ -17,9 +17,10 @@ from torquebench.procedures.resuming import (
     Resumption,
     complete_series,
     preparation,
+    steps_again,
     steps_from,
 )
-from torquebench.procedures.staircase import Row
+from torquebench.procedures.staircase import Row, describe_step
 from torquebench.records import Registry, RunFolder, RunSummary
 from torquebench.station import Station
 
@@ -50,6 +51,8 @@ class InterruptedCalibration:
         stopped by an alarm all but the last one, in which the cause may have begun.
     interrupted : datetime.datetime
         When the last point was taken.
+    lost_at_end : int
+        Documents after the last point of which damage has left nothing but that they were there.
     """
 
     run_ids: tuple[str, ...]
@@ -60,6 +63,7 @@ class InterruptedCalibration:
     steps: tuple[Step, ...]
     points: tuple[tuple[Step, Row], ...]
     interrupted: datetime
+    lost_at_end: int = 0
 
     @property
     def series(self) -> int:
@@ -82,20 +86,51 @@ class InterruptedCalibration:
         return _first_of_position(self.steps, min(rest[0], every[-1]))
 
     def _rest(self, every: Sequence[int]) -> list[int]:
-        """Return the profile's own series from the first incomplete one on."""
-        taken = {(step.series, step.index) for step, _ in self.points}
-        return list(every[len(complete_series(self.steps, taken)) :])
+        """Return the profile's own series from the first one on that wasn't gone through."""
+        taken = self._taken
+        last = max((series for series, _ in taken), default=0)
+        through = {
+            (step.series, step.index)
+            for step in self.steps
+            if step.recorded and (step.series < last or self._gone_through(step.series))
+        }
+        return list(every[len(complete_series(self.steps, taken | through)) :])
+
+    def _gone_through(self, series: int) -> bool:
+        """Whether no more points are missing at the end of a series than damage may have taken."""
+        own = [step.index for step in self.steps if step.recorded and step.series == series]
+        taken = [number for number, index in enumerate(own) if (series, index) in self._taken]
+        return bool(taken) and len(own) - 1 - taken[-1] <= self.lost_at_end
+
+    @property
+    def _taken(self) -> set[tuple[int, int]]:
+        return {(step.series, step.index) for step, _ in self.points}
+
+    @property
+    def damaged(self) -> tuple[Step, ...]:
+        """Points that were taken and whose record is damaged: they alone are measured again."""
+        first, taken = self.series, self._taken
+        return tuple(
+            step
+            for step in self.steps
+            if step.recorded and step.series < first and (step.series, step.index) not in taken
+        )
 
     @property
     def remaining(self) -> tuple[Step, ...]:
-        """Steps of the profile that are still to be loaded: preloads and zero again, then those.
+        """Steps of the profile that are still to be loaded.
 
-        Only what prepares the bench where all of them were loaded, as before placing points.
+        Those that lead to damaged points; then preloads and zero again, and what is left of the
+        profile. Only what prepares the bench where nothing of it is left, as before placing
+        points.
         """
         first = self.series
+        again = steps_again(self.steps, {(step.series, step.index) for step in self.damaged})
         if any(step.recorded and step.series == first for step in self.steps):
-            return steps_from(self.steps, first)
-        return preparation(self.steps)
+            return (*again, *steps_from(self.steps, first))
+        if again and self.profile.adaptive is None:
+            return again
+        return (*again, *preparation(self.steps))
 
     @property
     def kept(self) -> tuple[tuple[Step, Row], ...]:
@@ -189,6 +224,7 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
         steps=tuple(steps),
         points=(*earlier, *points),
         interrupted=last,
+        lost_at_end=0 if folder.recovery is None else folder.recovery.lost_at_end,
     )
 
 
@@ -238,6 +274,7 @@ def resume_calibration(
             "resumed_at_series": interrupted.series,
             "points_of_earlier_runs": len(interrupted.kept),
             "points_measured_again": interrupted.repeated,
+            "damaged_points": [describe_step(step) for step in interrupted.damaged],
         },
         progress=progress,
         on_pause=on_pause,

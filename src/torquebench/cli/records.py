@@ -225,7 +225,8 @@ def _show_run(run: RunSummary) -> None:
 
 def _state_of(folder: Any) -> str:
     if not folder.sealed:
-        return "not sealed: the run is open, or was interrupted"
+        damaged = "".join(f"; events.jsonl {damage}" for damage in folder.damages)
+        return f"not sealed: the run is open, or was interrupted{damaged}"
     try:
         folder.verify()
     except RecordError as error:

@@ -27,4 +27,5 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
             continue
         kept = "1 acknowledged point is" if run.points == 1 else f"{run.points} points are"
         torn = f", {run.torn_bytes} incomplete bytes left out" if run.torn_bytes else ""
-        warn(f"run {run.run_id} was interrupted; {kept} kept{torn}: {run.advice}")
+        damaged = f", damaged and left out: {run.damaged}" if run.damaged else ""
+        warn(f"run {run.run_id} was interrupted; {kept} kept{torn}{damaged}: {run.advice}")

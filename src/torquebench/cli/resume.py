@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torquebench.cli.console import note
+from torquebench.cli.console import note, warn
 from torquebench.cli.options import data_directory
 from torquebench.errors import InputError
 
@@ -41,6 +41,7 @@ def resume_run(
     """
     from torquebench.bench.description import load_bench
     from torquebench.cli.calibrate import confirm_start, run_calibrations
+    from torquebench.procedures.staircase import describe_step
 
     interrupted = _read(name, data)
     if sides and sides != (interrupted.side,):
@@ -54,6 +55,9 @@ def resume_run(
         f"going on with {interrupted.run_ids[-1]} at series {interrupted.series}: "
         f"{len(interrupted.kept)} points are kept, {interrupted.repeated} are measured again"
     )
+    if interrupted.damaged:
+        named = "; ".join(describe_step(step) for step in interrupted.damaged)
+        warn(f"the record of these points is damaged, they are measured again: {named}")
     confirm_start(description, interrupted.side, interrupted.profile, yes)
     run_calibrations(
         description,

@@ -58,6 +58,12 @@ class _Table:
         self.rows.append(row)
 
     def result(self, devices: BenchDevices, side: Side, standard_serial: str) -> StaircaseResult:
+        # A point that was measured again takes the place of the damaged one in its series.
+        order = sorted(
+            range(len(self.steps)), key=lambda n: (self.steps[n].series, self.steps[n].index)
+        )
+        self.steps = [self.steps[number] for number in order]
+        self.rows = [self.rows[number] for number in order]
         unsettled = sum(not row["settled"] for row in self.rows)
         data = self.data(devices, side)
         return StaircaseResult(data, unsettled, standard_serial, self.placement)

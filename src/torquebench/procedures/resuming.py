@@ -9,7 +9,7 @@ from torquebench.calibration import Step
 from torquebench.errors import InputError
 from torquebench.procedures.staircase import Row
 
-__all__ = ["Resumption", "complete_series", "preparation", "steps_from"]
+__all__ = ["Resumption", "complete_series", "preparation", "steps_again", "steps_from"]
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,41 @@ def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
     if first is None:
         raise InputError(f"series {series} to go on with", "a series of the profile")
     return (*preparation(steps[:first]), *steps[first:])
+
+
+def steps_again(steps: Sequence[Step], points: Collection[tuple[int, int]]) -> tuple[Step, ...]:
+    """Return the steps that measure single points again, each where its series has met it.
+
+    Each series is prepared for as after an interruption and gone through up to its last such
+    point, so that the chain has the same memory; nothing else of it is recorded.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        Of the whole calibration.
+    points : collection of (series, index)
+        What is to be measured again.
+
+    Examples
+    --------
+    >>> def point(series, index):
+    ...     return Step(kind="point", series=series, index=index, target_nm=10.0 * index, branch=1,
+    ...                 duration_s=1.0)
+    >>> steps = [point(1, 1), point(1, 2), point(1, 3), point(2, 1)]
+    >>> [(step.kind, step.target_nm) for step in steps_again(steps, {(1, 2)})]
+    [('turn', 10.0), ('point', 20.0)]
+    """
+    again: list[Step] = []
+    for series in sorted({series for series, _ in points}):
+        own = [n for n, step in enumerate(steps) if step.recorded and step.series == series]
+        wanted = [n for n in own if (series, steps[n].index) in points]
+        again += preparation(steps[: own[0]])
+        for number in range(own[0], wanted[-1] + 1):
+            step = steps[number]
+            if step.recorded and number not in wanted:
+                step = step.model_copy(update={"kind": "turn", "index": -1})
+            again.append(step)
+    return tuple(again)
 
 
 def preparation(before: Sequence[Step]) -> tuple[Step, ...]:

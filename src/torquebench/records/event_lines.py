@@ -62,9 +62,14 @@ class Damage:
     offset: int
     bytes: int
 
+    @property
+    def lines(self) -> int:
+        """How many documents were lost."""
+        return self.last_line - self.first_line + 1
+
     def __str__(self) -> str:
         lines = f"line {self.first_line}"
-        if self.last_line > self.first_line:
+        if self.lines > 1:
             lines += f" to {self.last_line}"
         if not self.bytes:
             return f"{lines} missing"

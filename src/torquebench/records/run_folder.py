@@ -98,8 +98,10 @@ class Recovery:
     damages : tuple of Damage
         Where documents were lost to damage. The file as it was found is kept beside the whole
         documents, as ``events.jsonl.damaged``.
+    lost_at_end : int
+        So many of the documents that were lost come after the last one that is whole.
     damaged_files : tuple of str
-        Other files of which a part or all couldn't be read; each is kept as it was found.
+        Files of which a part or all couldn't be read; each is kept as it was found.
     """
 
     documents: int
@@ -108,6 +110,7 @@ class Recovery:
     torn_raw_bytes: int
     torn_edge_bytes: int = 0
     damages: tuple[Damage, ...] = ()
+    lost_at_end: int = 0
     damaged_files: tuple[str, ...] = ()
 
 
@@ -549,8 +552,14 @@ class RunFolder:
             write_atomically(self.path / _EVENTS, documents)
         for leftover in self.path.glob(".*.part"):
             leftover.unlink()
+        last = max((line.number for line in read.lines), default=0)
         report = Recovery(
-            sum(line.name != _RUN for line in read.lines), 0, read.torn_bytes, 0, 0, read.damages
+            sum(line.name != _RUN for line in read.lines),
+            0,
+            read.torn_bytes,
+            0,
+            damages=read.damages,
+            lost_at_end=sum(each.lines for each in read.damages if each.first_line > last),
         )
         try:
             raw = self.raw()

@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass
 
 from torquebench.errors import RecordError
-from torquebench.records import Registry, RunFolder, RunSummary
+from torquebench.records import Recovery, Registry, RunFolder, RunSummary
 from torquebench.station.holding import RunHold
 
 __all__ = ["RecoveredRun", "recover_unfinished"]
@@ -25,6 +25,8 @@ class RecoveredRun:
         Acknowledged points that were kept.
     torn_bytes : int
         Bytes of incomplete ends that were left out.
+    damaged : str
+        What else was left out because it is damaged, and where.
     problem : str
         Why it could not be sealed yet; empty when it was.
     """
@@ -34,6 +36,7 @@ class RecoveredRun:
     side: str
     points: int
     torn_bytes: int = 0
+    damaged: str = ""
     problem: str = ""
 
     @property
@@ -73,22 +76,30 @@ def _recovered(registry: Registry, run: RunSummary) -> RecoveredRun | None:
         return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
     if not hold.held:
         return None
-    torn_bytes = 0
+    torn_bytes, damaged = 0, ""
     try:
         if not folder.sealed:
             report = folder.recover()
             torn_bytes = report.torn_document_bytes + report.torn_raw_bytes + report.torn_edge_bytes
+            damaged = _named(report)
         try:
             registry.finish_run(folder)
         except RecordError:
             if any(each.run_id == run.run_id for each in registry.unfinished_runs()):
                 raise  # no other process was quicker: it can't be entered
-        return RecoveredRun(run.run_id, run.kind, run.side, _points(folder), torn_bytes)
+        points = _points(folder)
+        return RecoveredRun(run.run_id, run.kind, run.side, points, torn_bytes, damaged)
     except (RecordError, OSError) as error:
         logger.warning("run %s can't be recovered: %s", run.run_id, error)
         return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
     finally:
         hold.release()
+
+
+def _named(report: Recovery) -> str:
+    parts = [f"events.jsonl {damage}" for damage in report.damages]
+    parts += [name for name in report.damaged_files if name != "events.jsonl"]
+    return ", ".join(parts)
 
 
 def _points(folder: RunFolder) -> int:
