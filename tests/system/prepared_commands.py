@@ -105,7 +105,9 @@ if __name__ == "__main__":
     for module in ("campaign.story", "campaign.reducer_tests", "reports", "reports.certificate"):
         import_module(f"torquebench.{module}")
     from torquebench.cli import main
+    from torquebench.compensation import MODELS
 
+    assert all(MODELS.values())  # every kind is imported
     gc.freeze()  # a collection at the end of a command would copy all pages
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for askers' processes
     sys.argv = next_command(socket.socket(fileno=int(sys.argv[1])))

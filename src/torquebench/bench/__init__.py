@@ -4,6 +4,6 @@ Instruments sit behind narrow roles (`drivers`); acquisition turns their edges i
 thread of its own, and the supervisor judges every block below any procedure.
 """
 
-from torquebench.bench.description import BenchDescription, default_bench, load_bench, parse_bench
+from torquebench.exports import lazy_exports
 
-__all__ = ["BenchDescription", "default_bench", "load_bench", "parse_bench"]
+__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)

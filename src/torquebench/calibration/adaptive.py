@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.steps import Step
-from torquebench.compensation import FEATURES, make_model, propose_points
+from torquebench.compensation import FEATURES, make_model
 
 __all__ = [
     "Adaptive",
@@ -193,6 +193,8 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
     InputError
         Where the model refuses the points.
     """
+    from torquebench.compensation import propose_points  # models take a second to import
+
     model = make_model(settings.model, range_nm=data.range_nm)
     X = data.features(1 + max(FEATURES.index(name) for name in model.used_features))
     with warnings.catch_warnings():

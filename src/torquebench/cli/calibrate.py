@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from torquebench.cli.console import note, out, say, warn
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    bench_description,
+)
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -109,7 +115,6 @@ def calibrate(
     point. Limits and interlocks are checked for the whole sequence before anything moves.
     With --resume module, profile and bench are those of the interrupted run.
     """
-    from torquebench.bench.description import default_bench, load_bench
     from torquebench.calibration import load_profile
 
     if resume is not None:
@@ -120,7 +125,7 @@ def calibrate(
     if side is None:
         raise InputError("no module to calibrate", "input, output or both", "name it")
 
-    description = default_bench() if bench is None else load_bench(bench)
+    description = bench_description(bench)
     chosen = load_profile(profile).with_options(
         rising_only=rising_only or None,
         repeats=repeats,
@@ -155,10 +160,10 @@ def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> fl
 
 
 def _check_model(name: str | None) -> None:
-    from torquebench.compensation import make_model
+    from torquebench.compensation import check_kind
 
     if name is not None:
-        make_model(name)
+        check_kind(name)
 
 
 def confirm_start(description: Any, side: str, profile: Profile, yes: bool) -> None:

@@ -79,7 +79,6 @@ def certificate(
     departs from its profile, the certificate states it or is refused, as the profile says.
     """
     from torquebench.records import Registry
-    from torquebench.reports.certificate import build_record, issue_certificate
 
     if (run is None) == (check is None):
         raise InputError(
@@ -93,6 +92,9 @@ def certificate(
             return
         assert run is not None
         calibration = find_calibration(registry, run)
+
+        from torquebench.reports.certificate import build_record, issue_certificate
+
         judged = tolerance if conformity else None
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
         record = build_record(registry, calibration, issue)
@@ -114,8 +116,6 @@ def find_calibration(registry: Registry, name: str) -> CalibrationEntry:
     RecordError
         Where the run isn't sealed.
     """
-    from torquebench.reports.certificate import calibration_of
-
     kind, _, number = name.partition("-")
     if kind == "calibration" and number.isdecimal():
         return registry.calibration(int(number))
@@ -129,6 +129,9 @@ def find_calibration(registry: Registry, name: str) -> CalibrationEntry:
         raise InputError(f"no run {name!r}", "a name from `torquebench records list`")
     if len(found) > 1 and found[0].run_id != name:
         raise InputError(f"several runs begin with {name!r}", "one run", "give more of its id")
+
+    from torquebench.reports.certificate import calibration_of
+
     return calibration_of(registry, found[0].run_id)
 
 

@@ -8,9 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.calibrate import confirm_start
 from torquebench.cli.console import narrow_table, note, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    bench_description,
+)
 
 if TYPE_CHECKING:
     from torquebench.campaign.checking import CheckResult
@@ -50,12 +57,15 @@ def check(
     The verdict is registered and enters the control chart of `torquebench records drift`. Exit
     code 1 where an error lies outside the tolerance.
     """
-    from torquebench.bench.description import default_bench, load_bench
-    from torquebench.bench.prompts import DeskOperator, PromptDesk
     from torquebench.calibration import load_profile
+
+    chosen = load_profile(profile)
+    description = bench_description(bench)
+    confirm_start(description, side.value, chosen, yes)
+
+    from torquebench.bench.prompts import DeskOperator, PromptDesk
     from torquebench.campaign.checking import check_module
     from torquebench.campaign.measuring import RunAbortedError
-    from torquebench.cli.calibrate import confirm_start
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
@@ -63,9 +73,6 @@ def check(
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
-    chosen = load_profile(profile)
-    description = default_bench() if bench is None else load_bench(bench)
-    confirm_start(description, side.value, chosen, yes)
     if description.simulated:
         note("simulated bench")
     desk = PromptDesk()

@@ -55,12 +55,15 @@ def export(
 
     What stands in the file says how far it deviates from the model at most.
     """
-    from torquebench.compensation import compile_table, export_table, load_model
+    from torquebench.compensation import load_model
     from torquebench.compensation.export import check_export
 
     check_output(result, model)
     check_export(result, decimal_comma=decimal_comma)
     stored = load_model(model)
+
+    from torquebench.compensation import compile_table, export_table
+
     table = compile_table(stored.model, uncertainty=not no_uncertainty)
     export_table(result, table, stored.provenance, decimal_comma=decimal_comma)
     degree = {1: "linear", 3: "cubic"}[table.curve.degree]
@@ -109,14 +112,12 @@ def budget(
     """
     import numpy as np
 
-    from torquebench.compensation import (
-        ChainSpecification,
-        ReadingBudget,
-        ReadingConditions,
-        load_model,
-    )
+    from torquebench.compensation import load_model
 
     stored = load_model(model)
+
+    from torquebench.compensation import ChainSpecification, ReadingBudget, ReadingConditions
+
     budgets = ReadingBudget(
         stored.model,
         ChainSpecification(

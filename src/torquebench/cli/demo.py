@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.console import note, out, say
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, RealTimeOption
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    bench_description,
+)
 from torquebench.cli.simulate import described, simulators_running
 from torquebench.errors import InputError
 
@@ -70,9 +76,7 @@ def demo(
 
 def _description(bench: Path | None, seed: int | None, preset: Preset | None) -> BenchDescription:
     """Return the simulated bench with the options that the command line changes."""
-    from torquebench.bench.description import default_bench, load_bench
-
-    description = default_bench() if bench is None else load_bench(bench)
+    description = bench_description(bench)
     if not description.simulated:
         raise InputError(
             f"{bench} describes a real bench",

@@ -20,12 +20,13 @@ from torquebench.cli.options import (
     REGISTRY_URL,
     BenchOption,
     DataOption,
+    bench_description,
     has_registry,
 )
 from torquebench.errors import TorquebenchError
 
 if TYPE_CHECKING:
-    from torquebench.bench.description import BenchDescription
+    pass
 
 __all__ = ["register"]
 
@@ -73,12 +74,12 @@ def doctor(
     steps: list[tuple[str, Callable[[], Iterator[Finding]]]] = [
         ("Installed", installation),
         ("Configured", lambda: configuration(bench, data)),
-        ("Reachable", lambda: doctor_bench.instruments(_description(bench), data)),
-        ("Clock", lambda: doctor_bench.clock(_description(bench), data)),
-        ("Signals", lambda: doctor_bench.signals(_description(bench), data)),
+        ("Reachable", lambda: doctor_bench.instruments(bench_description(bench), data)),
+        ("Clock", lambda: doctor_bench.clock(bench_description(bench), data)),
+        ("Signals", lambda: doctor_bench.signals(bench_description(bench), data)),
     ]
     if test_drives:
-        steps.append(("Drives", lambda: doctor_bench.drives(_description(bench), data)))
+        steps.append(("Drives", lambda: doctor_bench.drives(bench_description(bench), data)))
     for title, examine in steps:
         found = list(_guarded(examine))
         _print(title, found)
@@ -148,7 +149,7 @@ def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
     """Look at the bench description and at the folder of the records."""
     from torquebench.bench.drivers.base import SIDES
 
-    description = _description(bench)
+    description = bench_description(bench)
     name = f"{description.name} ({bench or 'the packaged simulated bench'})"
     yield Finding("bench", "ok", name)
     for side in SIDES:
@@ -182,12 +183,6 @@ def _records(data: Path) -> Iterator[Finding]:
         runs, models = registry.number_of_runs(), len(registry.models())
         where = data if os.environ.get(REGISTRY_URL) is None else registry.name
         yield Finding("records", "ok", f"{runs} runs and {models} models in {where}")
-
-
-def _description(bench: Path | None) -> BenchDescription:
-    from torquebench.bench.description import default_bench, load_bench
-
-    return default_bench() if bench is None else load_bench(bench)
 
 
 def _guarded(examine: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:

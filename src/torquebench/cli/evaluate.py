@@ -105,7 +105,6 @@ def static(
         find_deviations,
         load_profile,
     )
-    from torquebench.campaign.measured_elsewhere import Elsewhere
     from torquebench.records import Equipment, Report, read_calibration_csv
 
     chosen = load_profile(profile)
@@ -126,6 +125,8 @@ def static(
     if not any(each.kind in ("missing_series", "missing_step") for each in deviations):
         _evaluate(points, chosen, deviations, resolution, reference_uncertainty, model, result)
     if register:
+        from torquebench.campaign.measured_elsewhere import Elsewhere
+
         report = Report(
             "calibrator",
             reference_serial,

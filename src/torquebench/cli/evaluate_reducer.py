@@ -160,13 +160,6 @@ def hysteresis(
     demanded (torque that was asked for) if there are such; time for a flange's inertia. Input
     locked, load at the output.
     """
-    from torquebench.reducers import (
-        FlangeInertia,
-        LoopSettings,
-        LoopUncertainty,
-        evaluate_hysteresis,
-    )
-
     described = _described(reducer)
     if rated_torque is None and described is None:
         raise InputError("no rated torque", "--rated-torque, or --reducer")
@@ -178,11 +171,20 @@ def hysteresis(
         "demanded": "torque",
     }
     needed: tuple[str, ...] = ("torque", "angle")
+    if flange_inertia is not None:
+        kinds["time"], needed = "time", (*needed, "time")
+    table = read_columns(data, kinds, needed, column or (), where or ())
+
+    from torquebench.reducers import (
+        FlangeInertia,
+        LoopSettings,
+        LoopUncertainty,
+        evaluate_hysteresis,
+    )
+
     flange = None
     if flange_inertia is not None:
         flange = FlangeInertia(flange_inertia, inertia_uncertainty)
-        kinds["time"], needed = "time", (*needed, "time")
-    table = read_columns(data, kinds, needed, column or (), where or ())
     share = None if interval is None else (interval[0] / 100.0, interval[1] / 100.0)
     settings = LoopSettings(
         rated_torque_nm=rated_torque or (described.rated_torque_nm if described else 0.0),
@@ -233,8 +235,6 @@ def friction(
     Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed),
     temperature and demanded (speed that was asked for) if there are such.
     """
-    from torquebench.reducers import evaluate_friction
-
     kinds: dict[str, Kind] = {
         "speed": "speed",
         "torque": "torque",
@@ -243,6 +243,9 @@ def friction(
         "demanded": "speed",
     }
     table = read_columns(data, kinds, ("speed", "torque"), column or (), where or ())
+
+    from torquebench.reducers import evaluate_friction
+
     result = evaluate_friction(
         table["speed"],
         table["torque"],
@@ -281,8 +284,6 @@ def no_load(
     -1 falling speed), temperature and demanded (speed that was asked for, by which points are put
     together) if there are such.
     """
-    from torquebench.reducers import TorqueUncertainty, evaluate_no_load
-
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "speed": "speed",
@@ -293,6 +294,9 @@ def no_load(
         "demanded": "speed",
     }
     table = read_columns(data, kinds, ("speed", "torque"), column or (), where or ())
+
+    from torquebench.reducers import TorqueUncertainty, evaluate_no_load
+
     result = evaluate_no_load(
         table["speed"],
         table["torque"],
@@ -327,8 +331,6 @@ def breakaway(
     Columns: time, angle and torque of the driven side; run (number of the ramp) and position if
     there are such.
     """
-    from torquebench.reducers import TorqueUncertainty, evaluate_breakaway
-
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "time": "time",
@@ -338,6 +340,9 @@ def breakaway(
         "position": "label",
     }
     table = read_columns(data, kinds, ("time", "angle", "torque"), column or (), where or ())
+
+    from torquebench.reducers import TorqueUncertainty, evaluate_breakaway
+
     result = evaluate_breakaway(
         table["time"],
         table["angle"],
@@ -378,13 +383,14 @@ def transmission_error(
     Columns: input and output (angles of both encoders at the same moments), time if there is one.
     Both directions may stand one after another.
     """
+    described = _described(reducer)
+    kinds: dict[str, Kind] = {"input": "angle", "output": "angle", "time": "time"}
+    table = read_columns(data, kinds, ("input", "output"), column or (), where or ())
+
     import numpy as np
 
     from torquebench.reducers import AngleUncertainty, evaluate_transmission_error
 
-    described = _described(reducer)
-    kinds: dict[str, Kind] = {"input": "angle", "output": "angle", "time": "time"}
-    table = read_columns(data, kinds, ("input", "output"), column or (), where or ())
     given, taken = table["input"], table["output"]
     if wrapped:
         given, taken = np.unwrap(given), np.unwrap(taken)
@@ -418,8 +424,6 @@ def efficiency(
     Columns: input_torque and output_torque (that the output puts on its load), speed of the
     input, all clockwise positive; temperature if there is one.
     """
-    from torquebench.reducers import TorqueUncertainty, evaluate_efficiency
-
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "input_torque": "torque",
@@ -429,6 +433,9 @@ def efficiency(
     }
     required = ("input_torque", "output_torque", "speed")
     table = read_columns(data, kinds, required, column or (), where or ())
+
+    from torquebench.reducers import TorqueUncertainty, evaluate_efficiency
+
     result = evaluate_efficiency(
         table["input_torque"],
         table["output_torque"],

@@ -15,6 +15,7 @@ from torquebench.cli.options import (
     ClockToleranceOption,
     DataOption,
     accepted_counter,
+    bench_description,
 )
 from torquebench.units import RPM_PER_RAD_S
 
@@ -52,12 +53,14 @@ def measure(
     Nothing is moved. A line that averages `--interval` seconds is rewritten in place; into a pipe
     it is written line by line.
     """
+    description = bench_description(bench)
+
     from torquebench.bench.drivers.base import SIDES
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
     accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
-    with Station.open(bench, data, real_time=True) as station:
+    with Station.open(description, data, real_time=True) as station:
         tell_recovered(station)
         states = {side: compensated(station, side, accepted) for side in SIDES}
         if zero:

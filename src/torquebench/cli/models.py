@@ -68,18 +68,14 @@ def fit(
     Models are compared by cross-validation: by their errors at steps that they weren't fitted to.
     The simplest within one standard error of the best is taken unless --model names another.
     """
-    from torquebench.campaign.fitting import fit_table, store_model
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.compensation import make_model
+    from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv
-    from torquebench.reports.fit_report import fit_page
-    from torquebench.reports.page import write_page
 
     page = report or result.with_suffix(".html")
     check_output(result, data)
     check_output(page, data, result)
     if model is not None:
-        make_model(model)
+        check_kind(model)
     points = read_calibration_csv(
         data,
         range_nm=range_nm,
@@ -87,6 +83,12 @@ def fit(
         transducer_serial=serial,
         counter_identity=counter,
     )
+
+    from torquebench.campaign.fitting import fit_table, store_model
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.reports.fit_report import fit_page
+    from torquebench.reports.page import write_page
+
     with TerminalProgress() as progress:
         fitted = fit_table(points, data.name, model, progress, outliers.value)
     for remark in fitted.remarks:
@@ -174,15 +176,17 @@ def verify(
     ] = SOURCES_TOLERANCE_PERCENT_FS,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance."""
-    from torquebench.calibration import verify as verify_models
-    from torquebench.campaign.fitting import model_title
-    from torquebench.cli.tables import error_blocks
     from torquebench.compensation import load_model
     from torquebench.records import read_calibration_csv
 
     stored = load_model(model)
     points = read_calibration_csv(data, range_nm=stored.provenance.range_nm)
     _check_chain(stored, points)
+
+    from torquebench.calibration import verify as verify_models
+    from torquebench.campaign.fitting import model_title
+    from torquebench.cli.tables import error_blocks
+
     result = verify_models(points, {"model": stored.model})
     title = model_title(stored.model.kind, stored.model.get_params(deep=False))
     raw, compensated = result.models

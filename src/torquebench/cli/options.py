@@ -11,6 +11,7 @@ import typer
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
+    from torquebench.bench import BenchDescription
     from torquebench.bench.compensating import AcceptedCounter
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "RangeOption",
     "RealTimeOption",
     "accepted_counter",
+    "bench_description",
     "check_output",
     "data_directory",
     "has_registry",
@@ -75,6 +77,19 @@ def accepted_counter(identity: str | None, tolerance_ppm: float) -> AcceptedCoun
     from torquebench.bench.compensating import AcceptedCounter
 
     return AcceptedCounter(identity, tolerance_ppm) if identity else None
+
+
+def bench_description(path: Path | None) -> BenchDescription:
+    """Return the description that a command names, or that of the simulated bench.
+
+    Raises
+    ------
+    InputError
+        Where it can't be read or is wrong.
+    """
+    from torquebench.bench import default_bench, load_bench
+
+    return default_bench() if path is None else load_bench(path)
 
 
 def data_directory(path: Path) -> Path:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from torquebench.cli.console import note, say
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption
+from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, bench_description
 
 __all__ = ["register"]
 
@@ -50,11 +50,12 @@ def panel(
 
     address = Address(host, port, tls_cert, tls_key, insecure_network)
     address.check()  # before anything is loaded that takes seconds
+    description = bench_description(bench)
 
     from torquebench.panel.server import serve
     from torquebench.panel.service import BenchService
 
-    with BenchService.open(bench, data, fast=fast) as service:
+    with BenchService.open(description, data, fast=fast) as service:
         if service.station.description.simulated:
             note("simulated bench")
 

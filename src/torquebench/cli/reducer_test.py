@@ -23,6 +23,7 @@ from torquebench.cli.options import (
     DataOption,
     RealTimeOption,
     accepted_counter,
+    bench_description,
 )
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
@@ -164,9 +165,8 @@ def _command(name: str) -> Callable[..., None]:
         accept_counter: AcceptCounterOption = None,
         clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
     ) -> None:
-        from torquebench.bench.description import default_bench, load_bench
 
-        described = default_bench() if bench is None else load_bench(bench)
+        described = bench_description(bench)
         kind, described = _mounted(described, reducer, serial)
         accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
         settings = _settings(short, twist, no_twist, tare, repeats)

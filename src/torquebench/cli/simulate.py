@@ -50,11 +50,13 @@ def simulate(
     Ctrl-C ends it. Any other command opens the same description from another terminal.
     """
     from torquebench.bench.description import load_bench
-    from torquebench.simulators import Simulators
 
     description = described(load_bench(bench), seed=seed, preset=preset)
     if real_time:
         description = _changed(description, time="real")
+
+    from torquebench.simulators import Simulators
+
     ending = threading.Event()
 
     def end(number: int, frame: FrameType | None) -> None:

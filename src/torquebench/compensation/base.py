@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import ThreadpoolController
 
 from torquebench.compensation.checks import (
+    WHOLE_SHARE,
     CalibrationPoints,
     WildPoint,
     check_points,
@@ -67,9 +68,6 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-WHOLE_SHARE = 0.9
-"""Share of the range from which on a calibration counts as one to full scale: readings of the last
-step are a little off it, and placed points needn't lie on it."""
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
 
 
@@ -399,7 +397,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
             )
         try:
             parameters = {name: decode_value(value) for name, value in state["parameters"].items()}
-            model: CompensationModel = MODELS[kind](**parameters)
+            model: CompensationModel = MODELS[str(kind)](**parameters)
             for name, value in state["fitted"].items():
                 setattr(model, name, decode_value(value))
             with single_blas_thread():

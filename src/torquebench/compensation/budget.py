@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.compensation.base import CompensationModel, features
-from torquebench.compensation.table import CompensationTable
+from torquebench.compensation.columns import features
 from torquebench.errors import InputError
 from torquebench.uncertainty import (
     COVERAGE_PROBABILITY,
@@ -31,6 +30,10 @@ from torquebench.uncertainty import (
     propagate,
     welch_satterthwaite,
 )
+
+if TYPE_CHECKING:
+    from torquebench.compensation.base import CompensationModel
+    from torquebench.compensation.table import CompensationTable
 
 __all__ = [
     "T40B_50_NM",

@@ -13,6 +13,7 @@ from torquebench.compensation.state import storable
 from torquebench.errors import InputError
 
 __all__ = [
+    "WHOLE_SHARE",
     "CalibrationPoints",
     "OutlierWarning",
     "PointsReducedWarning",
@@ -23,6 +24,10 @@ __all__ = [
     "reduce_points",
     "trend_free",
 ]
+
+WHOLE_SHARE = 0.9
+"""Share of the range from which on a calibration counts as one to full scale: readings of the last
+step are a little off it, and placed points needn't lie on it."""
 
 # A point is wild this many standard deviations beyond its neighbours; more where few points make
 # the standard deviation uncertain. Normal noise has such a point in less than 1 of 1000 data sets.

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from torquebench.compensation.export_csv import export_csv
 from torquebench.compensation.export_header import export_header
 from torquebench.compensation.export_onnx import export_onnx
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.compensation.table import CompensationTable
 
 __all__ = ["EXPORTS", "check_export", "export_table"]
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.table import CompensationTable
 from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.compensation.table import CompensationTable
 
 __all__ = ["export_csv", "table_nodes"]
 

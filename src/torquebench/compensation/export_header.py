@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.piecewise import PiecewisePolynomial
-from torquebench.compensation.table import CompensationTable
 from torquebench.compensation.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from torquebench.compensation.piecewise import PiecewisePolynomial
+    from torquebench.compensation.table import CompensationTable
 
 __all__ = ["export_header", "header_text"]
 

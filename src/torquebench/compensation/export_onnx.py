@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.piecewise import PiecewisePolynomial
-from torquebench.compensation.table import CompensationTable
 from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.compensation.piecewise import PiecewisePolynomial
+    from torquebench.compensation.table import CompensationTable
 
 __all__ = ["export_onnx"]
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.table import CompensationTable
+
+if TYPE_CHECKING:
+    from torquebench.compensation.table import CompensationTable
 
 __all__ = ["provenance_lines"]
 

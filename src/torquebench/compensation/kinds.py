@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from torquebench.errors import InputError
@@ -10,9 +11,48 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = ["MODELS", "make_model", "register"]
+__all__ = ["MODELS", "check_kind", "make_model", "register"]
 
-MODELS: dict[str, type[CompensationModel]] = {}
+
+class _Kinds(Mapping[str, "type[CompensationModel]"]):
+    """Every kind by its name; a class is imported when somebody asks for it.
+
+    A kind lies in the module of its name, such as "bayesian-network" in `bayesian_network`.
+    """
+
+    def __init__(self, *kinds: str) -> None:
+        self._classes: dict[str, type[CompensationModel] | None] = dict.fromkeys(kinds)
+
+    def __getitem__(self, kind: str) -> type[CompensationModel]:
+        if self._classes[kind] is None:
+            import_module(f"torquebench.compensation.{kind.replace('-', '_')}")
+        found = self._classes[kind]
+        assert found is not None
+        return found
+
+    def __contains__(self, kind: object) -> bool:
+        return kind in self._classes
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._classes)
+
+    def __len__(self) -> int:
+        return len(self._classes)
+
+    def enter(self, kind: str, model: type[CompensationModel]) -> None:
+        self._classes[kind] = model
+
+
+MODELS = _Kinds(
+    "bayesian-network",
+    "gaussian-process",
+    "hybrid",
+    "physics",
+    "polynomial",
+    "published-network",
+    "radial-basis",
+    "spline",
+)
 """Every kind of model by its name on the command line and in model files."""
 
 _Model = TypeVar("_Model", bound="type[CompensationModel]")
@@ -34,7 +74,7 @@ def register(kind: str) -> Callable[[_Model], _Model]:
 
     def enter(model: _Model) -> _Model:
         model.kind = kind
-        MODELS[kind] = model
+        MODELS.enter(kind, model)
         return model
 
     return enter
@@ -64,12 +104,7 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
     >>> make_model("polynomial", degree=3).degree
     3
     """
-    kind = name
-    stem, _, suffix = name.rpartition("-")
-    if stem == "polynomial" and suffix.isdigit():
-        kind, parameters = "polynomial", {"degree": int(suffix), **parameters}
-    if kind not in MODELS:
-        raise InputError(f"model {name!r}", ", ".join(sorted(MODELS)), "name one of these")
+    kind, parameters = _kind(name, parameters)
     known = MODELS[kind]._get_param_names()
     for parameter in parameters:
         if parameter not in known:
@@ -77,3 +112,24 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
                 f"parameter {parameter!r} of model {name!r}", ", ".join(known), "name one of these"
             )
     return MODELS[kind](**parameters)
+
+
+def check_kind(name: str) -> str:
+    """Return the name of a model after checking that there is such a kind; nothing is imported.
+
+    Raises
+    ------
+    InputError
+        When there is none.
+    """
+    _kind(name, {})
+    return name
+
+
+def _kind(name: str, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    stem, _, suffix = name.rpartition("-")
+    if stem == "polynomial" and suffix.isdigit():
+        return "polynomial", {"degree": int(suffix), **parameters}
+    if name not in MODELS:
+        raise InputError(f"model {name!r}", ", ".join(sorted(MODELS)), "name one of these")
+    return name, parameters

@@ -7,12 +7,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError, ModelMismatchError
+
+if TYPE_CHECKING:
+    from torquebench.compensation.base import CompensationModel
 
 __all__ = ["FORMAT", "FORMAT_VERSION", "Provenance", "StoredModel", "load_model", "save_model"]
 
@@ -163,6 +165,9 @@ def load_model(path: str | Path) -> StoredModel:
             "restore the original or fit the model again",
         )
     known = {item.name for item in fields(Provenance)}
+
+    from torquebench.compensation.base import CompensationModel
+
     try:
         provenance = Provenance(
             **{

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.compensation.base import FEATURES, CompensationModel
+from torquebench.compensation.columns import FEATURES
 from torquebench.compensation.piecewise import Curve, PiecewisePolynomial, approximate
 from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.compensation.base import CompensationModel
 
 __all__ = ["CompensationTable", "compile_table"]
 

@@ -3,65 +3,6 @@
 Pure functions of arrays: what a design adds to the torque, and how much each parameter matters.
 """
 
-from torquebench.mechanics.additional_torque import (
-    AdditionalTorque,
-    Chain,
-    Coefficients,
-    Form,
-    Sensitivity,
-    additional_torque,
-    coefficients,
-    reversing_additional_torque,
-    sensitivities,
-)
-from torquebench.mechanics.outline import (
-    Outline,
-    annulus,
-    circle,
-    closed_curve,
-    polygon,
-    rectangle,
-    rectangles,
-    spline_shaft,
-)
-from torquebench.mechanics.saint_venant import SectionTorsion, section_torsion
-from torquebench.mechanics.sections import (
-    circle_twist_per_length,
-    equal_area_twist_ratio,
-    hollow_circle_gain,
-    rectangle_torsion_constant,
-    rectangle_torsion_factor,
-    rectangle_twist_per_length,
-)
-from torquebench.mechanics.shaft import polar_moment, shaft_stiffness, shaft_twist
+from torquebench.exports import lazy_exports
 
-__all__ = [
-    "AdditionalTorque",
-    "Chain",
-    "Coefficients",
-    "Form",
-    "Outline",
-    "SectionTorsion",
-    "Sensitivity",
-    "additional_torque",
-    "annulus",
-    "circle",
-    "circle_twist_per_length",
-    "closed_curve",
-    "coefficients",
-    "equal_area_twist_ratio",
-    "hollow_circle_gain",
-    "polar_moment",
-    "polygon",
-    "rectangle",
-    "rectangle_torsion_constant",
-    "rectangle_torsion_factor",
-    "rectangle_twist_per_length",
-    "rectangles",
-    "reversing_additional_torque",
-    "section_torsion",
-    "sensitivities",
-    "shaft_stiffness",
-    "shaft_twist",
-    "spline_shaft",
-]
+__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)

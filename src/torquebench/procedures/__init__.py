@@ -4,31 +4,6 @@ Every plan takes the bench's devices and settings, checks limits first, stops at
 its own before each point, and leaves the bench without torque however it ends.
 """
 
-from torquebench.procedures.calibrating import StaircaseResult, calibrate, verify
-from torquebench.procedures.friction import (
-    FrictionPoint,
-    FrictionSettings,
-    FrictionSweep,
-    friction_sweep,
-)
-from torquebench.procedures.rehearsal import Move, Rehearsal, rehearse
-from torquebench.procedures.setup import Plan
-from torquebench.procedures.zeroing import ZeroResult, preload, zero, zero_modules
+from torquebench.exports import lazy_exports
 
-__all__ = [
-    "FrictionPoint",
-    "FrictionSettings",
-    "FrictionSweep",
-    "Move",
-    "Plan",
-    "Rehearsal",
-    "StaircaseResult",
-    "ZeroResult",
-    "calibrate",
-    "friction_sweep",
-    "preload",
-    "rehearse",
-    "verify",
-    "zero",
-    "zero_modules",
-]
+__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)

@@ -3,18 +3,6 @@
 Both doors (commands and panel) talk to a `Station` and to nothing below it.
 """
 
-from torquebench.station.bench_station import Station, data_directory
-from torquebench.station.engine import Plan
-from torquebench.station.runs import Progress, ProgressCallback, RunRecord
-from torquebench.station.unfinished import RecoveredRun, recover_unfinished
+from torquebench.exports import lazy_exports
 
-__all__ = [
-    "Plan",
-    "Progress",
-    "ProgressCallback",
-    "RecoveredRun",
-    "RunRecord",
-    "Station",
-    "data_directory",
-    "recover_unfinished",
-]
+__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)

@@ -1,0 +1,6 @@
+from .description import (
+    BenchDescription as BenchDescription,
+    default_bench as default_bench,
+    load_bench as load_bench,
+    parse_bench as parse_bench,
+)

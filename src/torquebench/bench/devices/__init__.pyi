@@ -1,0 +1,36 @@
+from .assembly import (
+    BenchDevices as BenchDevices,
+    Module as Module,
+)
+from .drive import (
+    DriveAxis as DriveAxis,
+    DriveDevice as DriveDevice,
+    DriveSwitch as DriveSwitch,
+)
+from .fixture import (
+    ClampDevice as ClampDevice,
+    ModeDevice as ModeDevice,
+    MountingDevice as MountingDevice,
+)
+from .labels import (
+    Point as Point,
+    PointLabel as PointLabel,
+)
+from .ramp import (
+    DriveRamp as DriveRamp,
+    RampTo as RampTo,
+)
+from .recorder import (
+    Recorder as Recorder,
+    SynchronousRecording as SynchronousRecording,
+)
+from .sensors import (
+    Encoder as Encoder,
+    Reference as Reference,
+    TemperatureProbes as TemperatureProbes,
+    Transducer as Transducer,
+)
+from .steady import (
+    SteadySettings as SteadySettings,
+    SteadyTorque as SteadyTorque,
+)

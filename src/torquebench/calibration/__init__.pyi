@@ -1,0 +1,76 @@
+from .adaptive import (
+    Adaptive as Adaptive,
+    AdaptiveRound as AdaptiveRound,
+    Placement as Placement,
+    Proposed as Proposed,
+    even_points as even_points,
+    extension_steps as extension_steps,
+    place_points as place_points,
+)
+from .classes import (
+    CLASSES as CLASSES,
+    Classification as Classification,
+    ClassLimits as ClassLimits,
+    classify as classify,
+    limits_of_class as limits_of_class,
+)
+from .data import (
+    RANGE_MARGIN as RANGE_MARGIN,
+    CalibrationData as CalibrationData,
+    infer_branch as infer_branch,
+)
+from .deviations import (
+    CalibrationRecord as CalibrationRecord,
+    Deviation as Deviation,
+    ReferenceStandard as ReferenceStandard,
+    assign_nominal as assign_nominal,
+    find_deviations as find_deviations,
+    ladder_points as ladder_points,
+    refuse_deviations as refuse_deviations,
+)
+from .drift import (
+    ControlChart as ControlChart,
+    DriftPrediction as DriftPrediction,
+    Trend as Trend,
+    find_trend as find_trend,
+    individuals_chart as individuals_chart,
+    predict_drift as predict_drift,
+    propose_due_date as propose_due_date,
+    span_errors as span_errors,
+)
+from .evaluation import (
+    Interpolation as Interpolation,
+    LoadingSeries as LoadingSeries,
+    StaticEvaluation as StaticEvaluation,
+    evaluate_static as evaluate_static,
+)
+from .profile import (
+    Profile as Profile,
+    available_profiles as available_profiles,
+    load_profile as load_profile,
+)
+from .results import (
+    CalibrationResults as CalibrationResults,
+    DirectionResults as DirectionResults,
+    SideBySide as SideBySide,
+    calibration_results as calibration_results,
+)
+from .series import (
+    ZeroHysteresis as ZeroHysteresis,
+    loading_series as loading_series,
+    zero_hysteresis as zero_hysteresis,
+)
+from .steps import (
+    Step as Step,
+    check_limits as check_limits,
+    total_duration_s as total_duration_s,
+)
+from .verification import (
+    RAW as RAW,
+    ErrorSummary as ErrorSummary,
+    ModelVerification as ModelVerification,
+    Repeatability as Repeatability,
+    VerificationResult as VerificationResult,
+    summarise_errors as summarise_errors,
+    verify as verify,
+)

@@ -1,0 +1,79 @@
+from .base import CompensationModel as CompensationModel
+from .bayesian_network import (
+    BayesianNetworkModel as BayesianNetworkModel,
+)
+from .budget import (
+    ChainSpecification as ChainSpecification,
+    ReadingBudget as ReadingBudget,
+    ReadingConditions as ReadingConditions,
+    StreamUncertainty as StreamUncertainty,
+)
+from .checks import (
+    WHOLE_SHARE as WHOLE_SHARE,
+    OutlierWarning as OutlierWarning,
+    PointsReducedWarning as PointsReducedWarning,
+    WildPoint as WildPoint,
+)
+from .columns import (
+    FEATURES as FEATURES,
+    feature_column as feature_column,
+    features as features,
+)
+from .design import (
+    Proposal as Proposal,
+    propose_points as propose_points,
+)
+from .export import (
+    EXPORTS as EXPORTS,
+    export_table as export_table,
+)
+from .gaussian_process import (
+    GaussianProcessModel as GaussianProcessModel,
+)
+from .hybrid import (
+    HybridModel as HybridModel,
+)
+from .hysteresis import (
+    HistoryCompensator as HistoryCompensator,
+    HysteresisOperator as HysteresisOperator,
+    LiveTorque as LiveTorque,
+)
+from .kinds import MODELS as MODELS, check_kind as check_kind, make_model as make_model
+from .model_file import (
+    Provenance as Provenance,
+    StoredModel as StoredModel,
+    load_model as load_model,
+    save_model as save_model,
+)
+from .physics import (
+    PhysicsModel as PhysicsModel,
+)
+from .polynomial import (
+    PolynomialModel as PolynomialModel,
+)
+from .published_network import (
+    PublishedNetworkModel as PublishedNetworkModel,
+)
+from .radial_basis import (
+    RadialBasisModel as RadialBasisModel,
+)
+from .repeats import (
+    NoiseFloor as NoiseFloor,
+    noise_floor as noise_floor,
+    repeat_groups as repeat_groups,
+)
+from .selection import (
+    CANDIDATES as CANDIDATES,
+    Comparison as Comparison,
+    ModelScore as ModelScore,
+    compare as compare,
+)
+from .spline import (
+    SplineModel as SplineModel,
+)
+from .table import (
+    CompensationTable as CompensationTable,
+    compile_table as compile_table,
+)
+
+RECOMMENDED: str

@@ -1,0 +1,62 @@
+from .chain import (
+    ChainHead as ChainHead,
+)
+from .csv_text import (
+    decode_csv as decode_csv,
+)
+from .database import (
+    REGISTRY_FILE as REGISTRY_FILE,
+    REGISTRY_URL as REGISTRY_URL,
+)
+from .entries import (
+    Activation as Activation,
+    Adjustment as Adjustment,
+    Amendment as Amendment,
+    CalibrationEntry as CalibrationEntry,
+    CertificateEntry as CertificateEntry,
+    CheckEntry as CheckEntry,
+    Component as Component,
+    Equipment as Equipment,
+    EquipmentKind as EquipmentKind,
+    ModelEntry as ModelEntry,
+    Report as Report,
+    Review as Review,
+    RunSummary as RunSummary,
+    VerificationEntry as VerificationEntry,
+    Zeroing as Zeroing,
+)
+from .files import (
+    json_text as json_text,
+    sha256_of_file as sha256_of_file,
+    write_atomically as write_atomically,
+)
+from .integrity import (
+    Finding as Finding,
+    IntegrityReport as IntegrityReport,
+    anchor_of as anchor_of,
+    calibration_changes as calibration_changes,
+    check_records as check_records,
+    folder_changes as folder_changes,
+)
+from .raw_stream import (
+    RawReading as RawReading,
+)
+from .registry import (
+    Registry as Registry,
+)
+from .run_folder import (
+    MANIFEST as MANIFEST,
+    Recovery as Recovery,
+    RunFolder as RunFolder,
+    RunWriter as RunWriter,
+    new_run_id as new_run_id,
+)
+from .tables import (
+    ReadingsTable as ReadingsTable,
+    calibration_csv as calibration_csv,
+    parse_calibration_csv as parse_calibration_csv,
+    read_calibration_csv as read_calibration_csv,
+    read_readings_csv as read_readings_csv,
+    write_calibration_csv as write_calibration_csv,
+    write_torque_csv as write_torque_csv,
+)

@@ -1,0 +1,95 @@
+from .breakaway import (
+    BreakawayResult as BreakawayResult,
+    BreakawayRun as BreakawayRun,
+    evaluate_breakaway as evaluate_breakaway,
+)
+from .comparison import (
+    COMMON_CONTRIBUTIONS as COMMON_CONTRIBUTIONS,
+    Change as Change,
+    SpecimenComparison as SpecimenComparison,
+    change_between as change_between,
+    compare_specimens as compare_specimens,
+)
+from .description import (
+    DataSheetLimits as DataSheetLimits,
+    EfficiencyLimit as EfficiencyLimit,
+    NoLoadLimit as NoLoadLimit,
+    ReducerDescription as ReducerDescription,
+    available_reducers as available_reducers,
+    load_reducer as load_reducer,
+)
+from .efficiency import (
+    EfficiencyMap as EfficiencyMap,
+    EfficiencyPoint as EfficiencyPoint,
+    evaluate_efficiency as evaluate_efficiency,
+)
+from .flange_torque import (
+    FlangeInertia as FlangeInertia,
+    torque_at_flange as torque_at_flange,
+)
+from .friction import (
+    FrictionCurve as FrictionCurve,
+    FrictionResult as FrictionResult,
+    evaluate_friction as evaluate_friction,
+    friction_curve as friction_curve,
+)
+from .friction_fit import (
+    FORMS as FORMS,
+    Estimate as Estimate,
+    FrictionFit as FrictionFit,
+    fit_friction as fit_friction,
+)
+from .hysteresis import (
+    evaluate_hysteresis as evaluate_hysteresis,
+)
+from .loop_results import (
+    HysteresisResult as HysteresisResult,
+    KeyPoint as KeyPoint,
+    LoopCurve as LoopCurve,
+    LoopFeatures as LoopFeatures,
+    StiffnessRegions as StiffnessRegions,
+)
+from .loop_rules import (
+    LOST_MOTION_RULES as LOST_MOTION_RULES,
+    LoopSettings as LoopSettings,
+    LoopUncertainty as LoopUncertainty,
+    LostMotionRule as LostMotionRule,
+)
+from .motion import (
+    FirstMotion as FirstMotion,
+    first_motion as first_motion,
+)
+from .no_load import (
+    NoLoadResult as NoLoadResult,
+    evaluate_no_load as evaluate_no_load,
+)
+from .no_load_points import (
+    NoLoadPoint as NoLoadPoint,
+)
+from .quantities import (
+    Contribution as Contribution,
+    Finding as Finding,
+    ResultQuantity as ResultQuantity,
+    budget as budget,
+    refuse as refuse,
+)
+from .quantity_verdicts import (
+    AnyResult as AnyResult,
+    QuantityVerdict as QuantityVerdict,
+    verdicts as verdicts,
+)
+from .tare import (
+    Tare as Tare,
+    TareValue as TareValue,
+    fit_tare as fit_tare,
+)
+from .torque_uncertainty import (
+    TorqueUncertainty as TorqueUncertainty,
+)
+from .transmission_error import (
+    AngleUncertainty as AngleUncertainty,
+    DirectionError as DirectionError,
+    ErrorOrder as ErrorOrder,
+    TransmissionErrorResult as TransmissionErrorResult,
+    evaluate_transmission_error as evaluate_transmission_error,
+)

@@ -1,0 +1,16 @@
+from .bench_station import (
+    Station as Station,
+    data_directory as data_directory,
+)
+from .engine import (
+    Plan as Plan,
+)
+from .runs import (
+    Progress as Progress,
+    ProgressCallback as ProgressCallback,
+    RunRecord as RunRecord,
+)
+from .unfinished import (
+    RecoveredRun as RecoveredRun,
+    recover_unfinished as recover_unfinished,
+)

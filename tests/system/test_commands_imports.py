@@ -1,0 +1,108 @@
+"""What answers at once imports nothing that takes long: help, lists of records, and refusals."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+HEAVY = [
+    *("asammdf", "bluesky", "fastapi", "h5py", "matplotlib", "nicegui", "nptdms", "numba", "onnx"),
+    *("openpyxl", "ophyd_async", "pandas", "polars", "pyarrow", "scipy", "skfem", "sklearn"),
+]
+LIBRARIES = ["alembic", "numpy", "pydantic", "sqlalchemy"]
+
+ONE_AFTER_ANOTHER = """
+import contextlib, io, json, sys
+from torquebench.cli import main
+heavy, commands = json.loads(sys.argv[1])
+for command in commands:
+    sys.argv = ["torquebench", *command]
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as e:
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code
+    print(json.dumps([command, code, sorted(set(heavy) & set(sys.modules)), e.getvalue()]))
+"""
+
+REFUSED = [
+    "fit none.csv",
+    "fit table.csv",
+    "fit table.csv --model nonsense",
+    "fit table.csv --out none/model.json",
+    "apply none.json table.csv --out torque.csv",
+    "apply table.csv table.csv --out torque.csv",
+    "verify none.json table.csv",
+    "evaluate static none.csv --reference-uncertainty 0.02 --resolution 0.01",
+    "evaluate static table.csv --profile none --reference-uncertainty 0.02 --resolution 0.01",
+    "evaluate hysteresis table.csv --rated-torque 4 --column torque=b --column angle=a",
+    "evaluate friction table.csv --column speed=a[rpm] --column torque=b",
+    "evaluate no-load table.csv --column speed=a",
+    "evaluate breakaway table.csv --kind starting --column time=a",
+    "evaluate transmission-error table.csv --column input=a",
+    "evaluate efficiency table.csv --column speed=a",
+    "calibrate",
+    "calibrate nowhere",
+    "calibrate output --profile none",
+    "calibrate output --model none",
+    "calibrate output --bench none.toml",
+    "check output --bench none.toml",
+    "measure --bench none.toml",
+    "test nonsense",
+    "test hysteresis --bench none.toml",
+    "test hysteresis --reducer none",
+    "simulate --bench none.toml",
+    "panel --bench none.toml",
+    "panel --host 10.0.0.1",
+    "demo --out none/report.html",
+    "demo --bench none.toml",
+    "certificate",
+    "certificate none --data records",
+    "export none.json --out table.h",
+    "export none.json --out table.xyz",
+    "budget none.json --reading 3",
+    "records list nonsense",
+    "records show none --data records",
+    "records list --data none",
+]
+
+
+def answers(folder: Path, heavy: list[str], *commands: str) -> list[list[object]]:
+    asked = json.dumps([heavy, [command.split() for command in commands]])
+    result = subprocess.run(
+        [sys.executable, "-c", ONE_AFTER_ANOTHER, asked],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [json.loads(line) for line in result.stdout.splitlines()]
+
+
+def test_help_imports_no_library() -> None:
+    (answer,) = answers(Path(), [*HEAVY, *LIBRARIES], "--help")
+    assert answer[1:3] == [0, []]
+
+
+def test_help_of_a_command_imports_nothing_heavy(tmp_path: Path) -> None:
+    commands = ("fit", "evaluate", "calibrate", "test", "panel", "measure", "demo", "records")
+    for command, code, heavy, _ in answers(tmp_path, HEAVY, *(f"{c} --help" for c in commands)):
+        assert (code, heavy) == (0, []), command
+
+
+def test_a_refusal_imports_nothing_heavy(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+    made = "from pathlib import Path; from torquebench.records import Registry; "
+    made += "Path('records').mkdir(); Registry.open(Path('records')).close()"
+    subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)
+    for command, code, heavy, said in answers(tmp_path, HEAVY, *REFUSED):
+        assert (code, heavy) == (2, []), (command, said)
+
+
+def test_lists_of_records_import_nothing_heavy(tmp_path: Path) -> None:
+    made = "from pathlib import Path; from torquebench.records import Registry; "
+    made += "Registry.open(Path()).close()"
+    subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)
+    lists = [f"records list {kind} --data ." for kind in ("runs", "all", "models", "equipment")]
+    for command, code, heavy, said in answers(tmp_path, HEAVY, *lists):
+        assert (code, heavy) == (0, []), (command, said)
