@@ -10,12 +10,33 @@ from typing import Any
 
 import canopen
 
+from torquebench.simulators.cia402 import Cia402Node
 from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 
 __all__ = ["CanBusSimulator"]
 
 LONGEST_FRAME = 200
+TICK_S = 0.005
+
+
+class _Periodic:
+    """A frame that is sent again and again, such as a heartbeat."""
+
+    def __init__(self, can_id: int, data: bytes, period_s: float) -> None:
+        self.can_id = can_id
+        self.data = data
+        self.period_s = period_s
+        self.due_s = time.monotonic()
+        self.over = False
+
+    def update(self, data: Any) -> None:
+        """Send this from now on."""
+        self.data = bytes(data)
+
+    def stop(self) -> None:
+        """Send it no more."""
+        self.over = True
 
 
 class _ServedNetwork(canopen.Network):
@@ -24,11 +45,19 @@ class _ServedNetwork(canopen.Network):
     def __init__(self, bus: CanBusSimulator) -> None:
         super().__init__(None)
         self._served = bus
+        self.periodic: list[_Periodic] = []
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """Put a node's frame on the bus."""
         if not remote:
             self._served.broadcast(can_id, bytes(data))
+
+    def send_periodic(self, can_id: int, data: Any, period: float, remote: bool = False) -> Any:
+        """Have a node's frame sent again and again."""
+        del remote
+        task = _Periodic(can_id, bytes(data), period)
+        self.periodic.append(task)
+        return task
 
 
 class CanBusSimulator(LineServer):
@@ -46,12 +75,36 @@ class CanBusSimulator(LineServer):
         self.network = _ServedNetwork(self)
         self._bus_lock = threading.RLock()
         self._open: dict[socket.socket, threading.Lock] = {}
+        self._nodes: list[Cia402Node] = []
         super().__init__(faults, host, port)
+        self._ticking = threading.Thread(target=self._tick, name=f"bus of {faults.name}")
+        self._ticking.daemon = True
+        self._ticking.start()
 
-    def add_node(self, node: Any) -> None:
-        """Put a node on the bus."""
+    def add_node(self, node: Cia402Node) -> None:
+        """Put a drive on the bus; it boots."""
         with self._bus_lock:
-            self.network.add_node(node)
+            self._nodes.append(node)
+            node.join(self.network)
+
+    def _tick(self) -> None:
+        """Let nodes send what nobody has asked for: heartbeats and emergencies."""
+        while not self._closing.wait(TICK_S):
+            now_s = time.monotonic()
+            with self._bus_lock:
+                for node in self._nodes:
+                    node.tick()
+                periodic = [task for task in self.network.periodic if not task.over]
+                self.network.periodic = periodic
+                for task in periodic:
+                    if now_s >= task.due_s:
+                        task.due_s = now_s + task.period_s
+                        self.broadcast(task.can_id, task.data)
+
+    def close(self) -> None:
+        """End the bus. A second call does nothing."""
+        super().close()
+        self._ticking.join()
 
     def broadcast(self, can_id: int, data: bytes, sender: socket.socket | None = None) -> None:
         """Show a frame to every client, except to the one that sent it."""

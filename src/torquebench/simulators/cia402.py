@@ -1,8 +1,8 @@
-"""A simulated CiA 402 drive: state machine, profile torque and velocity, heartbeat consumer."""
+"""A simulated CiA 402 drive: state machine, profile torque and velocity, NMT, heartbeats, EMCY."""
 
 from __future__ import annotations
 
-import struct
+import math
 import time
 import zlib
 from typing import Any
@@ -17,9 +17,20 @@ from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Cia402Node", "serial_number"]
 
-VOLTAGE_ENABLED = 0x10
+VOLTAGE_ENABLED, REMOTE, TARGET_REACHED = 0x010, 0x200, 0x400
+COMMUNICATION_ERROR = 0x11
+"""Error register: generic and communication."""
+SENDS_BOOT_UP, ENTERS_PRE_OPERATIONAL = 129, 128
+VALUE_NOT_ALLOWED, VALUE_TOO_HIGH, VALUE_TOO_LOW = 0x06090030, 0x06090031, 0x06090032
+QUICK_STOP_S = 0.1
 STATUS = {name: value for _, value, name in cia402.STATES}
-HEARTBEAT_ERROR = 0x8130
+HEARTBEAT_ERROR, NMT_ERROR = 0x8130, 0x8100
+RAMPS = (
+    cia402.TORQUE_SLOPE,
+    cia402.ACCELERATION,
+    cia402.DECELERATION,
+    cia402.QUICK_STOP_DECELERATION,
+)
 
 
 def serial_number(serial: str) -> int:
@@ -35,8 +46,6 @@ class Cia402Node:
     plant : Plant
     side : {"input", "output"}
     node : int
-    master : int
-        Whose heartbeat feeds the watchdog.
     velocity_units_per_rpm : float
     faults : WireFaults
         For freezing and lying.
@@ -47,7 +56,6 @@ class Cia402Node:
         plant: Plant,
         side: Side,
         node: int,
-        master: int,
         velocity_units_per_rpm: float,
         faults: WireFaults,
     ) -> None:
@@ -57,27 +65,99 @@ class Cia402Node:
         self._drive = plant.bench.drives[side]
         self._units = velocity_units_per_rpm * RPM_PER_RAD_S
         self._faults = faults
-        self._master = master
+        self._drive.watchdog_s = math.inf
         self._rated_nm = module.range_nm / 5.0
         self._maximum = 1.2 * module.limits.torque_nm, 1.2 * module.limits.speed_rpm
         self._state = "switch on disabled"
-        self._mode = 0
-        self._word = 0
+        self._emergency = self._told = 0
+        self._consumed: tuple[int, float] | None = None
         self._next: tuple[float, str] | None = None
         self._booted: float | None = None
+        self._power_up()
         self._frozen: dict[int, int] = {}
         self.node = canopen.LocalNode(node, cia402.load_dictionary())
         self._identity = {1: 0x0, 2: 0x192, 3: 0x10000, 4: serial_number(module.drive.serial)}
         self.node.add_read_callback(self._read)
         self.node.add_write_callback(self._written)
 
+    def _power_up(self) -> None:
+        self._mode = self._word = 0
+        self._targets = {cia402.TARGET_TORQUE: 0, cia402.TARGET_VELOCITY: 0}
+        self._ramps = dict.fromkeys(RAMPS, 1)
+
+    # -- on the bus -------------------------------------------------------------------------
+
     def join(self, network: Any) -> None:
-        """Listen for the master's heartbeat on this bus."""
-        network.subscribe(0x700 + self._master, self._fed)
+        """Boot on this bus: SDO answers unless the node is stopped, NMT commands are obeyed."""
+        network.add_node(self.node)
+        sdo = self.node.sdo
+        network.unsubscribe(sdo.rx_cobid, sdo.on_request)
+        network.subscribe(sdo.rx_cobid, self._asked)
+        network.subscribe(0, self._managed)
+        self._network = network
+        self._boot()
+
+    def _boot(self) -> None:
+        self.node.nmt.send_command(SENDS_BOOT_UP)
+        self.node.nmt.send_command(ENTERS_PRE_OPERATIONAL)
+
+    def _asked(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if self.node.nmt.state not in ("STOPPED", "INITIALISING"):
+            self.node.sdo.on_request(can_id, data, timestamp)
+
+    def _managed(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        """Act on an NMT command, which the node's state follows already."""
+        del can_id, timestamp
+        if len(data) < 2 or data[1] not in (0, self.node.id) or self._faults.ignoring:
+            return
+        with self._plant.lock:
+            if data[0] in (129, 130):
+                self._consume(0)
+                self.node.data_store.clear()
+                if data[0] == 129:
+                    self._off("switch on disabled")
+                    self._power_up()
+                self._boot()
+            elif data[0] in (2, 128) and self._drive.state().enabled:
+                self._off("fault")
+                self._emergency = NMT_ERROR
+
+    def _consume(self, value: int) -> None:
+        """Watch the heartbeat that object 0x1016 names, from its first one on."""
+        master, period_s = value >> 16, (value & 0xFFFF) / 1e3
+        if master > 127:
+            raise canopen.SdoAbortedError(VALUE_NOT_ALLOWED)
+        if self._consumed is not None:
+            self._network.unsubscribe(0x700 + self._consumed[0], self._fed)
+        self._drive.watchdog_s, self._consumed = math.inf, None
+        if master and period_s:
+            self._consumed = master, period_s
+            self._network.subscribe(0x700 + master, self._fed)
 
     def _fed(self, can_id: int, data: bytearray, timestamp: float) -> None:
         del can_id, data, timestamp
+        if self._consumed is not None and self._stored(cia402.ABORT_OPTION) != 0:
+            self._drive.watchdog_s = self._consumed[1]
         self._drive.feed_watchdog()
+
+    def tick(self) -> None:
+        """Send an emergency where something has happened or is over."""
+        with self._plant.lock:
+            state = self._drive.state()
+            self._follow(state.enabled, bool(state.fault))
+            code = self._error_code()
+        if code == self._told:
+            return
+        self._told = code
+        if code:
+            self.node.emcy.send(code, COMMUNICATION_ERROR)
+        else:
+            self.node.emcy.reset()
+
+    def _error_code(self) -> int:
+        if self._state != "fault":
+            return 0
+        return self._emergency or HEARTBEAT_ERROR
 
     # -- what a client reads ----------------------------------------------------------------
 
@@ -107,10 +187,14 @@ class Cia402Node:
             if lying:
                 enabled = shown == "operation enabled"
                 shown = "switch on disabled" if enabled else "operation enabled"
-            return STATUS[shown] | VOLTAGE_ENABLED
-        torque, speed = state.torque_nm or 0.0, state.speed_rad_s or 0.0
+            reached = 0 if self._drive.ramping else TARGET_REACHED
+            return STATUS[shown] | VOLTAGE_ENABLED | REMOTE | reached
+        told = 1.0 / max(self._faults.scale, 1e-9)
+        torque, speed = told * (state.torque_nm or 0.0), told * (state.speed_rad_s or 0.0)
         values = {
-            cia402.ERROR_CODE: HEARTBEAT_ERROR if state.fault else 0,
+            0x1001: COMMUNICATION_ERROR if self._error_code() else 0,
+            cia402.ERROR_CODE: self._error_code(),
+            cia402.CONTROLWORD: self._word,
             cia402.MODE_DISPLAY: self._mode,
             cia402.TORQUE_DEMAND: 0 if lying else round(1e3 * torque / self._rated_nm),
             0x6077: round(1e3 * torque / self._rated_nm),
@@ -135,51 +219,57 @@ class Cia402Node:
     # -- what a client writes ---------------------------------------------------------------
 
     def _written(self, index: int, subindex: int, od: Any, data: bytes) -> None:
-        del subindex
-        if index == 0x1017:
-            return
         value = int(od.decode_raw(data))
+        if self._faults.ignoring:
+            return
         with self._plant.lock:
-            if self._faults.ignoring:
-                return
-            if index == cia402.CONTROLWORD:
+            if index == cia402.HEARTBEAT_CONSUMER and subindex:
+                self._consume(value)
+            elif index == cia402.ABORT_OPTION:
+                _check(value, 0, 1)
+            elif index == cia402.CONTROLWORD:
                 self._control(value)
             elif index == cia402.MODE:
-                self._switch_mode(value)
-            elif self._drive.state().enabled:
-                self._target(index, value)
-
-    def _switch_mode(self, mode: int) -> None:
-        """Control another quantity, from now on towards the target that is stored for it."""
-        changed, self._mode = mode != self._mode, mode
-        if changed and self._drive.state().enabled:
-            self._follow_targets()
-
-    def _follow_targets(self) -> None:
-        for index, layout in ((cia402.TARGET_TORQUE, "<h"), (cia402.TARGET_VELOCITY, "<i")):
-            self._target(index, self._stored(index, layout))
+                if value not in (0, cia402.PROFILE_VELOCITY, cia402.PROFILE_TORQUE):
+                    raise canopen.SdoAbortedError(VALUE_NOT_ALLOWED)
+                self._mode = value
+                self._pursue()
+            elif index in self._ramps:
+                _check(value, 1, cia402.LARGEST_SLOPE)
+                self._ramps[index] = value
+            elif index in self._targets:
+                torque = index == cia402.TARGET_TORQUE
+                highest = (
+                    1e3 * self._maximum[0] / self._rated_nm
+                    if torque
+                    else self._maximum[1] * self._units / RPM_PER_RAD_S
+                )
+                _check(value, -math.ceil(highest), math.ceil(highest))
+                self._targets[index] = value
+                self._pursue()
 
     def _control(self, word: int) -> None:
         state = self._drive.state()
         self._follow(state.enabled, bool(state.fault))
-        resets = bool(word & ~self._word & cia402.FAULT_RESET)  # by its rising edge only
-        self._word = word
+        rising, self._word = word & ~self._word, word
         if self._state == "not ready to switch on":
             return
         if self._state == "fault":
-            if resets:
-                self._drive.disable()
-                self._drive.enable()  # forgets the fault
-                self._drive.disable()
+            if rising & cia402.FAULT_RESET:
+                self._drive.reset_fault()
+                self._emergency = 0
                 self._go("switch on disabled")
         elif not word & 0x02:
             self._off("switch on disabled")
         elif not word & 0x04:  # quick stop
-            self._drive.ramp_to_zero(0.1)
+            self._drive.ramp_to_zero(QUICK_STOP_S)
             self._state = "quick stop active" if state.enabled else "switch on disabled"
-        elif word & 0x0F == cia402.SHUT_DOWN:
+        elif word & 0x0F == cia402.SHUT_DOWN and self._state != "quick stop active":
             self._off("ready to switch on")
-        elif word & 0x0F == cia402.SWITCH_ON and self._state != "switch on disabled":
+        elif word & 0x0F == cia402.SWITCH_ON and self._state in (
+            "ready to switch on",
+            "operation enabled",
+        ):
             self._off("switched on")
         elif word & 0x0F == cia402.ENABLE_OPERATION and self._state == "switched on":
             self._go("operation enabled")
@@ -187,7 +277,7 @@ class Cia402Node:
     def _off(self, state: str) -> None:
         if self._drive.state().enabled:
             self._drive.disable()
-        if state == "switch on disabled":
+        if state in ("switch on disabled", "fault"):
             self._state, self._next = state, None
         else:
             self._go(state)
@@ -212,18 +302,31 @@ class Cia402Node:
             self._state, self._next = self._next[1], None
             if self._state == "operation enabled":
                 self._drive.enable()
-                self._follow_targets()
+                self._pursue()
 
-    def _target(self, index: int, value: int) -> None:
-        if index == cia402.TARGET_TORQUE and self._mode == cia402.PROFILE_TORQUE:
-            slope = self._stored(cia402.TORQUE_SLOPE, "<I") * self._rated_nm / 1e3
-            self._drive.command_torque(value * self._rated_nm / 1e3, max(slope, 1e-6))
-        elif index == cia402.TARGET_VELOCITY and self._mode == cia402.PROFILE_VELOCITY:
+    def _pursue(self) -> None:
+        """Go to the target of the present mode, whenever it was written."""
+        if self._state != "operation enabled" or not self._drive.state().enabled:
+            return
+        scale = self._faults.scale
+        if self._mode == cia402.PROFILE_TORQUE:
+            torque_nm = self._targets[cia402.TARGET_TORQUE] * self._rated_nm / 1e3
+            rate = self._ramps[cia402.TORQUE_SLOPE] * self._rated_nm / 1e3
+            self._drive.command_torque(scale * torque_nm, rate)
+        elif self._mode == cia402.PROFILE_VELOCITY:
+            target = self._targets[cia402.TARGET_VELOCITY]
             present = abs(self._drive.state().speed_rad_s or 0.0) * self._units
-            growing = abs(value) > present
-            ramp = self._stored(cia402.ACCELERATION if growing else cia402.DECELERATION, "<I")
-            self._drive.command_speed(value / self._units, max(ramp / self._units, 1e-9))
+            growing = abs(target) > present
+            ramp = self._ramps[cia402.ACCELERATION if growing else cia402.DECELERATION]
+            self._drive.command_speed(scale * target / self._units, ramp / self._units)
 
-    def _stored(self, index: int, layout: str) -> int:
-        data = self.node.data_store.get(index, {}).get(0)
-        return 0 if data is None else int(struct.unpack(layout, data)[0])
+    def _stored(self, index: int) -> int:
+        return int(self.node.object_dictionary[index].decode_raw(self.node.get_data(index, 0)))
+
+
+def _check(value: int, lowest: int, highest: int) -> None:
+    """Refuse a value that the drive can't have, by the abort code that says so."""
+    if value > highest:
+        raise canopen.SdoAbortedError(VALUE_TOO_HIGH)
+    if value < lowest:
+        raise canopen.SdoAbortedError(VALUE_TOO_LOW)

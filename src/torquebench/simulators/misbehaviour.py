@@ -1,4 +1,4 @@
-"""Simulated instruments misbehave on command: on the wire, and in what they state.
+"""Simulated instruments misbehave on command: on the wire, in what they do and what they state.
 
 ===============  ============================================================================
 `delay`          each answer comes `amount` seconds late (default 1 s): with 0.005 a slow wire
@@ -9,6 +9,10 @@
 `freeze`         answers come, and state what was true when it began
 `lie`            answers come, and state the opposite: an enabled drive is off, a closed
                  clamp open, a probe 20 K warmer, a standard's torque of the other sign
+`scale`          answers come, and state `amount` times what is true (1.03 by default); a drive
+                 does `amount` times what it is told
+`jitter`         what is stated is up to `amount` seconds older than the answer (50 ms by
+                 default), drawn anew for each answer; a counter's answer is so late on the bench
 `ignore`         commands are acknowledged, and nothing is done
 `unguarded`      a drive's own watchdog never acts
 `slow`           a drive needs `amount` seconds for each step from off to ready and to power
@@ -41,13 +45,21 @@ MisbehaviourKind = Literal[
     "disconnect",
     "freeze",
     "lie",
+    "scale",
+    "jitter",
     "ignore",
     "unguarded",
     "slow",
     "busy",
 ]
 KINDS: tuple[MisbehaviourKind, ...] = get_args(MisbehaviourKind)
-DELAY_S = 1.0
+AMOUNTS: dict[MisbehaviourKind, tuple[float, float, float]] = {
+    "delay": (1.0, 0.0, 60.0),
+    "slow": (1.0, 0.0, 60.0),
+    "scale": (1.03, 0.0, 10.0),
+    "jitter": (0.05, 0.0, 1.0),
+}
+"""Default, lowest and highest amount of the kinds that have one; see above for their units."""
 GARBLED_SHARE = 4
 """One byte of so many is changed, and at least one."""
 
@@ -101,24 +113,28 @@ class WireFaults:
             else:
                 self._orders.pop(kind, None)
 
+    def _order(self, kind: MisbehaviourKind) -> _Order | None:
+        order = self._orders.get(kind)
+        if order is not None and order.over():
+            self._orders.pop(kind, None)
+            return None
+        return order
+
     def active(self, kind: MisbehaviourKind) -> bool:
         """Tell whether a misbehaviour is under way."""
-        with self._lock:
-            order = self._orders.get(kind)
-            if order is not None and order.over():
-                del self._orders[kind]
-                order = None
-            return order is not None
+        return self._order(kind) is not None
+
+    def _amount(self, kind: MisbehaviourKind, otherwise: float) -> float:
+        order = self._order(kind)
+        return otherwise if order is None else order.amount
 
     def _take(self, kind: MisbehaviourKind) -> float | None:
         """Spoil one answer: return the amount, None where there is nothing to spoil it by."""
-        if not self.active(kind):
-            return None
         with self._lock:
-            order = self._orders[kind]
-            if order.replies is not None:
+            order = self._order(kind)
+            if order is not None and order.replies is not None:
                 order.replies -= 1
-            return order.amount
+            return None if order is None else order.amount
 
     @property
     def frozen(self) -> bool:
@@ -143,9 +159,17 @@ class WireFaults:
     @property
     def slowness_s(self) -> float:
         """How long each step of a drive to its power takes, s."""
-        with self._lock:
-            order = self._orders.get("slow")
-            return 0.0 if order is None or order.over() else order.amount
+        return self._amount("slow", 0.0)
+
+    @property
+    def scale(self) -> float:
+        """By what a value is multiplied; 1 where nothing is wrong."""
+        return self._amount("scale", 1.0)
+
+    def age_s(self) -> float:
+        """Draw how old what is stated now is, s."""
+        amount_s = self._amount("jitter", 0.0)
+        return self._random.uniform(0.0, amount_s) if amount_s else 0.0
 
     @property
     def refusing(self) -> bool:
@@ -234,7 +258,7 @@ class Misbehaviour:
         kind : str
             See the module.
         amount : float, optional
-            Seconds of a delay, or of a slow drive's step.
+            How much, of the kinds that have an amount.
         replies : int, optional
             For so many answers.
         duration_s : float, optional
@@ -249,9 +273,14 @@ class Misbehaviour:
             raise InputError(f"endpoint {endpoint!r}", "one of " + ", ".join(self._endpoints))
         if kind not in KINDS:
             raise InputError(f"misbehaviour {kind!r}", "one of " + ", ".join(KINDS))
-        amount = DELAY_S if amount is None else amount
-        if not 0.0 <= amount <= 60.0 or (replies is not None and replies < 1):
-            raise InputError(f"amount {amount:g}, {replies} replies", "0 to 60 s, at least 1 reply")
+        default, lowest, highest = AMOUNTS.get(kind, (0.0, 0.0, 60.0))
+        amount = default if amount is None else amount
+        if not lowest <= amount <= highest:
+            raise InputError(f"amount {amount:g} of {kind}", f"{lowest:g} to {highest:g}")
+        if replies is not None and replies < 1:
+            raise InputError(f"{replies} replies", "at least 1")
+        if duration_s is not None and not 0.0 <= duration_s < float("inf"):
+            raise InputError(f"duration {duration_s:g} s", "0 s or longer")
         self._endpoints[endpoint].start(kind, amount, replies, duration_s)
 
     def heal(self, endpoint: str | None = None) -> None:

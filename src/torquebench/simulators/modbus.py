@@ -1,35 +1,55 @@
-"""A Modbus TCP server (pymodbus) before one image of the simulated bench."""
+"""A Modbus TCP server before one image of the simulated bench.
+
+It is written out, since pymodbus's server forgets requests that come before it has answered.
+"""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
-import threading
-from typing import Any
+import socket
+import struct
+from collections.abc import Callable, Mapping
+from enum import IntEnum
 
-from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
-
-from torquebench.bench.drivers import modbus_map as registers
-from torquebench.errors import BenchError, TorquebenchError
+from torquebench.errors import TorquebenchError
+from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.modbus_images import Image
-from torquebench.simulators.plant import Plant
 
 __all__ = ["ModbusSimulator"]
 
-REGISTERS = 960
-CONTACTS = 32
-START_TIMEOUT_S = 10.0
+HEADER = struct.Struct(">HHHB")
+LONGEST_REQUEST = 254
+LONGEST_BITS, LONGEST_WORDS = 2000, 125
+LONGEST_WRITTEN_BITS, LONGEST_WRITTEN_WORDS = 1968, 123
+ANY_UNIT = (0, 255)
+"""Units by which a client addresses the instrument itself, as Modbus TCP has it."""
 
 
-class ModbusSimulator:
-    """One simulated instrument on Modbus TCP, served from a thread of its own.
+class Code(IntEnum):
+    """Exception codes."""
+
+    ILLEGAL_FUNCTION = 1
+    ILLEGAL_ADDRESS = 2
+    ILLEGAL_VALUE = 3
+    DEVICE_FAILURE = 4
+    BUSY = 6
+    NO_SUCH_UNIT = 11
+
+
+class _RefusedError(Exception):
+    def __init__(self, code: Code) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+class ModbusSimulator(LineServer):
+    """One simulated instrument on Modbus TCP: functions 1 to 6, 15 and 16.
+
+    Requests may come before earlier ones are answered; answers come in their order.
 
     Parameters
     ----------
-    plant : Plant
     image : Image
     faults : WireFaults
     host, port
@@ -40,147 +60,144 @@ class ModbusSimulator:
     """
 
     def __init__(
-        self,
-        plant: Plant,
-        image: Image,
-        faults: WireFaults,
-        host: str,
-        port: int,
-        unit: int = 1,
-        base: int = 0,
+        self, image: Image, faults: WireFaults, host: str, port: int, unit: int = 1, base: int = 0
     ) -> None:
-        self.host = host
-        self.port = port
-        self._plant = plant
         self._image = image
-        self._faults = faults
         self._unit = unit
         self._base = base
-        self._frozen: dict[int, list[int]] = {}
-        self._loop = asyncio.new_event_loop()
-        self._server: Any = None
-        self._failure: BaseException | None = None
-        self._started = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run, name=f"simulated-{faults.name}", daemon=True
-        )
-        faults.disconnect = self._disconnect
-        self._thread.start()
-        self._started.wait(START_TIMEOUT_S)
-        if self._server is None:
-            raise BenchError(
-                f"{faults.name} can't be served on {host}:{port} ({self._failure})",
-                "a free port",
-                "end what uses it, or name another one",
-            )
+        self._frozen: dict[int, dict[int, int]] = {}
+        super().__init__(faults, host, port)
 
-    # -- serving ----------------------------------------------------------------------------
+    def attend(self, connection: socket.socket) -> None:
+        """Answer one client until it goes, or sends what isn't Modbus."""
+        received = b""
+        with contextlib.suppress(OSError):
+            while data := connection.recv(4096):
+                received += data
+                while len(received) >= HEADER.size:
+                    transaction, protocol, length, unit = HEADER.unpack_from(received)
+                    if protocol != 0 or not 2 <= length <= LONGEST_REQUEST:
+                        return
+                    if len(received) < HEADER.size - 1 + length:
+                        break
+                    request = received[HEADER.size : HEADER.size - 1 + length]
+                    received = received[HEADER.size - 1 + length :]
+                    answer = self._answer(unit, request)
+                    header = HEADER.pack(transaction, 0, len(answer) + 1, unit)
+                    spoilt = self.faults.outgoing(header + answer)
+                    if spoilt is not None:
+                        connection.sendall(spoilt)
 
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
+    def _answer(self, unit: int, request: bytes) -> bytes:
+        function = request[0]
         try:
-            self._loop.run_until_complete(self._serve())
-        except Exception as error:
-            self._failure = error
-            self._started.set()
-        finally:
-            pending = asyncio.all_tasks(self._loop)
-            for task in pending:
-                task.cancel()
-            if pending:
-                self._loop.run_until_complete(asyncio.gather(*pending, return_exceptions=True))
-            self._loop.close()
+            if unit != self._unit and unit not in ANY_UNIT:
+                raise _RefusedError(Code.NO_SUCH_UNIT)
+            serve = self._functions.get(function)
+            if serve is None:
+                raise _RefusedError(Code.ILLEGAL_FUNCTION)
+            if self.faults.busy:
+                raise _RefusedError(Code.BUSY)
+            return bytes([function]) + serve(function, request[1:])
+        except _RefusedError as refused:
+            code = refused.code
+        except IndexError:
+            code = Code.ILLEGAL_ADDRESS
+        except (ValueError, struct.error):
+            code = Code.ILLEGAL_VALUE
+        except TorquebenchError:
+            code = Code.DEVICE_FAILURE
+        return bytes([function | 0x80, code])
 
-    async def _serve(self) -> None:
-        bits = SimData(0, values=[False] * CONTACTS, datatype=DataType.BITS)
-        words = SimData(0, count=self._base + REGISTERS, datatype=DataType.REGISTERS)
-        memory = ([bits], [_copy(bits)], [words], [_copy(words)])
-        device = SimDevice(self._unit, simdata=memory, action=self._action)
-        server = ModbusTcpServer(
-            device,
-            address=(self.host, self.port),
-            trace_packet=self._trace,
-            trace_connect=self._connected,
-        )
-        await server.serve_forever(background=True)
-        self.port = server.transport.sockets[0].getsockname()[1]
-        self._server = server
-        self._started.set()
-        with contextlib.suppress(asyncio.CancelledError):
-            await server.serving
+    @property
+    def _functions(self) -> Mapping[int, Callable[[int, bytes], bytes]]:
+        bits, words = self._read_bits, self._read_words
+        one_bit, one_word = self._write_bit, self._write_word
+        return {1: bits, 2: bits, 3: words, 4: words, 5: one_bit, 6: one_word} | {
+            15: self._write_bits,
+            16: self._write_words,
+        }
 
-    def _connected(self, connected: bool) -> None:
-        if connected and self._faults.refusing:
-            self._loop.call_soon(self._disconnect_now)
+    # -- reading ----------------------------------------------------------------------------
 
-    def _disconnect(self) -> None:
-        self._loop.call_soon_threadsafe(self._disconnect_now)
-
-    def _disconnect_now(self) -> None:
-        for connection in list(self._server.active_connections.values()):
-            if connection.transport is not None:
-                connection.transport.abort()
-
-    def _trace(self, sending: bool, data: bytes) -> bytes:
-        if not sending:
-            return data
-        return self._faults.outgoing(data) or b""
-
-    async def _action(
-        self,
-        function: int,
-        start: int,
-        address: int,
-        count: int,
-        present: list[int],
-        values: list[Any] | None,
-    ) -> ExcCodes | None:
-        """Refresh what is read, obey what is written."""
-        del count, start
-        if self._faults.busy:
-            return ExcCodes.DEVICE_BUSY
-        if values is not None and self._faults.ignoring:
-            return None
-        try:
-            with self._plant.lock:
-                if values is None:
-                    self._refresh(function, present)
-                elif function in (5, 15):
-                    self._image.switched(address - self._base, list(values))
-                else:
-                    self._image.written(address - self._base, list(values))
-        except (TorquebenchError, ValueError, IndexError):
-            return ExcCodes.ILLEGAL_VALUE
-        return None
-
-    def _refresh(self, function: int, present: list[int]) -> None:
-        if self._faults.frozen:
-            present[:] = self._frozen.setdefault(function, self._fresh(function, present))
-        else:
+    def _table(self, function: int) -> dict[int, int]:
+        """Return what a function reads, by address on the wire."""
+        if not self.faults.frozen:
             self._frozen.pop(function, None)
-            present[:] = self._fresh(function, present)
+        elif function in self._frozen:
+            return self._frozen[function]
+        tables = {
+            1: self._image.coils,
+            2: self._image.contacts,
+            3: self._image.holding,
+            4: self._image.inputs,
+        }
+        with self._image.plant.lock:
+            found = {self._base + place: value for place, value in tables[function]().items()}
+        if function == 4:
+            found |= self._image.plate
+        if self.faults.frozen:
+            self._frozen[function] = found
+        return found
 
-    def _fresh(self, function: int, present: list[int]) -> list[int]:
-        fresh = list(present)
-        lying = self._faults.lying
-        if function == 2:
-            for place, made in self._image.contacts(lying).items():
-                word, bit = divmod(self._base + place, 16)
-                fresh[word] = fresh[word] & ~(1 << bit) | (int(made) << bit)
-        elif function == 4:
-            plate = registers.IDENTITY
-            fresh[plate : plate + len(self._image.plate)] = self._image.plate
-            for place, value in self._image.inputs(lying).items():
-                fresh[self._base + place] = value
-        return fresh
+    def _read(self, function: int, request: bytes, most: int) -> list[int]:
+        first, count = struct.unpack(">HH", request)
+        if not 1 <= count <= most:
+            raise _RefusedError(Code.ILLEGAL_VALUE)
+        table = self._table(function)
+        try:
+            return [int(table[place]) for place in range(first, first + count)]
+        except KeyError:
+            raise _RefusedError(Code.ILLEGAL_ADDRESS) from None
 
-    def close(self) -> None:
-        """End the server. A second call does nothing."""
-        if self._loop.is_closed():
+    def _read_words(self, function: int, request: bytes) -> bytes:
+        words = self._read(function, request, LONGEST_WORDS)
+        return struct.pack(f">B{len(words)}H", 2 * len(words), *words)
+
+    def _read_bits(self, function: int, request: bytes) -> bytes:
+        bits = self._read(function, request, LONGEST_BITS)
+        packed = sum(bit << place for place, bit in enumerate(bits))
+        size = -(-len(bits) // 8)
+        return bytes([size]) + packed.to_bytes(size, "little")
+
+    # -- writing ----------------------------------------------------------------------------
+
+    def _obey(self, write: Callable[[int, list[int]], None], first: int, values: list[int]) -> None:
+        if self.faults.ignoring:
             return
-        asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop)
-        self._thread.join()
+        with self._image.plant.lock:
+            if first < self._base:
+                raise _RefusedError(Code.ILLEGAL_ADDRESS)
+            write(first - self._base, values)
 
+    def _write_word(self, function: int, request: bytes) -> bytes:
+        del function
+        place, value = struct.unpack(">HH", request)
+        self._obey(self._image.written, place, [value])
+        return request
 
-def _copy(data: SimData) -> SimData:
-    return SimData(data.address, count=data.count, values=data.values, datatype=data.datatype)
+    def _write_bit(self, function: int, request: bytes) -> bytes:
+        del function
+        place, value = struct.unpack(">HH", request)
+        if value not in (0x0000, 0xFF00):
+            raise _RefusedError(Code.ILLEGAL_VALUE)
+        self._obey(self._image.switched, place, [int(value == 0xFF00)])
+        return request
+
+    def _write_words(self, function: int, request: bytes) -> bytes:
+        del function
+        first, count, size = struct.unpack_from(">HHB", request)
+        if not 1 <= count <= LONGEST_WRITTEN_WORDS or size != 2 * count:
+            raise _RefusedError(Code.ILLEGAL_VALUE)
+        self._obey(self._image.written, first, list(struct.unpack(f">{count}H", request[5:])))
+        return request[:4]
+
+    def _write_bits(self, function: int, request: bytes) -> bytes:
+        del function
+        first, count, size = struct.unpack_from(">HHB", request)
+        sizes = {-(-count // 8), len(request) - 5}
+        if not 1 <= count <= LONGEST_WRITTEN_BITS or sizes != {size}:
+            raise _RefusedError(Code.ILLEGAL_VALUE)
+        packed = int.from_bytes(request[5:], "little")
+        self._obey(self._image.switched, first, [packed >> place & 1 for place in range(count)])
+        return request[:4]

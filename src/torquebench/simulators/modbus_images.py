@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from abc import ABC
+from collections.abc import Mapping
 
 from torquebench.bench.drivers import modbus_map as registers
 from torquebench.bench.drivers.base import Mode, Side
@@ -20,41 +20,67 @@ from torquebench.bench.drivers.modbus_map import (
 )
 from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
+from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import Plant
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["AnglesImage", "DigitalImage", "DriveImage", "Image", "ProbesImage", "ReadoutImage"]
 
 LIE_K = 20.0
+LONGEST_ZERO_RAMP_S = 60.0
 _MODES: tuple[Mode, ...] = ("free", "driven", "locked")
 
 
-class Image(ABC):
-    """One instrument's memory.
+class Image(ABC):  # noqa: B024 - no instrument has every table
+    """One instrument's memory, by address; what isn't there is an illegal address.
 
     Parameters
     ----------
-    serial, model : str
+    plant : Plant
+    faults : WireFaults
+        For lying, and what else changes what it states or does.
+    model, serial : str
         For the name plate.
     """
 
-    def __init__(self, model: str, serial: str) -> None:
-        plate = ["simulated", model, serial, "1.0"]
-        self.plate = [word for text in plate for word in registers.from_text(text)]
+    def __init__(self, plant: Plant, faults: WireFaults, model: str, serial: str) -> None:
+        self.plant = plant
+        self.faults = faults
+        texts = ["simulated", model, serial, "1.0"]
+        words = [word for text in texts for word in registers.from_text(text)]
+        self.plate = {registers.IDENTITY + place: word for place, word in enumerate(words)}
 
-    @abstractmethod
-    def inputs(self, lying: bool) -> dict[int, int]:
-        """Return input registers by address."""
-
-    def contacts(self, lying: bool) -> dict[int, bool]:
-        """Return discrete inputs by address."""
-        del lying
+    def inputs(self) -> dict[int, int]:
+        """Return input registers."""
         return {}
 
-    def written(self, address: int, values: list[int]) -> None:  # noqa: B027 - may have none
-        """Take what was written into holding registers."""
+    def holding(self) -> dict[int, int]:
+        """Return holding registers."""
+        return {}
 
-    def switched(self, address: int, values: list[bool]) -> None:  # noqa: B027 - may have none
-        """Take what was written into coils."""
+    def contacts(self) -> dict[int, int]:
+        """Return discrete inputs."""
+        return {}
+
+    def coils(self) -> dict[int, int]:
+        """Return coils."""
+        return {}
+
+    def written(self, address: int, values: list[int]) -> None:
+        """Take what was written into holding registers, all or nothing.
+
+        Raises
+        ------
+        IndexError
+            There is no such register.
+        ValueError
+            A value that it can't have.
+        """
+        raise IndexError(address + len(values))
+
+    def switched(self, address: int, values: list[int]) -> None:
+        """Take what was written into coils, as `written`."""
+        raise IndexError(address + len(values))
 
 
 def _placed(words: Mapping[int, list[int]]) -> dict[int, int]:
@@ -64,40 +90,41 @@ def _placed(words: Mapping[int, list[int]]) -> dict[int, int]:
 
 
 class DriveImage(Image):
-    """A drive with torque and speed control.
+    """A drive with torque and speed control, and a watchdog that is off until it gets a time."""
 
-    Parameters
-    ----------
-    plant : Plant
-    side : {"input", "output"}
-    slowness_s : callable
-        How long it takes from the command to power to having it, s of wall time.
-    """
-
-    def __init__(
-        self, plant: Plant, side: Side, slowness_s: Callable[[], float] = lambda: 0.0
-    ) -> None:
+    def __init__(self, plant: Plant, faults: WireFaults, side: Side) -> None:
         module = plant.description.module(side)
-        super().__init__("servo drive", module.drive.serial)
-        self._plant = plant
+        super().__init__(plant, faults, "servo drive", module.drive.serial)
         self._side = side
         self._drive = plant.bench.drives[side]
-        self._holding = [0] * 16
-        self._slowness_s = slowness_s
+        self._drive.watchdog_s = math.inf
+        self._holding = [0] * (DriveCommand.WATCHDOG_TIME + 1)
         self._power_at = math.inf
-        self._maximum = 1.2 * module.limits.torque_nm, 1.2 * module.limits.speed_rpm * 0.1047198
+        torque_nm = 1.2 * module.limits.torque_nm
+        speed_rad_s = 1.2 * module.limits.speed_rpm / RPM_PER_RAD_S
+        self._maximum = torque_nm, speed_rad_s
+        rounded = 1.0 + 1e-6  # to a float of 32 bits
+        self._allowed = {
+            DriveCommand.TORQUE: (-rounded * torque_nm, rounded * torque_nm),
+            DriveCommand.SPEED: (-rounded * speed_rad_s, rounded * speed_rad_s),
+            DriveCommand.TORQUE_RATE: (1e-9, 1e9),
+            DriveCommand.SPEED_RATE: (1e-9, 1e9),
+            DriveCommand.ZERO_RAMP: (0.0, LONGEST_ZERO_RAMP_S),
+        }
 
-    def inputs(self, lying: bool) -> dict[int, int]:
+    def inputs(self) -> dict[int, int]:
         """Return status, set points, limits and position."""
         self._power_if_due()
-        state = self._drive.state()
-        enabled = state.enabled != lying
-        status = DriveStatus.ENABLED if enabled else DriveStatus(0)
+        state, lying = self._drive.state(), self.faults.lying
+        status = DriveStatus.ENABLED if state.enabled != lying else DriveStatus(0)
+        if self._drive.ramping:
+            status |= DriveStatus.RAMPING
         if state.fault:
             status |= DriveStatus.FAULT
             if "watchdog" in state.fault:
                 status |= DriveStatus.WATCHDOG
-        torque, speed = state.torque_nm or 0.0, state.speed_rad_s or 0.0
+        told = 1.0 / max(self.faults.scale, 1e-9)
+        torque, speed = told * (state.torque_nm or 0.0), told * (state.speed_rad_s or 0.0)
         words = {
             DriveReport.STATUS: [int(status), 1 if state.fault else 0],
             DriveReport.MODE: [self._holding[DriveCommand.MODE]],
@@ -105,18 +132,43 @@ class DriveImage(Image):
             DriveReport.SPEED: registers.from_float(0.0 if lying else speed),
             DriveReport.MAXIMUM_TORQUE: registers.from_float(self._maximum[0]),
             DriveReport.MAXIMUM_SPEED: registers.from_float(self._maximum[1]),
-            DriveReport.POSITION: registers.from_integer(_wrapped(self._plant.counts(self._side))),
+            DriveReport.POSITION: registers.from_integer(_wrapped(self.plant.counts(self._side))),
         }
-        return _placed({int(place): block for place, block in words.items()})
+        reserved = dict.fromkeys(range(DriveReport.POSITION), 0)
+        return reserved | _placed({int(place): block for place, block in words.items()})
+
+    def holding(self) -> dict[int, int]:
+        """Return what was written last."""
+        return dict(enumerate(self._holding))
 
     def written(self, address: int, values: list[int]) -> None:
-        """Obey."""
-        self._holding[address : address + len(values)] = values
+        """Obey, or refuse the whole request."""
         touched = range(address, address + len(values))
+        if touched.stop > len(self._holding):
+            raise IndexError(touched.stop)
+        holding = list(self._holding)
+        holding[touched.start : touched.stop] = values
+        self._check(holding, touched)
+        self._holding = holding
+        if DriveCommand.WATCHDOG_TIME in touched:
+            self._drive.watchdog_s = holding[DriveCommand.WATCHDOG_TIME] / 1e3 or math.inf
         if DriveCommand.WATCHDOG in touched:
             self._drive.feed_watchdog()
         if DriveCommand.CONTROL in touched:
-            self._obey(DriveControl(self._holding[DriveCommand.CONTROL] & 0x83))
+            self._obey(DriveControl(holding[DriveCommand.CONTROL]))
+
+    def _check(self, holding: list[int], touched: range) -> None:
+        known = DriveControl.ENABLE | DriveControl.ZERO | DriveControl.RESET
+        if holding[DriveCommand.CONTROL] & ~int(known):
+            raise ValueError("control")
+        DriveMode(holding[DriveCommand.MODE])
+        for place, (lowest, highest) in self._allowed.items():
+            written = {place, place + 1} & set(touched)
+            if not written:
+                continue
+            value = registers.float_of(holding[place : place + 2])
+            if len(written) < 2 or not lowest <= value <= highest:
+                raise ValueError(place.name)
 
     def _power_if_due(self) -> None:
         if time.monotonic() >= self._power_at:
@@ -127,8 +179,9 @@ class DriveImage(Image):
         self._power_if_due()
         state = self._drive.state()
         if control & DriveControl.RESET:
-            if state.fault:
-                self._drive.disable()
+            self._power_at = math.inf
+            self._drive.disable()
+            self._drive.reset_fault()
             return
         if not control & DriveControl.ENABLE:
             self._power_at = math.inf
@@ -138,18 +191,22 @@ class DriveImage(Image):
         if control & DriveControl.ZERO:
             self._drive.ramp_to_zero(self._number(DriveCommand.ZERO_RAMP))
             return
-        mode = self._holding[DriveCommand.MODE]
-        if mode == DriveMode.NONE and not state.enabled:
-            self._power_at = min(self._power_at, time.monotonic() + self._slowness_s())
+        mode, scale = self._holding[DriveCommand.MODE], self.faults.scale
+        if mode == DriveMode.NONE and not state.enabled and not state.fault:
+            self._power_at = min(self._power_at, time.monotonic() + self.faults.slowness_s)
             self._power_if_due()
         elif mode == DriveMode.TORQUE and state.enabled:
-            self._drive.command_torque(
-                self._number(DriveCommand.TORQUE), self._number(DriveCommand.TORQUE_RATE)
+            torque_nm, rate = (
+                self._number(place) for place in (DriveCommand.TORQUE, DriveCommand.TORQUE_RATE)
             )
+            if rate > 0.0:
+                self._drive.command_torque(scale * torque_nm, rate)
         elif mode == DriveMode.SPEED and state.enabled:
-            self._drive.command_speed(
-                self._number(DriveCommand.SPEED), self._number(DriveCommand.SPEED_RATE)
+            speed_rad_s, rate = (
+                self._number(place) for place in (DriveCommand.SPEED, DriveCommand.SPEED_RATE)
             )
+            if rate > 0.0:
+                self._drive.command_speed(scale * speed_rad_s, rate)
 
     def _number(self, place: DriveCommand) -> float:
         return registers.float_of(self._holding[place : place + 2])
@@ -162,103 +219,106 @@ def _wrapped(counts: int) -> int:
 class ProbesImage(Image):
     """A module of temperature probes."""
 
-    def __init__(self, plant: Plant, probes: Mapping[str, int]) -> None:
-        super().__init__("probe module", "SIM-TEMP-1")
-        self._plant = plant
+    def __init__(self, plant: Plant, faults: WireFaults, probes: Mapping[str, int]) -> None:
+        super().__init__(plant, faults, "probe module", "SIM-TEMP-1")
         self._probes = probes
 
-    def inputs(self, lying: bool) -> dict[int, int]:
+    def inputs(self) -> dict[int, int]:
         """Return hundredths of a degree."""
-        present = self._plant.bench.temperatures()
-        return {
-            place: (
-                round(100.0 * (present[name] + (LIE_K if lying else 0.0))) % 65536
-                if name in present
-                else registers.PROBE_BROKEN % 65536
-            )
+        present = self.plant.bench.temperatures()
+        lie_k, scale = LIE_K if self.faults.lying else 0.0, self.faults.scale
+        broken = registers.PROBE_BROKEN % 65536
+        stated = dict.fromkeys(range(max(self._probes.values()) + 1), broken)
+        return stated | {
+            place: round(100.0 * (scale * present[name] + lie_k)) % 65536
             for name, place in self._probes.items()
+            if name in present
         }
 
 
 class AnglesImage(Image):
     """Encoder positions."""
 
-    def __init__(self, plant: Plant, places: Mapping[str, int]) -> None:
-        super().__init__("encoder gateway", "SIM-GATE-1")
-        self._plant = plant
+    def __init__(self, plant: Plant, faults: WireFaults, places: Mapping[str, int]) -> None:
+        super().__init__(plant, faults, "encoder gateway", "SIM-GATE-1")
         self._places = places
 
-    def inputs(self, lying: bool) -> dict[int, int]:
+    def inputs(self) -> dict[int, int]:
         """Return signed counts."""
-        sign = -1 if lying else 1
+        factor = -self.faults.scale if self.faults.lying else self.faults.scale
+        age_s = self.faults.age_s()
+        counts = {side: round(factor * self.plant.counts(side, age_s)) for side in SIDES}
         return _placed(
-            {
-                self._places[side]: registers.from_integer(
-                    _wrapped(sign * self._plant.counts(side))
-                )
-                for side in SIDES
-            }
+            {self._places[side]: registers.from_integer(_wrapped(counts[side])) for side in SIDES}
         )
 
 
 class ReadoutImage(Image):
     """A calibrator's amplifier."""
 
-    def __init__(self, plant: Plant) -> None:
-        super().__init__("torque amplifier", "SIM-AMP-1")
-        self._plant = plant
+    def __init__(self, plant: Plant, faults: WireFaults) -> None:
+        super().__init__(plant, faults, "torque amplifier", "SIM-AMP-1")
 
-    def inputs(self, lying: bool) -> dict[int, int]:
+    def inputs(self) -> dict[int, int]:
         """Return both blocks of samples."""
         words: dict[int, list[int]] = {}
-        sign = -1.0 if lying else 1.0
+        factor = -self.faults.scale if self.faults.lying else self.faults.scale
+        period_s = self.plant.window_s
+        late = round(self.faults.age_s() / period_s)
         for number, side in enumerate(SIDES):
-            count, torques = self._plant.torques(side)
+            count, torques = self.plant.torques(side)
+            torques = torques[: len(torques) - late]
             held = torques[-registers.READOUT_SAMPLES :]
-            header = [*registers.from_integer(count), round(self._plant.window_s * 1e6), len(held)]
-            samples = [word for torque in held for word in registers.from_float(sign * torque)]
-            words[number * registers.READOUT_STRIDE] = header + samples
+            header = [*registers.from_integer(max(0, count - late)), round(period_s * 1e6)]
+            samples = [word for torque in held for word in registers.from_float(factor * torque)]
+            unused = [0] * (2 * registers.READOUT_SAMPLES - len(samples))
+            words[number * registers.READOUT_STRIDE] = [*header, len(held), *samples, *unused]
         return _placed(words)
 
 
 class DigitalImage(Image):
     """Mode conversion and clamp, which move at once."""
 
-    def __init__(self, plant: Plant) -> None:
-        super().__init__("digital module", "SIM-IO-1")
-        self._plant = plant
-        self._coils = [False] * 16
+    def __init__(self, plant: Plant, faults: WireFaults) -> None:
+        super().__init__(plant, faults, "digital module", "SIM-IO-1")
+        self._coils = [0] * len(Coil)
 
-    def inputs(self, lying: bool) -> dict[int, int]:
-        """Return none."""
-        del lying
-        return {}
+    def coils(self) -> dict[int, int]:
+        """Return what was commanded."""
+        return dict(enumerate(self._coils))
 
-    def contacts(self, lying: bool) -> dict[int, bool]:
+    def contacts(self) -> dict[int, int]:
         """Return the position contacts."""
-        bench = self._plant.bench
-        found: dict[int, bool] = {}
+        bench, lying = self.plant.bench, self.faults.lying
+        found: dict[int, int] = {}
         for side, first in zip(SIDES, (Contact.INPUT_FREE, Contact.OUTPUT_FREE), strict=True):
             place = _MODES.index(bench.mode(side))
             place = (place + 1) % 3 if lying else place
-            found |= {first + offset: offset == place for offset in range(3)}
+            found |= {first + offset: int(offset == place) for offset in range(3)}
         clamped = bench.clamped() != lying
-        found[Contact.CLAMP_CLOSED] = found[Contact.CLAMP_PRESSURE] = clamped
-        found[Contact.CLAMP_OPEN] = not clamped
+        found[Contact.CLAMP_CLOSED] = found[Contact.CLAMP_PRESSURE] = int(clamped)
+        found[Contact.CLAMP_OPEN] = int(not clamped)
         return found
 
-    def switched(self, address: int, values: list[bool]) -> None:
+    def switched(self, address: int, values: list[int]) -> None:
         """Move what the coils say, as far as they were written."""
-        self._coils[address : address + len(values)] = values
         touched = range(address, address + len(values))
-        bench = self._plant.bench
-        for side, first in zip(SIDES, (Coil.INPUT_DRIVEN, Coil.OUTPUT_DRIVEN), strict=True):
-            driven, locked = self._coils[first : first + 2]
+        if touched.stop > len(self._coils):
+            raise IndexError(touched.stop)
+        coils = list(self._coils)
+        coils[touched.start : touched.stop] = values
+        pairs = dict(zip(SIDES, (Coil.INPUT_DRIVEN, Coil.OUTPUT_DRIVEN), strict=True))
+        if any(coils[first] and coils[first + 1] for first in pairs.values()):
+            raise ValueError("driven and locked")
+        self._coils = coils
+        bench = self.plant.bench
+        for side, first in pairs.items():
+            driven, locked = coils[first : first + 2]
             mode: Mode = "driven" if driven else "locked" if locked else "free"
             if (first in touched or first + 1 in touched) and bench.mode(side) != mode:
                 bench.set_mode(side, mode)
-        if Coil.CLAMP in touched and bench.clamped() != self._coils[Coil.CLAMP]:
+        if Coil.CLAMP in touched and bench.clamped() != bool(coils[Coil.CLAMP]):
             try:
-                bench.set_clamped(self._coils[Coil.CLAMP])
+                bench.set_clamped(bool(coils[Coil.CLAMP]))
             except TorquebenchError:
-                self._coils[Coil.CLAMP] = bench.clamped()
+                self._coils[Coil.CLAMP] = int(bench.clamped())

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from typing import Literal
 
 import numpy as np
@@ -28,6 +29,7 @@ STEP_S = 0.05
 """Longest piece of bench time that is computed at once."""
 WALL_STEP_S = 0.005
 KEPT_TORQUES = 400
+KEPT_COUNTS = 400
 
 Ticks = NDArray[np.int64]
 
@@ -93,7 +95,9 @@ class Plant:
         self._angles: list[AngleTap] = []
         self._torques: dict[Side, list[float]] = {side: [] for side in SIDES}
         self._torque_count: dict[Side, int] = dict.fromkeys(SIDES, 0)
-        self._counts: dict[Side, int] = dict.fromkeys(SIDES, 0)
+        self._counts: dict[Side, deque[tuple[float, int]]] = {
+            side: deque([(0.0, 0)], maxlen=KEPT_COUNTS) for side in SIDES
+        }
         self._readers = 0
         self._counting = 0
         self.epoch_s = 0.0
@@ -154,7 +158,7 @@ class Plant:
             tap.put(block.edges[tap.channel])
         for side, angle in block.angles.items():
             if angle.counts.size:
-                self._counts[side] = int(angle.counts[-1])
+                self._counts[side].append((self._now_s, int(angle.counts[-1])))
         for angles in self._angles:
             samples = block.angles[angles.side]
             angles.put(samples.time_s, samples.counts)
@@ -216,9 +220,13 @@ class Plant:
 
     # -- what the other instruments see -----------------------------------------------------
 
-    def counts(self, side: Side) -> int:
-        """Present encoder counts of a side."""
-        return self._counts[side]
+    def counts(self, side: Side, age_s: float = 0.0) -> int:
+        """Return the encoder counts of a side, now or some time ago."""
+        with self.lock:
+            kept, then_s = self._counts[side], self._now_s - age_s
+            return next(
+                (counts for time_s, counts in reversed(kept) if time_s <= then_s), kept[0][1]
+            )
 
     def torques(self, side: Side) -> tuple[int, list[float]]:
         """Return how many torques the standard has stated, and the newest of them."""

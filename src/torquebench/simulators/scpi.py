@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 import socket
 import threading
-from abc import ABC, abstractmethod
+from abc import ABC
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -21,10 +23,70 @@ __all__ = ["ScpiAmplifier", "ScpiFrequencyCounter", "ScpiInstrument", "ScpiSimul
 
 NO_NUMBER = "9.91E37"
 WAIT_S = 10.0
+ERRORS_KEPT = 20
+MOST_READINGS = 1_000_000
+SHORTEST_GATE_S, LONGEST_GATE_S = 1e-3, 1e3
+ERRORS = {
+    -104: "Data type error",
+    -108: "Parameter not allowed",
+    -109: "Missing parameter",
+    -113: "Undefined header",
+    -213: "Init ignored",
+    -222: "Data out of range",
+    -224: "Illegal parameter value",
+    -230: "Data corrupt or stale",
+    -350: "Queue overflow",
+}
+OPERATION_COMPLETE, POWER_ON = 1, 128
+EVENT_OF_ERROR = {1: 32, 2: 16, 3: 8, 4: 4}
+"""Bit of the event status register by an error's hundreds: command, execution, device, query."""
+SUFFIXES = {"": 1.0, "S": 1.0, "MS": 1e-3, "US": 1e-6, "NS": 1e-9, "HZ": 1.0}
+_NUMBER = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:E[+-]?[0-9]+)?) *([A-Z]*)")
+Handler = Callable[[Sequence[str], WireFaults], str | None]
 
 
-class ScpiInstrument(ABC):
-    """What answers behind the lines.
+class _ScpiError(Exception):
+    """An error by its number."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def _header(pattern: str) -> re.Pattern[str]:
+    """Compile a header as manuals write it: capitals are its short form, brackets optional."""
+    words = []
+    for optional, word in re.findall(r"(\[?):?([A-Za-z]+):?\]?", pattern):
+        short = "".join(letter for letter in word if letter.isupper())
+        both = f"(?:{short}|{word.upper()}):"
+        words.append(f"(?:{both})?" if optional else both)
+    return re.compile("".join(words))
+
+
+def _number(text: str, lowest: float, highest: float) -> float:
+    found = _NUMBER.fullmatch(text)
+    if found is None or found[2] not in SUFFIXES:
+        raise _ScpiError(-104)
+    value = float(found[1]) * SUFFIXES[found[2]]
+    if not lowest <= value <= highest:
+        raise _ScpiError(-222)
+    return value
+
+
+def _choice(text: str, words: Sequence[str]) -> str:
+    """Return the short form of a word."""
+    for word in words:
+        short = "".join(letter for letter in word if letter.isupper())
+        if text in (short, word.upper()):
+            return short
+    raise _ScpiError(-224)
+
+
+class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
+    """What answers behind the lines: IEEE 488.2's common commands, an error queue, headers.
+
+    Headers come in short or long form, several in a line parted by semicolons, the later ones
+    relative to the path of the one before. Answers of one line come in one line.
 
     Parameters
     ----------
@@ -34,24 +96,109 @@ class ScpiInstrument(ABC):
 
     def __init__(self, model: str, serial: str) -> None:
         self._plate = f"simulated,{model},{serial},1.0"
-        self._errors: list[str] = []
+        self._errors: list[int] = []
+        self._events = POWER_ON
+        self._masks = {"*ESE": 0, "*SRE": 0}
+        self._lock = threading.RLock()
+        self._handlers: list[tuple[re.Pattern[str], bool, int, int, Handler]] = []
+        self.serve("SYSTem:ERRor[:NEXT]", lambda _, __: self._next_error(), query=True)
+        self.serve("SYSTem:ERRor:COUNt", lambda _, __: str(len(self._errors)), query=True)
+        self.serve("SYSTem:VERSion", lambda _, __: "1999.0", query=True)
+
+    def serve(
+        self, pattern: str, handler: Handler, *, query: bool = False, least: int = 0, most: int = 0
+    ) -> None:
+        """Have a header, or its query, answered by a handler of its `least` to `most` parameters.
+
+        Examples
+        --------
+        >>> instrument = ScpiInstrument("any", "1")
+        >>> instrument.serve("SENSe:FUNCtion", lambda _, __: "FREQ", query=True)
+        >>> faults = WireFaults("any", None)
+        >>> instrument.answer("SENS:FUNC?;:sense:function?;*OPC?", faults)
+        'FREQ;FREQ;1'
+        >>> instrument.answer("NONSENSE?", faults), instrument.answer("SYST:ERR?", faults)
+        (None, '-113,"Undefined header"')
+        """
+        self._handlers.append((_header(pattern), query, least, most, handler))
 
     def answer(self, line: str, faults: WireFaults) -> str | None:
         """Obey or answer one line."""
-        upper = line.upper()
-        if upper == "*IDN?":
-            return self._plate
-        if upper == "SYST:ERR?":
-            return self._errors.pop(0) if self._errors else '0,"No error"'
-        try:
-            return self.act(upper, faults)
-        except (ValueError, IndexError):
-            self._errors.append('-102,"Syntax error"')
-            return None
+        path, answers = "", []
+        with self._lock:
+            for unit in filter(None, (part.strip() for part in line.upper().split(";"))):
+                header, _, text = unit.partition(" ")
+                arguments = [part.strip() for part in text.split(",")] if text.strip() else []
+                try:
+                    if header.startswith("*"):
+                        said = self._common(header, arguments)
+                    else:
+                        full = header[1:] if header.startswith(":") else path + header
+                        path = full.rpartition(":")[0] + ":" if ":" in full else ""
+                        said = self._act(full, arguments, faults)
+                except _ScpiError as error:
+                    self._note(error.code)
+                    break
+                if said is not None:
+                    answers.append(said)
+        return ";".join(answers) if answers else None
 
-    @abstractmethod
-    def act(self, line: str, faults: WireFaults) -> str | None:
-        """Obey or answer one line of this instrument's own; ValueError where it has none such."""
+    def _act(self, header: str, arguments: list[str], faults: WireFaults) -> str | None:
+        asks = header.endswith("?")
+        if faults.ignoring and not asks:
+            return None
+        for pattern, query, least, most, handler in self._handlers:
+            if query == asks and pattern.fullmatch(header.removesuffix("?") + ":"):
+                if len(arguments) < least:
+                    raise _ScpiError(-109)
+                if len(arguments) > most:
+                    raise _ScpiError(-108)
+                return handler(arguments, faults)
+        raise _ScpiError(-113)
+
+    def _common(self, header: str, arguments: list[str]) -> str | None:
+        if header in self._masks:
+            if not arguments:
+                raise _ScpiError(-109)
+            self._masks[header] = int(_number(arguments[0], 0, 255))
+            return None
+        if header.removesuffix("?") in self._masks:
+            return str(self._masks[header.removesuffix("?")])
+        if header == "*ESR?":
+            events, self._events = self._events, 0
+            return str(events)
+        answers = {"*IDN?": self._plate, "*OPC?": "1", "*TST?": "0", "*STB?": str(self._status())}
+        if header in answers:
+            return answers[header]
+        if header == "*CLS":
+            self._errors.clear()
+            self._events = 0
+        elif header == "*OPC":
+            self._events |= OPERATION_COMPLETE
+        elif header == "*RST":
+            self.reset()
+        elif header != "*WAI":
+            raise _ScpiError(-113)
+        return None
+
+    def _status(self) -> int:
+        summary = bool(self._events & self._masks["*ESE"])
+        status = (4 if self._errors else 0) | (32 if summary else 0)
+        return status | (64 if status & self._masks["*SRE"] else 0)
+
+    def _note(self, code: int) -> None:
+        self._events |= EVENT_OF_ERROR[-code // 100]
+        if len(self._errors) < ERRORS_KEPT:
+            self._errors.append(code)
+        else:
+            self._errors[-1] = -350
+
+    def _next_error(self) -> str:
+        code = self._errors.pop(0) if self._errors else 0
+        return f'{code},"{ERRORS.get(code, "No error")}"'
+
+    def reset(self) -> None:  # noqa: B027 - most have nothing to reset
+        """Go to how it was when it was switched on."""
 
     def attended(self, begins: bool) -> None:  # noqa: B027 - most do not care
         """Note that a client came or went."""
@@ -64,46 +211,61 @@ class ScpiFrequencyCounter(ScpiInstrument):
         super().__init__("frequency counter", serial)
         self._plant = plant
         self._channel = channel
-        self._lock = threading.Lock()
-        self._gate_s = 0.01
-        self._clock = "INT"
         self._tap: EdgeTap | None = None
         self._counter: FrequencyCounter | None = None
         self._started_tick = 0
         self._handed = 0
         self._readings: list[float] = []
         self._last: list[float] = []
+        self.serve("ABORt", lambda _, __: self._stop())
+        self.serve("INITiate[:IMMediate]", lambda _, __: self._begin())
+        self.serve("DATA:REMove", self._remove, query=True, least=1, most=2)
+        self.serve("DATA:POINts", lambda _, __: str(len(self._readings)), query=True)
+        self._settings: dict[str, str] = {}
+        self.serve("CONFigure:FREQuency", lambda _, __: self.reset(), most=2)
+        count = "SAMPle:COUNt", "TRIGger:COUNt"
+        for pattern in count:
+            self._setting(pattern, lambda text: f"{_number(text, 1, MOST_READINGS):.0f}")
+        self._setting(
+            "[SENSe:]FREQuency:GATE:TIME",
+            lambda text: f"{_number(text, SHORTEST_GATE_S, LONGEST_GATE_S):.9E}",
+        )
+        for pattern, words in (
+            ("[SENSe:]FREQuency:MODE", ("AUTO", "RECiprocal", "CONTinuous")),
+            ("[SENSe:]FREQuency:GATE:SOURce", ("TIME", "EXTernal")),
+            ("[SENSe:]ROSCillator:SOURce", ("INTernal", "EXTernal")),
+        ):
+            self._setting(pattern, lambda text, words=words: _choice(text, words))  # type: ignore[misc]
+        self.reset()
+
+    def _setting(self, pattern: str, parse: Callable[[str], str]) -> None:
+        def put(arguments: Sequence[str], _: WireFaults) -> None:
+            value = parse(arguments[0])
+            self._stop()
+            self._settings[pattern] = value
+
+        self.serve(pattern, put, least=1, most=1)
+        self.serve(pattern, lambda _, __: self._settings[pattern], query=True)
+
+    def reset(self) -> None:
+        """Go to how it was when it was switched on, its reference clock apart."""
+        self._stop()
+        self._settings = {"[SENSe:]ROSCillator:SOURce": "INT"} | self._settings
+        self._settings |= {
+            "SAMPle:COUNt": "1",
+            "TRIGger:COUNt": "1",
+            "[SENSe:]FREQuency:GATE:TIME": f"{0.1:.9E}",
+            "[SENSe:]FREQuency:MODE": "AUTO",
+            "[SENSe:]FREQuency:GATE:SOURce": "TIME",
+        }
 
     def attended(self, begins: bool) -> None:
         """Tell the plant that somebody reads."""
         self._plant.reading(begins)
 
-    def act(self, line: str, faults: WireFaults) -> str | None:
-        """Obey or answer."""
-        word, _, argument = line.partition(" ")
-        with self._lock:
-            if word == "ABOR":
-                self._stop()
-            elif word == "INIT":
-                self._begin()
-            elif word == "SENS:FREQ:GATE:TIME":
-                self._gate_s = float(argument)
-            elif word == "SENS:ROSC:SOUR":
-                self._clock = argument.strip()
-            elif word == "SENS:ROSC:SOUR?":
-                return self._clock
-            elif word == "DATA:REM?":
-                return self._remove(int(argument.partition(",")[0]), faults)
-            elif word not in (
-                "CONF:FREQ",
-                "SENS:FREQ:MODE",
-                "SENS:FREQ:GATE:SOUR",
-                "SAMP:COUN",
-                "TRIG:COUN",
-                "*RST",
-            ):
-                raise ValueError(word)
-        return None
+    @property
+    def _gate_s(self) -> float:
+        return float(self._settings["[SENSe:]FREQuency:GATE:TIME"])
 
     def _stop(self) -> None:
         if self._tap is not None:
@@ -113,7 +275,8 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self._readings = []
 
     def _begin(self) -> None:
-        self._stop()
+        if self._tap is not None:
+            raise _ScpiError(-213)
         timebase_hz = self._plant.bench.timebase_hz
         with self._plant.lock:
             self._plant.counting(True)
@@ -122,12 +285,15 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self._counter = FrequencyCounter("regression", self._gate_s, timebase_hz)
         self._handed = 0
 
-    def _remove(self, count: int, faults: WireFaults) -> str:
+    def _remove(self, arguments: Sequence[str], faults: WireFaults) -> str:
+        count = int(_number(arguments[0], 1, MOST_READINGS))
+        waits = len(arguments) > 1 and _choice(arguments[1], ("WAIT",)) == "WAIT"
         if self._tap is None or self._counter is None:
-            raise ValueError("not initiated")
-        begun_s = self._started_tick / self._plant.bench.timebase_hz
-        until_s = begun_s + (self._handed + count) * self._gate_s
-        self._plant.require(until_s, WAIT_S)
+            raise _ScpiError(-230)
+        if waits:
+            begun_s = self._started_tick / self._plant.bench.timebase_hz
+            until_s = begun_s + (self._handed + count) * self._gate_s
+            self._plant.require(until_s + faults.age_s(), WAIT_S)
         for block in self._tap.take():
             shifted = EdgeBlock(
                 block.ticks - self._started_tick,
@@ -136,15 +302,16 @@ class ScpiFrequencyCounter(ScpiInstrument):
                 block.timebase_hz,
             )
             self._readings += self._counter.push(shifted).frequency_hz.tolist()
+        if len(self._readings) < count:
+            raise _ScpiError(-230)
         taken, self._readings = self._readings[:count], self._readings[count:]
         self._handed += len(taken)
         if faults.frozen and self._last:
             taken = (self._last * count)[:count]
         else:
             self._last = taken[-1:]
-        if faults.lying:
-            taken = [1.05 * value for value in taken]
-        return ",".join(_text(value) for value in taken)
+        factor = faults.scale * (1.05 if faults.lying else 1.0)
+        return ",".join(_text(factor * value) for value in taken)
 
 
 class ScpiAmplifier(ScpiInstrument):
@@ -155,28 +322,27 @@ class ScpiAmplifier(ScpiInstrument):
         self._plant = plant
         self._handed: dict[Side, int] = {}
         self._frozen: dict[Side, float] = {}
+        self.serve("FETCh:ARRay", self._fetch, query=True, least=1, most=1)
 
-    def act(self, line: str, faults: WireFaults) -> str | None:
-        """Answer `FETC:ARR? (@n)` with the samples since the last one."""
-        word, _, argument = line.partition(" ")
-        if word != "FETC:ARR?":
-            raise ValueError(word)
+    def _fetch(self, arguments: Sequence[str], faults: WireFaults) -> str:
+        """Return the samples of a channel since the last question."""
         sides: dict[str, Side] = {"(@1)": "input", "(@2)": "output"}
-        side = sides.get(argument.strip())
+        side = sides.get(arguments[0])
         if side is None:
-            raise ValueError(argument)
+            raise _ScpiError(-224)
         count, torques = self._plant.torques(side)
-        new = min(count - self._handed.get(side, 0), len(torques))
-        self._handed[side] = count
+        late = round(faults.age_s() / self._plant.window_s)
+        count, torques = count - late, torques[: len(torques) - late]
+        new = max(0, min(count - self._handed.get(side, 0), len(torques)))
+        self._handed[side] = max(count, self._handed.get(side, 0))
         values = torques[len(torques) - new :]
         if faults.frozen:
             held = self._frozen.setdefault(side, values[-1] if values else math.nan)
             values = [held] * len(values)
         else:
             self._frozen.pop(side, None)
-        if faults.lying:
-            values = [-value for value in values]
-        return ",".join(_text(value) for value in values)
+        factor = -faults.scale if faults.lying else faults.scale
+        return ",".join(_text(factor * value) for value in values)
 
 
 def _text(value: float) -> str:
@@ -207,7 +373,7 @@ class ScpiSimulator(LineServer):
             with contextlib.suppress(OSError), connection.makefile("rb") as lines:
                 for raw in lines:
                     line = raw.decode("ascii", "replace").strip()
-                    answer = self._instrument.answer(line, self.faults) if line else None
+                    answer = self._instrument.answer(line, self.faults)
                     if answer is None:
                         continue
                     data = self.faults.outgoing(answer.encode("ascii") + b"\n")

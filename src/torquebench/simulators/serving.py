@@ -183,28 +183,23 @@ def _plain(value: Any) -> Any:
 
 
 def _modbus(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[str, Any]:
-    require_library("pymodbus.server", "modbus")
     from torquebench.simulators import modbus_images as images
     from torquebench.simulators.modbus import ModbusSimulator
 
     plant = simulators.plant
-    builders: dict[str, Callable[[], images.Image]] = {
-        "input_drive": lambda: images.DriveImage(plant, "input", slowness_s),
-        "output_drive": lambda: images.DriveImage(plant, "output", slowness_s),
-        "temperature": lambda: images.ProbesImage(plant, section["probes"]),
-        "reference": lambda: images.ReadoutImage(plant),
-        "angles": lambda: images.AnglesImage(plant, section["registers"]),
-        "modes": lambda: images.DigitalImage(plant),
-        "clamp": lambda: images.DigitalImage(plant),
+    builders: dict[str, Callable[[WireFaults], images.Image]] = {
+        "input_drive": lambda faults: images.DriveImage(plant, faults, "input"),
+        "output_drive": lambda faults: images.DriveImage(plant, faults, "output"),
+        "temperature": lambda faults: images.ProbesImage(plant, faults, section["probes"]),
+        "reference": lambda faults: images.ReadoutImage(plant, faults),
+        "angles": lambda faults: images.AnglesImage(plant, faults, section["registers"]),
+        "modes": lambda faults: images.DigitalImage(plant, faults),
+        "clamp": lambda faults: images.DigitalImage(plant, faults),
     }
-
-    def slowness_s() -> float:
-        return simulators.misbehaviour.endpoint(role).slowness_s
-
     unit, base = int(section.get("unit", 1)), int(section.get("base", 0))
 
     def start(faults: WireFaults, host: str, port: int) -> Served:
-        return ModbusSimulator(plant, builders[role](), faults, host, port, unit, base)
+        return ModbusSimulator(builders[role](faults), faults, host, port, unit, base)
 
     address = simulators.serve_at(role, section["address"], start, kind="modbus")
     return section | {"address": address}
@@ -257,12 +252,10 @@ def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict
             simulators.plant,
             "input" if role == "input_drive" else "output",
             int(section["node"]),
-            int(section.get("master", 126)),
             float(section.get("velocity_units_per_rpm", 1000.0)),
             simulators.misbehaviour.endpoint(role),
         )
-        served.add_node(node.node)
-        node.join(served.network)
+        served.add_node(node)
 
     address = f"{bus['host']}:{bus['port']}"
     true = simulators.serve_at(role, address, CanBusSimulator, kind="canopen", join=join)

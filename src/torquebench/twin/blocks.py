@@ -41,6 +41,7 @@ FaultKind = Literal[
     "missing_pulses",
     "doubled_pulses",
     "wild_value",
+    "wrong_span",
     "out_of_modulation",
     "encoder_slip",
 ]
@@ -60,6 +61,7 @@ FAULT_KINDS: tuple[FaultKind, ...] = (
     "missing_pulses",
     "doubled_pulses",
     "wild_value",
+    "wrong_span",
     "out_of_modulation",
     "encoder_slip",
 )

@@ -25,6 +25,7 @@ _DEFAULT_AMOUNT: dict[FaultKind, float] = {
     "missing_pulses": 100.0,
     "doubled_pulses": 100.0,
     "wild_value": 0.2,
+    "wrong_span": 1.03,
     "out_of_modulation": 0.1,
     "encoder_slip": 1000.0,
 }
@@ -69,7 +70,7 @@ def broken_frequency(
     """Frequencies at the steps' borders with the faults of the frequency in them."""
     result = frequency_hz
     for fault in faults:
-        if fault.kind not in ("frozen", "wild_value", "out_of_modulation"):
+        if fault.kind not in ("frozen", "wild_value", "wrong_span", "out_of_modulation"):
             continue
         hit = (ticks >= fault.start_tick) & (ticks < fault.stop_tick)
         if not hit.any():
@@ -81,6 +82,8 @@ def broken_frequency(
             result[hit] = fault.held_hz
         elif fault.kind == "wild_value":
             result[hit] += fault.amount * zero_hz
+        elif fault.kind == "wrong_span":
+            result[hit] = zero_hz + fault.amount * (result[hit] - zero_hz)
         else:
             result[hit] = fault.amount * zero_hz
     return result

@@ -88,6 +88,16 @@ def test_commands_are_ignored_and_requests_refused_as_often_as_ordered(
     assert faults.slowness_s == 0.0
 
 
+def test_scale_and_age_have_the_amount_that_was_ordered(orders: Misbehaviour) -> None:
+    faults = orders.endpoint("drive")
+    assert (faults.scale, faults.age_s()) == (1.0, 0.0)
+    orders.start("drive", "scale")
+    assert faults.scale == 1.03
+    orders.start("drive", "jitter", amount=0.2)
+    ages = [faults.age_s() for _ in range(20)]
+    assert 0.0 <= min(ages) < max(ages) <= 0.2
+
+
 def test_two_roles_of_one_instrument_misbehave_together(orders: Misbehaviour) -> None:
     orders.alias("clamp", "drive")
     orders.start("clamp", "drop")
@@ -103,6 +113,9 @@ def test_two_roles_of_one_instrument_misbehave_together(orders: Misbehaviour) ->
         ("drive", "explode", {}),
         ("drive", "drop", {"replies": 0}),
         ("drive", "delay", {"amount": -1.0}),
+        ("drive", "delay", {"amount": float("nan")}),
+        ("drive", "scale", {"amount": 100.0}),
+        ("drive", "drop", {"duration_s": float("nan")}),
     ],
 )
 def test_orders_that_nobody_can_follow_are_refused(

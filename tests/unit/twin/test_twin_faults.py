@@ -5,6 +5,7 @@ import pytest
 
 from torquebench.errors import InputError
 from torquebench.twin import CHANNELS, BenchTwin, TwinParameters
+from torquebench.twin.faults import broken_frequency, make_fault
 
 PARAMETERS = TwinParameters.draw("nominal", 2)
 
@@ -68,6 +69,13 @@ def test_frequency_jumps_and_comes_back(kind, low, high):
     assert np.all((frequency[middle] > low) & (frequency[middle] < high))
     outside = (ticks[1:] < 4_900_000) | (ticks[:-1] > 10_300_000)
     assert np.all(np.abs(frequency[outside] - 60e3) < 1e3)
+
+
+def test_a_wrong_span_scales_what_is_beyond_the_zero():
+    fault = make_fault("input_torque", "wrong_span", 10, 20, 1.5)
+    frequency = np.array([60e3, 61e3, 61e3, 58e3])
+    spoilt = broken_frequency([fault], frequency, np.array([5, 10, 15, 19]), 60e3)
+    np.testing.assert_allclose(spoilt, [60e3, 61.5e3, 61.5e3, 57e3])
 
 
 @pytest.mark.parametrize("kind", ["missing_pulses", "doubled_pulses", "wild_value", "frozen"])

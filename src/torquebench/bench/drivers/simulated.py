@@ -238,17 +238,28 @@ class SimulatedBench:
         self._watch(self._twin.time_s)
         ramping = any(axes.moving for axes in self._axes.values())
         step_s = min(RAMP_STEP_S, remaining_s) if ramping else remaining_s
+        step_s = min(step_s, self._watched_s(self._twin.time_s))
         self._drive(step_s)
         return step_s
 
     def _watch(self, now_s: float) -> None:
         for side, axes in self._axes.items():
-            limit = self.description.module(side).drive.watchdog_s
-            late = axes.enabled and now_s - axes.fed_s > limit
-            if late and not self.drives[side].unguarded():
+            drive = self.drives[side]
+            unfed_s = now_s - axes.fed_s
+            expired = unfed_s >= drive.watchdog_s - 1e-9
+            if axes.enabled and expired and not drive.unguarded():
                 self._note(side, "watchdog")
-                axes.fault = f"watchdog not fed for {limit:g} s"
+                axes.fault = f"watchdog not fed for {drive.watchdog_s:g} s"
                 self._set_enabled(side, False)
+
+    def _watched_s(self, now_s: float) -> float:
+        """Return the time until the next watchdog acts, if it isn't fed."""
+        left = [
+            axes.fed_s + self.drives[side].watchdog_s - now_s
+            for side, axes in self._axes.items()
+            if axes.enabled
+        ]
+        return min((each for each in left if each > 0.0), default=float("inf"))
 
     def _drive(self, step_s: float) -> None:
         for side, axes in self._axes.items():
@@ -271,6 +282,10 @@ class SimulatedBench:
             self._twin.enable(side, enabled)
             fault = "" if enabled else axes.fault
             self._axes[side] = _Axes(enabled=enabled, fed_s=self._twin.time_s, fault=fault)
+
+    def _reset_fault(self, side: Side) -> None:
+        with self._lock:
+            self._axes[side].fault = ""
 
     def _command(
         self, side: Side, quantity: Literal["torque", "speed"], target: float, rate: float
@@ -303,6 +318,9 @@ class SimulatedBench:
 
     def _feed(self, side: Side) -> None:
         self._axes[side].fed_s = self._twin.time_s
+
+    def _ramping(self, side: Side) -> bool:
+        return self._axes[side].moving
 
     def _state(self, side: Side) -> DriveState:
         axes = self._axes[side]
@@ -396,6 +414,8 @@ class SimulatedDrive:
 
     Attributes
     ----------
+    watchdog_s : float
+        Unfed for so long it goes off by itself; as described, or as a simulator on a wire was told.
     log : deque of DriveEvent
         What it was told and did, the newest last.
     unguarded : callable
@@ -405,6 +425,7 @@ class SimulatedDrive:
     def __init__(self, bench: SimulatedBench, side: Side) -> None:
         self._bench = bench
         self._side = side
+        self.watchdog_s = bench.description.module(side).drive.watchdog_s
         self.log: deque[DriveEvent] = deque(maxlen=LOGGED)
         self.unguarded: Callable[[], bool] = lambda: False
 
@@ -420,6 +441,10 @@ class SimulatedDrive:
     def disable(self) -> None:
         """Take the power off."""
         self._bench._set_enabled(self._side, False)
+
+    def reset_fault(self) -> None:
+        """Forget a fault; the drive stays off."""
+        self._bench._reset_fault(self._side)
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
         """Go to a torque at a limited rate."""
@@ -440,6 +465,11 @@ class SimulatedDrive:
     def state(self) -> DriveState:
         """Active set points."""
         return self._bench._state(self._side)
+
+    @property
+    def ramping(self) -> bool:
+        """Whether a set point is on its way to where it was commanded."""
+        return self._bench._ramping(self._side)
 
     def close(self) -> None:
         """Nothing to release."""
