@@ -33,7 +33,7 @@ from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.fitting import ModelChoice, fit_models
 from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.modules import register_calibration
-from torquebench.campaign.reducer_results import TestOutcome
+from torquebench.campaign.reducer_results import ReducerTestOutcome
 from torquebench.campaign.reducer_settings import ReducerTestSettings
 from torquebench.campaign.reducer_tests import run_reducer_test
 from torquebench.compensation import RECOMMENDED
@@ -118,7 +118,7 @@ def sides_of(tests: Sequence[str]) -> tuple[Side, ...]:
 
 
 def truths(
-    constants: ReducerConstants, reducer: ReducerDescription, outcome: TestOutcome
+    constants: ReducerConstants, reducer: ReducerDescription, outcome: ReducerTestOutcome
 ) -> dict[str, float]:
     """Return what a test should have found, by key; with nothing for values that it can't know."""
     recording = outcome.recording
@@ -158,7 +158,7 @@ def truths(
     }
 
 
-def no_load_truths(outcome: TestOutcome) -> dict[str, float]:
+def no_load_truths(outcome: ReducerTestOutcome) -> dict[str, float]:
     """Return what turned the input in the windows of the test.
 
     For an RV-40E class reducer that is its friction at a steady speed within 0.15 %; the

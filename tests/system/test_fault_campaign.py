@@ -20,7 +20,7 @@ from benchmarks.network_faults import (
     wire_faults,
 )
 
-from torquebench.campaign.reducer_results import TestQuantity
+from torquebench.campaign.reducer_results import ReducerTestQuantity
 
 SAMPLE = (
     "transducer silent",
@@ -82,7 +82,7 @@ def test_what_was_not_survived_is_said_with_its_number() -> None:
 
 
 def a_record(value: float) -> Any:
-    quantity = TestQuantity("backlash", "Backlash", value, 0.1, "arcmin")
+    quantity = ReducerTestQuantity("backlash", "Backlash", value, 0.1, "arcmin")
     return SimpleNamespace(outcomes=[SimpleNamespace(name="hysteresis", quantities=[quantity])])
 
 

@@ -21,8 +21,6 @@ from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
 
 __all__ = ["CheckResult", "check_module", "judge_check"]
 
-SEVERITY = (Verdict.PASS, Verdict.CONDITIONAL_PASS, Verdict.CONDITIONAL_FAIL, Verdict.FAIL)
-
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
@@ -147,7 +145,7 @@ def check_module(
         torque_nm=torque,
         expanded_uncertainty_nm=expanded,
         decisions=decisions,
-        verdict=max((each.verdict for each in decisions), key=SEVERITY.index),
+        verdict=Verdict.worst(each.verdict for each in decisions),
         model=entry,
         run_id=measured.record.run_id,
     )

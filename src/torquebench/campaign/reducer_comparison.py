@@ -12,11 +12,17 @@ from torquebench.records import RunFolder, RunSummary
 from torquebench.reducers import Change, SpecimenComparison, change_between, compare_specimens
 from torquebench.uncertainty import Budget
 
-__all__ = ["ReducerComparison", "TestedQuantity", "TestedSpecimen", "compared", "tested_specimen"]
+__all__ = [
+    "ReducerComparison",
+    "SpecimenQuantity",
+    "SpecimenResults",
+    "compared",
+    "tested_specimen",
+]
 
 
 @dataclass(frozen=True)
-class TestedQuantity:
+class SpecimenQuantity:
     """One value of a run.
 
     Parameters
@@ -27,8 +33,6 @@ class TestedQuantity:
         Of the data sheet; empty where nothing was judged.
     """
 
-    __test__ = False
-
     title: str
     estimate: Budget
     limit: str
@@ -36,7 +40,7 @@ class TestedQuantity:
 
 
 @dataclass(frozen=True)
-class TestedSpecimen:
+class SpecimenResults:
     """What a run of a reducer test found.
 
     Parameters
@@ -45,11 +49,9 @@ class TestedSpecimen:
     chain : mapping or None
         Active models at that time.
     simulated : bool
-    quantities : mapping of str to TestedQuantity
+    quantities : mapping of str to SpecimenQuantity
         By key.
     """
-
-    __test__ = False
 
     run_id: str
     test: str
@@ -58,7 +60,7 @@ class TestedSpecimen:
     bench: str
     chain: Any
     simulated: bool
-    quantities: Mapping[str, TestedQuantity]
+    quantities: Mapping[str, SpecimenQuantity]
 
     @property
     def name(self) -> str:
@@ -72,7 +74,7 @@ class ReducerComparison:
 
     Parameters
     ----------
-    specimens : tuple of TestedSpecimen
+    specimens : tuple of SpecimenResults
         Two where they are one specimen before and after.
     changes : mapping of str to Change
         Empty for several specimens.
@@ -84,7 +86,7 @@ class ReducerComparison:
         Values that aren't in every run.
     """
 
-    specimens: tuple[TestedSpecimen, ...]
+    specimens: tuple[SpecimenResults, ...]
     changes: Mapping[str, Change]
     values: Mapping[str, SpecimenComparison]
     same_chain: bool
@@ -105,7 +107,7 @@ class ReducerComparison:
         return self.specimens[0].quantities[key].title
 
 
-def tested_specimen(run: RunSummary) -> TestedSpecimen:
+def tested_specimen(run: RunSummary) -> SpecimenResults:
     """Read what a run of a reducer test found.
 
     Raises
@@ -121,7 +123,7 @@ def tested_specimen(run: RunSummary) -> TestedSpecimen:
             "a completed reducer test",
             "look for runs of the kind test-… in `torquebench records list`",
         )
-    return TestedSpecimen(
+    return SpecimenResults(
         run_id=run.run_id,
         test=str(results["test"]),
         reducer=str(results["reducer"]["name"]),
@@ -130,7 +132,7 @@ def tested_specimen(run: RunSummary) -> TestedSpecimen:
         chain=folder.metadata.get("compensation"),
         simulated=run.simulated,
         quantities={
-            row["key"]: TestedQuantity(
+            row["key"]: SpecimenQuantity(
                 title=row["title"],
                 estimate=budget_from_plain(row["budget"]),
                 limit=row.get("limit", ""),
@@ -141,7 +143,7 @@ def tested_specimen(run: RunSummary) -> TestedSpecimen:
     )
 
 
-def compared(specimens: Sequence[TestedSpecimen], *, change: bool = False) -> ReducerComparison:
+def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> ReducerComparison:
     """Compare specimens of one type, or with `change` one specimen before and after.
 
     Raises
@@ -168,7 +170,7 @@ def compared(specimens: Sequence[TestedSpecimen], *, change: bool = False) -> Re
     return ReducerComparison(tuple(specimens), changes, values, same, len(every) - len(keys))
 
 
-def _check(found: Sequence[TestedSpecimen], change: bool) -> None:
+def _check(found: Sequence[SpecimenResults], change: bool) -> None:
     different = len({each.run_id for each in found})
     if different < max(2, len(found)):
         raise InputError(f"{len(found)} runs, {different} of them different", "two runs or more")

@@ -10,29 +10,26 @@ from typing import Any, Literal
 
 from torquebench.reducers import Finding
 from torquebench.station import RunRecord
-from torquebench.uncertainty import Budget, BudgetLine, Distribution
+from torquebench.uncertainty import Budget, BudgetLine, Distribution, Verdict
 
 __all__ = [
+    "ReducerTestFailure",
+    "ReducerTestOutcome",
+    "ReducerTestQuantity",
     "ReducerTestRecord",
-    "TestFailure",
+    "ReducerTestRehearsal",
     "TestName",
-    "TestOutcome",
-    "TestQuantity",
-    "TestRehearsal",
-    "TestVerdict",
     "budget_from_plain",
     "plain_budget",
-    "worst_verdict",
 ]
 
 TestName = Literal[
     "no-load", "starting", "back-driving", "hysteresis", "transmission-error", "efficiency", "full"
 ]
-TestVerdict = Literal["pass", "conditionalPass", "conditionalFail", "fail", ""]
 
 
 @dataclass(frozen=True)
-class TestQuantity:
+class ReducerTestQuantity:
     """One result of a reducer test with what is known about it.
 
     Attributes
@@ -53,20 +50,18 @@ class TestQuantity:
         Which definition was used, where makers differ.
     """
 
-    __test__ = False  # not a test of pytest's
-
     key: str
     title: str
     value: float
     expanded_uncertainty: float
     unit: str
     limit: str = ""
-    verdict: TestVerdict = ""
+    verdict: Verdict = Verdict.NONE
     rule: str = ""
 
 
 @dataclass(frozen=True)
-class TestOutcome:
+class ReducerTestOutcome:
     """One test of one specimen.
 
     Attributes
@@ -75,7 +70,7 @@ class TestOutcome:
         Which test, one of ``TESTS`` but not ``"full"``.
     title : str
         The same in words.
-    quantities : tuple of TestQuantity
+    quantities : tuple of ReducerTestQuantity
         What it found.
     verdict : str
         The worst verdict of its quantities; empty where nothing was judged.
@@ -91,12 +86,10 @@ class TestOutcome:
         The run and its folder; its ``results.json`` holds the quantities.
     """
 
-    __test__ = False
-
     name: TestName
     title: str
-    quantities: tuple[TestQuantity, ...]
-    verdict: TestVerdict
+    quantities: tuple[ReducerTestQuantity, ...]
+    verdict: Verdict
     remarks: tuple[str, ...]
     findings: tuple[Finding, ...]
     recording: Any
@@ -110,7 +103,7 @@ class TestOutcome:
 
 
 @dataclass(frozen=True)
-class TestFailure:
+class ReducerTestFailure:
     """A part of a full test that has no result.
 
     Attributes
@@ -122,8 +115,6 @@ class TestFailure:
     remedy : str
         More to do about it; empty where the message says it.
     """
-
-    __test__ = False
 
     name: str
     title: str
@@ -143,9 +134,9 @@ class ReducerTestRecord:
         Type and specimen.
     reducer : mapping
         The description of the type as JSON.
-    outcomes : tuple of TestOutcome
+    outcomes : tuple of ReducerTestOutcome
         In the order in which they ran.
-    failures : tuple of TestFailure
+    failures : tuple of ReducerTestFailure
         Parts of a full test without a result.
     simulated : bool
         Whether every figure has to say "simulated".
@@ -160,8 +151,8 @@ class ReducerTestRecord:
     reducer_name: str
     serial: str
     reducer: Mapping[str, Any]
-    outcomes: tuple[TestOutcome, ...]
-    failures: tuple[TestFailure, ...]
+    outcomes: tuple[ReducerTestOutcome, ...]
+    failures: tuple[ReducerTestFailure, ...]
     simulated: bool
     started: datetime
     bench_name: str
@@ -170,19 +161,19 @@ class ReducerTestRecord:
     bench_seconds: float
 
     @property
-    def verdict(self) -> TestVerdict:
+    def verdict(self) -> Verdict:
         """The worst verdict of all outcomes; empty where nothing was judged."""
-        return worst_verdict(outcome.verdict for outcome in self.outcomes)
+        return Verdict.worst(outcome.verdict for outcome in self.outcomes)
 
     @property
     def failed(self) -> bool:
         """Whether a limit isn't kept, a finding forbids a verdict, or a part has no result."""
-        unkept = self.verdict in ("fail", "conditionalFail")
-        return unkept or bool(self.failures) or any(each.severe for each in self.outcomes)
+        severe = any(each.severe for each in self.outcomes)
+        return self.verdict.failed or bool(self.failures) or severe
 
 
 @dataclass(frozen=True)
-class TestRehearsal:
+class ReducerTestRehearsal:
     """What a reducer test would do, checked against all limits, before anything moves.
 
     Attributes
@@ -202,8 +193,6 @@ class TestRehearsal:
         Modes that each side is in, in order.
     """
 
-    __test__ = False
-
     name: str
     title: str
     duration_s: float
@@ -213,20 +202,6 @@ class TestRehearsal:
     largest_torque_nm: Mapping[str, float] = field(default_factory=dict)
     largest_speed_rpm: Mapping[str, float] = field(default_factory=dict)
     modes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-
-
-_SEVERITY: tuple[TestVerdict, ...] = ("", "pass", "conditionalPass", "conditionalFail", "fail")
-
-
-def worst_verdict(verdicts: Any) -> TestVerdict:
-    """Return the worst of some verdicts; empty where there is none.
-
-    Examples
-    --------
-    >>> worst_verdict(["pass", "", "conditionalPass"])
-    'conditionalPass'
-    """
-    return max(verdicts, key=_SEVERITY.index, default="")
 
 
 def plain_budget(estimate: Budget) -> dict[str, Any]:

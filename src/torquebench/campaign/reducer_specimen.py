@@ -13,10 +13,9 @@ from torquebench.campaign.reducer_catalogue import ReducerTest, plan_of
 from torquebench.campaign.reducer_evaluation import EVALUATIONS, Evaluated
 from torquebench.campaign.reducer_preparation import Known, Preparation
 from torquebench.campaign.reducer_results import (
-    TestOutcome,
-    TestQuantity,
+    ReducerTestOutcome,
+    ReducerTestQuantity,
     plain_budget,
-    worst_verdict,
 )
 from torquebench.campaign.reducer_settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducer_uncertainty import Bench
@@ -24,6 +23,7 @@ from torquebench.procedures import Plan
 from torquebench.records import Equipment
 from torquebench.reducers import AnyResult, QuantityVerdict, ReducerDescription, verdicts
 from torquebench.station import RunRecord, Station
+from torquebench.uncertainty import Verdict
 
 __all__ = ["Specimen"]
 
@@ -71,7 +71,7 @@ class Specimen:
         record = self._run(preparation.name, preparation.title, plan, plan)
         preparation.learn(self.known, record.result)
 
-    def test(self, test: ReducerTest) -> TestOutcome:
+    def test(self, test: ReducerTest) -> ReducerTestOutcome:
         """Run a test and return what it found."""
         bench = Bench(self.station.description, self.known.twists, self.known.tares)
         evaluation = EVALUATIONS[test.name]
@@ -92,11 +92,11 @@ class Specimen:
         run = self._run(f"test-{test.name}", test.title, evaluated, plan)
         recording, found, judged = kept[-1]
         quantities = _quantities(found.result, judged)
-        return TestOutcome(
+        return ReducerTestOutcome(
             name=test.name,
             title=test.title,
             quantities=quantities,
-            verdict=worst_verdict(each.verdict for each in quantities),
+            verdict=Verdict.worst(each.verdict for each in quantities),
             remarks=found.remarks,
             findings=tuple(getattr(found.result, "findings", ())),
             recording=recording,
@@ -150,20 +150,22 @@ class Specimen:
         }
 
 
-def _quantities(result: AnyResult, judged: tuple[QuantityVerdict, ...]) -> tuple[TestQuantity, ...]:
+def _quantities(
+    result: AnyResult, judged: tuple[QuantityVerdict, ...]
+) -> tuple[ReducerTestQuantity, ...]:
     limits = {each.key: each for each in judged}
     rows = []
     for each in result.quantities():
         verdict = limits.get(each.key)
         rows.append(
-            TestQuantity(
+            ReducerTestQuantity(
                 key=each.key,
                 title=each.title,
                 value=each.estimate.value,
                 expanded_uncertainty=each.estimate.expanded_uncertainty(),
                 unit=each.estimate.unit,
                 limit="" if verdict is None else verdict.limit,
-                verdict="" if verdict is None else verdict.decision.verdict.value,
+                verdict=Verdict.NONE if verdict is None else verdict.decision.verdict,
                 rule=each.rule,
             )
         )

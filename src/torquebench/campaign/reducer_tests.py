@@ -14,10 +14,10 @@ from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.reducer_catalogue import TESTS, ReducerTest, chosen_tests, plan_of
 from torquebench.campaign.reducer_preparation import preparations
 from torquebench.campaign.reducer_results import (
+    ReducerTestFailure,
+    ReducerTestOutcome,
     ReducerTestRecord,
-    TestFailure,
-    TestOutcome,
-    TestRehearsal,
+    ReducerTestRehearsal,
 )
 from torquebench.campaign.reducer_settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducer_specimen import Specimen
@@ -38,7 +38,7 @@ def rehearse_reducer_test(
     name: str,
     reducer: ReducerDescription,
     settings: ReducerTestSettings | None = None,
-) -> tuple[TestRehearsal, ...]:
+) -> tuple[ReducerTestRehearsal, ...]:
     """Go through the plans of a test without moving anything.
 
     What the bench measures of itself before (its twist, an empty run) comes first. A test that
@@ -70,7 +70,7 @@ def rehearse_reducer_test(
     return tuple(parts)
 
 
-def _check_calibrated(station: Station, part: TestRehearsal) -> None:
+def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
     """Refuse a test that loads the output beyond what its model was calibrated to."""
     active = station.devices.context.acquisition.compensation("output")
     if active is None or part.name not in LOADED:
@@ -92,7 +92,7 @@ def _rehearsed(
     found: Rehearsal[Any],
     longest_s: float = 0.0,
     warm_up_s: float = 0.0,
-) -> TestRehearsal:
+) -> ReducerTestRehearsal:
     torque: dict[str, float] = dict.fromkeys(SIDES, 0.0)
     speed: dict[str, float] = dict.fromkeys(SIDES, 0.0)
     modes: dict[str, list[str]] = {side: [] for side in SIDES}
@@ -107,7 +107,7 @@ def _rehearsed(
             speed[side] = max(speed[side], abs(value) * RPM_PER_RAD_S)
         elif what == "torque" and isinstance(value, int | float):
             torque[side] = max(torque[side], abs(value))
-    return TestRehearsal(
+    return ReducerTestRehearsal(
         name=name,
         title=title,
         duration_s=found.duration_s,
@@ -186,14 +186,14 @@ def run_reducer_test(
 
 def _all_parts(
     specimen: Specimen, name: str
-) -> tuple[tuple[TestOutcome, ...], tuple[TestFailure, ...]]:
+) -> tuple[tuple[ReducerTestOutcome, ...], tuple[ReducerTestFailure, ...]]:
     """Go through all parts; of several, one that fails doesn't take the others' results along."""
     tests, station = chosen_tests(name), specimen.station
-    outcomes: list[TestOutcome] = []
-    failures: list[TestFailure] = []
+    outcomes: list[ReducerTestOutcome] = []
+    failures: list[ReducerTestFailure] = []
     limits = reducer_limits(specimen.reducer)
     names = [test.name for test in tests]
-    parts: list[tuple[str, str, Callable[[], TestOutcome | None]]] = [
+    parts: list[tuple[str, str, Callable[[], ReducerTestOutcome | None]]] = [
         (each.name, each.title, partial(specimen.prepare, each))
         for each in preparations(names, limits, specimen.settings)
     ]
@@ -202,7 +202,7 @@ def _all_parts(
         alarm = station.supervisor.alarm
         if alarm is not None:
             why = f"not begun: an alarm is latched ({alarm.found})"
-            failures.append(TestFailure(part, title, why, "acknowledge it and test again"))
+            failures.append(ReducerTestFailure(part, title, why, "acknowledge it and test again"))
             continue
         try:
             outcome = action()
@@ -211,7 +211,7 @@ def _all_parts(
         except TorquebenchError as error:
             if len(tests) == 1:
                 raise
-            failures.append(TestFailure(part, title, str(error)))
+            failures.append(ReducerTestFailure(part, title, str(error)))
             continue
         if outcome is not None:
             outcomes.append(outcome)

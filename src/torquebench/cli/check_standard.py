@@ -131,7 +131,7 @@ def _report(result: CheckResult, tolerance: float) -> None:
             decision.verdict.label,
         )
     out().print(table)
-    inside = result.verdict.value in ("pass", "conditionalPass")
+    inside = not result.verdict.failed
     colour = "green" if inside else "red"
     say(
         f"[{colour}]{result.verdict.label}[/{colour}]: worst {result.worst_percent_fs:+.3g} % FS, "

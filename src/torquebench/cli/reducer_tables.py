@@ -17,9 +17,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
 
-__all__ = ["FAILED", "check_reports", "present"]
-
-FAILED = ("fail", "conditionalFail")
+__all__ = ["check_reports", "present"]
 
 
 def check_reports(reports: Sequence[Path]) -> None:
@@ -62,7 +60,7 @@ def present(
         stderr_console().print(f"  {escape(finding.remedy)}", style="dim")
     if output is not None:
         say(f"Every number: {escape(str(output / 'result.json'))}")
-    failed = any(str(each.decision.verdict) in FAILED for each in judged)
+    failed = any(each.decision.verdict.failed for each in judged)
     if failed or any(finding.severe for finding in findings):
         raise typer.Exit(CHECK_FAILED)
 
@@ -94,7 +92,7 @@ def _print_verdicts(judged: Sequence[QuantityVerdict]) -> None:
     table.add_column("verdict", no_wrap=True)
     for each in judged:
         verdict = each.decision.verdict
-        style = "red" if str(verdict) in FAILED else "green"
+        style = "red" if verdict.failed else "green"
         table.add_row(escape(each.title), each.limit, f"[{style}]{verdict.label}[/{style}]")
     out().print(table)
 

@@ -9,13 +9,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from torquebench.cli.console import narrow_table, out, say
-from torquebench.cli.reducer_tables import FAILED
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducer_results import (
+        ReducerTestOutcome,
         ReducerTestRecord,
-        TestOutcome,
-        TestRehearsal,
+        ReducerTestRehearsal,
     )
     from torquebench.reducers import ReducerDescription
 
@@ -23,7 +22,7 @@ __all__ = ["print_record", "rehearsal_table"]
 
 
 def rehearsal_table(
-    reducer: ReducerDescription, parts: Sequence[TestRehearsal], *, simulated: bool
+    reducer: ReducerDescription, parts: Sequence[ReducerTestRehearsal], *, simulated: bool
 ) -> Table:
     """Return what a test would do: durations, and the largest torques and speeds."""
     said = " - simulated" if simulated else ""
@@ -60,10 +59,10 @@ def print_record(record: ReducerTestRecord) -> None:
         say(f"[red]{escape(failure.title)} has no result[/red]  {escape(failure.message)}")
     if record.verdict:
         style = "red" if record.failed else "green"
-        say(f"Against the data sheet: [{style}]{_words(record.verdict)}[/{style}]")
+        say(f"Against the data sheet: [{style}]{record.verdict.label}[/{style}]")
 
 
-def _print_outcome(outcome: TestOutcome) -> None:
+def _print_outcome(outcome: ReducerTestOutcome) -> None:
     from torquebench.uncertainty import stated
 
     table = narrow_table(outcome.title, caption="U: expanded uncertainty, 95.45 % coverage")
@@ -80,8 +79,8 @@ def _print_outcome(outcome: TestOutcome) -> None:
             continue  # an order that doesn't stand out of its uncertainty says nothing
         cells = [*stated(each.value, each.expanded_uncertainty), each.unit]
         if judged and each.verdict:
-            style = "red" if each.verdict in FAILED else "green"
-            words = f"[{style}]{_words(each.verdict)}[/{style}]"
+            style = "red" if each.verdict.failed else "green"
+            words = f"[{style}]{each.verdict.label}[/{style}]"
             cells += [each.limit.removesuffix(f" {each.unit}"), words]
         table.add_row(escape(each.title), *cells)
     out().print(table)
@@ -91,9 +90,3 @@ def _print_outcome(outcome: TestOutcome) -> None:
     for remark in outcome.remarks:
         say(f"[dim]{escape(remark)}[/dim]")
     say(f"Run: {outcome.run.run_id}\n")
-
-
-def _words(verdict: str) -> str:
-    from torquebench.uncertainty import Verdict
-
-    return Verdict(verdict).label

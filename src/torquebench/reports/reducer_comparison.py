@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isnan
 
-from torquebench.campaign.reducer_comparison import ReducerComparison, TestedSpecimen
+from torquebench.campaign.reducer_comparison import ReducerComparison, SpecimenResults
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducer_comparison_figures import difference_figure, values_figure
@@ -75,7 +75,7 @@ def _facts(found: ReducerComparison) -> Facts:
     return Facts(rows)
 
 
-def _judged(specimen: TestedSpecimen) -> str:
+def _judged(specimen: SpecimenResults) -> str:
     """Say how the data sheet's limits were kept."""
     verdicts = [each.verdict for each in specimen.quantities.values() if each.verdict]
     if not verdicts:
@@ -187,7 +187,9 @@ def _statistics(found: ReducerComparison, keys: Sequence[str]) -> Table:
     return Table(header, rows, caption)
 
 
-def _values(found: ReducerComparison, keys: Sequence[str], part: Sequence[TestedSpecimen]) -> Table:
+def _values(
+    found: ReducerComparison, keys: Sequence[str], part: Sequence[SpecimenResults]
+) -> Table:
     rows = []
     for key in keys:
         cells = []

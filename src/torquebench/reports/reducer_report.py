@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from torquebench.campaign.reducer_results import ReducerTestRecord, TestFailure, TestOutcome
+from torquebench.campaign.reducer_results import (
+    ReducerTestFailure,
+    ReducerTestOutcome,
+    ReducerTestRecord,
+)
 from torquebench.reducers import (
     BreakawayResult,
     EfficiencyMap,
@@ -95,12 +99,12 @@ def _verdict(record: ReducerTestRecord) -> str:
     return "; ".join(words)
 
 
-def _failure(failure: TestFailure) -> Section:
+def _failure(failure: ReducerTestFailure) -> Section:
     what = Facts((("Failure", failure.message),))
     return Section(f"{failure.title}: no result", "", (what,))
 
 
-def _section(outcome: TestOutcome) -> Section:
+def _section(outcome: ReducerTestOutcome) -> Section:
     rows = [
         (
             each.title,
@@ -122,7 +126,7 @@ def _section(outcome: TestOutcome) -> Section:
     return Section(outcome.title, "", (*_figures(outcome), table, facts))
 
 
-def _figures(outcome: TestOutcome) -> tuple[Figure, ...]:
+def _figures(outcome: ReducerTestOutcome) -> tuple[Figure, ...]:
     result = outcome.result
     if isinstance(result, HysteresisResult):
         caption = (

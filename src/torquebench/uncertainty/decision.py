@@ -1,5 +1,8 @@
 """Decision rules: whether a value conforms to its tolerance, given its uncertainty."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isfinite
@@ -16,9 +19,11 @@ __all__ = ["Decision", "Tolerance", "Verdict", "conformance_probability", "decid
 class Verdict(StrEnum):
     """Non-binary statement of conformity with a guard band (ILAC-G8:09/2019, 4.2.3).
 
-    The values are the digital calibration certificate's conformity values.
+    The members stand in order of severity. The values are the digital calibration certificate's
+    conformity values; ``NONE`` is for what has no limit.
     """
 
+    NONE = ""
     PASS = "pass"
     CONDITIONAL_PASS = "conditionalPass"
     CONDITIONAL_FAIL = "conditionalFail"
@@ -27,9 +32,28 @@ class Verdict(StrEnum):
     @property
     def label(self) -> str:
         """The verdict in words."""
-        return {"pass": "pass", "fail": "fail"}.get(
-            self.value, self.value.replace("conditional", "conditional ").lower()
-        )
+        return self.value.replace("conditional", "conditional ").lower()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the value lies outside its tolerance, conditionally or beyond doubt."""
+        return self in (Verdict.CONDITIONAL_FAIL, Verdict.FAIL)
+
+    @property
+    def severity(self) -> int:
+        """Place in the order of severity, 0 where there is no limit."""
+        return list(Verdict).index(self)
+
+    @classmethod
+    def worst(cls, verdicts: Iterable[str]) -> Verdict:
+        """Return the most severe of some verdicts; ``NONE`` where there is none.
+
+        Examples
+        --------
+        >>> Verdict.worst(["pass", "", "conditionalPass"]).label
+        'conditional pass'
+        """
+        return max(map(cls, verdicts), key=lambda each: each.severity, default=cls.NONE)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from torquebench.calibration import (
     VerificationResult,
     summarise_errors,
 )
-from torquebench.campaign.checking import SEVERITY, judge_check
+from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import FittedModel, feature_columns, model_title
 from torquebench.compensation import CompensationModel
 from torquebench.errors import RecordError
@@ -20,6 +20,7 @@ from torquebench.panel.service.job_values import JobResult
 from torquebench.records import CalibrationEntry, ModelEntry, RunFolder, json_text
 from torquebench.reports.certificate import run_data
 from torquebench.station import Station
+from torquebench.uncertainty import Verdict
 
 __all__ = [
     "as_details",
@@ -145,7 +146,7 @@ def verification_result(
             standard_uncertainty_percent=standard,
             tolerance_percent_fs=tolerance_percent_fs,
         )
-        verdicts[name] = max((each.verdict for each in decisions), key=SEVERITY.index)
+        verdicts[name] = Verdict.worst(each.verdict for each in decisions)
         details[name] = {
             "title": _title(models.get(name)),
             "verdict": verdicts[name].value,

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from torquebench.campaign.reducer_results import TestName, TestOutcome, TestRehearsal
+from torquebench.campaign.reducer_results import ReducerTestOutcome, ReducerTestRehearsal, TestName
 from torquebench.campaign.reducer_settings import ReducerTestSettings
 from torquebench.campaign.reducer_tests import TESTS, rehearse_reducer_test, run_reducer_test
 from torquebench.panel.service.calibration_results import as_details
@@ -72,7 +72,7 @@ def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
     )
 
 
-def _largest(parts: tuple[TestRehearsal, ...], name: str) -> dict[str, float]:
+def _largest(parts: tuple[ReducerTestRehearsal, ...], name: str) -> dict[str, float]:
     sides = {side for part in parts for side in getattr(part, name)}
     return {side: max(getattr(part, name).get(side, 0.0) for part in parts) for side in sides}
 
@@ -90,7 +90,7 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
     )
     found = [quantity for outcome in record.outcomes for quantity in outcome.quantities]
     judged = [each for each in found if each.verdict]
-    kept = sum(each.verdict in ("pass", "conditionalPass") for each in judged)
+    kept = sum(not each.verdict.failed for each in judged)
     said = f"; {kept} of {len(judged)} limits of the data sheet kept" if judged else ""
     return JobResult(
         headline=f"{record.reducer_name}: {len(found)} quantities found{said}.",
@@ -108,7 +108,7 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
     )
 
 
-def _outcome(outcome: TestOutcome) -> dict[str, Any]:
+def _outcome(outcome: ReducerTestOutcome) -> dict[str, Any]:
     """Return what is shown of an outcome: no arrays, no folder."""
     return {
         "name": outcome.name,

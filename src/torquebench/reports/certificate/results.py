@@ -28,8 +28,6 @@ TEMPERATURE_PERCENT_PER_10K = 0.1
 """Largest drift of zero and span of the transducers that the bench is built with, in % of range
 per 10 K: HBK T40B's data sheet, class 0.1. It covers the drift during the calibration."""
 
-_ORDER = (Verdict.PASS, Verdict.CONDITIONAL_PASS, Verdict.CONDITIONAL_FAIL, Verdict.FAIL)
-
 
 @dataclass(frozen=True)
 class Results:
@@ -285,7 +283,7 @@ def _conformity(
     deciding = max(
         range(len(rows)),
         key=lambda place: (
-            _ORDER.index(decisions[place].verdict),
+            decisions[place].verdict.severity,
             abs(rows[place].judged[0]) + rows[place].judged[1],
         ),
     )
@@ -298,5 +296,5 @@ def _conformity(
         worst_error_nm=error_nm,
         expanded_nm=expanded_nm,
         at_nm=row.torque_nm,
-        counts={verdict.value: found.count(verdict) for verdict in _ORDER},
+        counts={verdict.value: found.count(verdict) for verdict in Verdict if verdict},
     )
