@@ -1,5 +1,6 @@
 """A station on simulated instruments over real sockets: plans, alarms, truth, doctor, demo."""
 
+import json
 import signal
 import socket
 import subprocess
@@ -72,10 +73,14 @@ def test_a_frozen_counter_brings_the_bench_to_its_safe_state(
 def test_a_drive_of_a_client_that_was_killed_stops_by_itself() -> None:
     with Simulators(described(counter=daqmx())) as running:
         program = (
-            "import sys, time\n"
+            "import json, sys, time\n"
+            "from torquebench.bench.description import default_bench\n"
+            "from torquebench.bench.drivers.daqmx import DaqmxCounter, DaqmxOptions\n"
             "from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions\n"
             "from torquebench.bench.drivers.modbus import ModbusDrive\n"
-            "from torquebench.bench.drivers.scpi_link import ScpiLink\n"
+            "options = DaqmxOptions.model_validate_json(sys.argv[2])\n"
+            "counter = DaqmxCounter(options, default_bench())\n"
+            "counter.read_block(0.1)\n"
             "link = ModbusLink('drive', ModbusOptions(address=sys.argv[1]))\n"
             "drive = ModbusDrive(link, 'input', 0.5)\n"
             "drive.enable()\n"
@@ -83,17 +88,20 @@ def test_a_drive_of_a_client_that_was_killed_stops_by_itself() -> None:
             "time.sleep(60)\n"
         )
         address = running.description.driver["input_drive"]["address"]
+        counter = dict(running.description.driver["counter"])
+        counter.pop("protocol")
         client = subprocess.Popen(
-            [sys.executable, "-c", program, address], stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", program, address, json.dumps(counter)],
+            stdout=subprocess.PIPE,
+            text=True,
         )
         assert client.stdout is not None
         assert client.stdout.readline().strip() == "on"
-        running.plant.reading(True)  # as if its counter had been read, and was no more
+        drive = running.plant.bench.drives["input"]
+        assert drive.state().enabled
         client.send_signal(signal.SIGKILL)
         client.communicate()
-        running.plant.reading(False)
         deadline = time.monotonic() + 10.0
-        drive = running.plant.bench.drives["input"]
         while drive.state().enabled and time.monotonic() < deadline:
             time.sleep(0.05)
         assert "watchdog" in drive.state().fault

@@ -5,9 +5,13 @@ import socket
 import struct
 import time
 from collections.abc import Iterator
+from typing import Any
 
+import grpc
 import pytest
-from tests.system.networked import described
+from nidaqmx._stubs import nidaqmx_pb2 as messages
+from nidaqmx._stubs import nidaqmx_pb2_grpc as services
+from tests.system.networked import daqmx, described
 
 from torquebench.simulators import Simulators
 
@@ -494,3 +498,95 @@ def test_a_drive_on_can_acknowledges_and_stays_on(node: CanClient, simulators: S
     assert node.write(0x6040, 0, 2) == 0
     assert node.read(0x6041) & 0x6F == 0x27
     assert simulators.plant.bench.drives["output"].state().enabled
+
+
+# -- NI-DAQmx ---------------------------------------------------------------------------------
+
+
+class CounterClient:
+    """Calls of the gRPC Device Server, without NI's library above them."""
+
+    def __init__(self, address: str) -> None:
+        own = [("grpc.use_local_subchannel_pool", 1)]  # else clients of one process share one
+        self.channel = grpc.insecure_channel(address, own)
+        self.stub = services.NiDAQmxStub(self.channel)
+
+    def call(self, name: str, task: str, **fields: Any) -> Any:
+        request = getattr(messages, f"{name}Request")(task={"name": task}, **fields)
+        return getattr(self.stub, name)(request, timeout=5.0)
+
+    def encoder(self, name: str, counter: str, buffer: int = 1000) -> None:
+        self.stub.CreateTask(messages.CreateTaskRequest(session_name=name))
+        self.call("CreateCIAngEncoderChan", name, counter=counter)
+        self.call("CfgSampClkTiming", name, rate=1000.0, samps_per_chan=buffer)
+        self.call("StartTask", name)
+
+    def clock(self) -> None:
+        self.stub.CreateTask(messages.CreateTaskRequest(session_name="clock"))
+        self.call("CreateCOPulseChanFreq", "clock", counter="Dev1/ctr4", freq=1000.0)
+        self.call("StartTask", "clock")
+
+    def read(self, name: str, count: int, timeout: float) -> Any:
+        return self.call("ReadCounterU32Ex", name, num_samps_per_chan=count, timeout=timeout)
+
+    def close(self) -> None:
+        self.channel.close()
+
+
+def failure(call: Any) -> int:
+    """Return the driver's error by which a call ends."""
+    with pytest.raises(grpc.RpcError) as caught:
+        call()
+    return int(dict(caught.value.trailing_metadata())["ni-error"])
+
+
+@pytest.fixture(params=["on-demand", "real"])
+def card(request: pytest.FixtureRequest) -> Iterator[Simulators]:
+    simulation = {"control": "127.0.0.1:0", "time": request.param}
+    with Simulators(described(counter=daqmx(), simulation=simulation)) as running:
+        yield running
+
+
+def test_counters_wait_overrun_and_are_reserved(card: Simulators) -> None:
+    client = CounterClient(card.description.driver["counter"]["address"])
+    try:
+        client.encoder("one", "Dev1/ctr2", buffer=100)
+        client.stub.CreateTask(messages.CreateTaskRequest(session_name="other"))
+        client.call("CreateCIAngEncoderChan", "other", counter="Dev1/ctr2")
+        assert failure(lambda: client.call("StartTask", "other")) == -50103
+        wrong = {"counter": "Dev1/ctr9"}
+        assert failure(lambda: client.call("CreateCIPeriodChan", "other", **wrong)) == -200170
+        assert failure(lambda: client.call("StartTask", "nobody")) == -200088
+        assert client.read("one", 5, 0.05).status == -200284, "nothing has armed it"
+        client.clock()
+        begun_s = card.plant.now_s
+        assert client.read("one", 50, 1.0).samps_per_chan_read == 50
+        assert card.plant.now_s - begun_s >= 0.049, "it waited on the bench"
+        assert client.read("one", 50, 0.01).status == -200284, "no longer than it may"
+        assert card.plant.require(card.plant.now_s + 0.3, 5.0)
+        assert failure(lambda: client.read("one", 10, 0.1)) == -200279
+    finally:
+        client.close()
+
+
+def test_the_tasks_of_a_client_that_has_gone_are_cleared(card: Simulators) -> None:
+    address = card.description.driver["counter"]["address"]
+    first, second = CounterClient(address), CounterClient(address)
+    try:
+        first.encoder("first", "Dev1/ctr2")
+        second.stub.CreateTask(messages.CreateTaskRequest(session_name="second"))
+        second.call("CreateCIAngEncoderChan", "second", counter="Dev1/ctr2")
+        assert failure(lambda: second.call("StartTask", "second")) == -50103
+        first.close()
+        deadline = time.monotonic() + 10.0
+        while time.monotonic() < deadline:
+            try:
+                second.call("StartTask", "second")
+                break
+            except grpc.RpcError:
+                time.sleep(0.02)
+        assert failure(lambda: second.call("StartTask", "first")) == -200088
+        second.call("StopTask", "second")
+    finally:
+        first.close()
+        second.close()

@@ -7,11 +7,12 @@ come with `nidaqmx`.
 from __future__ import annotations
 
 import contextlib
+import socket
 import threading
 from collections.abc import Callable
 from concurrent import futures
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
 import grpc
 import numpy as np
@@ -21,14 +22,34 @@ from numpy.typing import NDArray
 
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
+from torquebench.simulators.line_server import LineServer
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import AngleTap, EdgeTap, Plant
 
 __all__ = ["DaqmxSimulator", "device_number"]
 
 TIMEOUT_ERROR = -200284  # some or all of the samples requested have not yet been acquired
+OVERRUN = -200279  # the samples are no longer there: they were overwritten before they were read
+RESERVED = -50103
 NO_SUCH_TASK = -200088
-THREADS = 4
+NO_SUCH_COUNTER = -200170
+NOT_STARTED = -200983
+WRONG_VALUE = -200077
+MESSAGES = {
+    TIMEOUT_ERROR: "Some or all of the samples requested have not yet been acquired.",
+    OVERRUN: "The samples attempted to be read are no longer available: they were overwritten.",
+    RESERVED: "The specified resource is reserved.",
+    NO_SUCH_TASK: "Task specified is invalid or does not exist.",
+    NO_SUCH_COUNTER: "Physical channel specified does not exist on this device.",
+    NOT_STARTED: "The task isn't started.",
+    WRONG_VALUE: "Requested value is not a supported value for this property.",
+}
+DEFAULT_BUFFER = 100_000
+"""Samples, where the client doesn't say."""
+WAIT_STEP_S = 0.005
+LONGEST_WAIT_S = 60.0
+ALL_THERE_ARE = -1
+THREADS = 6
 DRIVER_VERSION = 26
 MODEL = "PXIe-6612 (simulated)"
 ATTRIBUTE_SERIAL = 0x632
@@ -46,6 +67,10 @@ class _Task:
     """One counter's task."""
 
     name: str
+    client: str = ""
+    buffer: int = DEFAULT_BUFFER
+    started: bool = False
+    overrun: bool = False
     channel: str = ""
     tap: EdgeTap | AngleTap | None = None
     last_tick: int = 0
@@ -69,22 +94,31 @@ class _Servicer(services.NiDAQmxServicer):
         self._timebase_hz = plant.bench.timebase_hz
         self._serial = device_number(plant.description.counter.serial)
 
+    def _fail(self, context: Any, code: int) -> NoReturn:
+        """End a call by the driver's error, as the device server does."""
+        context.set_trailing_metadata((("ni-error", str(code)),))
+        context.abort(grpc.StatusCode.UNKNOWN, f"{MESSAGES[code]} Status code: {code}")
+        raise BenchError("unreachable")
+
     def _task(self, request: Any, context: Any) -> _Task:
         task = self._tasks.get(request.task.name)
         if task is None:
-            context.set_trailing_metadata((("ni-error", str(NO_SUCH_TASK)),))
-            context.abort(grpc.StatusCode.NOT_FOUND, "Task specified is invalid or does not exist.")
-            raise BenchError("unreachable")
+            self._fail(context, NO_SUCH_TASK)
         return task
+
+    def _wired(self, counter: str, context: Any) -> str:
+        wired = self._wiring.get(counter)
+        if wired is None:
+            self._fail(context, NO_SUCH_COUNTER)
+        return wired
 
     # -- tasks ------------------------------------------------------------------------------
 
     def CreateTask(self, request: Any, context: Any) -> Any:  # noqa: N802
-        del context
         with self._lock:
             if not self._tasks:
                 self._plant.reading(True)
-            self._tasks[request.session_name] = _Task(request.session_name)
+            self._tasks[request.session_name] = _Task(request.session_name, context.peer())
         return messages.CreateTaskResponse(
             task={"name": request.session_name}, new_session_initialized=True
         )
@@ -106,36 +140,45 @@ class _Servicer(services.NiDAQmxServicer):
         if not self._tasks:
             self._plant.reading(False)
 
-    def clear_all(self) -> None:
-        """End every task: their client has gone."""
+    def clear_of(self, client: str | None = None) -> None:
+        """End every task of a client that has gone, or of all."""
         with self._lock:
-            while self._tasks:
-                self._clear(self._tasks.popitem()[1])
+            gone = [task for task in self._tasks.values() if client in (None, task.client)]
+            for task in gone:
+                self._clear(self._tasks.pop(task.name))
 
     def CreateCIPeriodChan(self, request: Any, context: Any) -> Any:  # noqa: N802
         task = self._task(request, context)
+        wired = self._wired(request.counter, context)
         task.channel = request.counter
-        task.tap = self._plant.tap_edges(self._wiring[request.counter])
+        task.tap = self._plant.tap_edges(wired)
         return messages.CreateCIPeriodChanResponse()
 
     def CreateCIAngEncoderChan(self, request: Any, context: Any) -> Any:  # noqa: N802
         task = self._task(request, context)
+        side: Side = "input" if self._wired(request.counter, context) == "input" else "output"
         task.channel = request.counter
-        side: Side = "input" if self._wiring[request.counter] == "input" else "output"
         task.tap = self._plant.tap_angles(side)
         return messages.CreateCIAngEncoderChanResponse()
 
     def CreateCOPulseChanFreq(self, request: Any, context: Any) -> Any:  # noqa: N802
         task = self._task(request, context)
+        if not 0.0 < request.freq <= self._timebase_hz / 4.0:
+            self._fail(context, WRONG_VALUE)
+        task.channel = request.counter
         task.clock, task.rate_hz = True, request.freq
         return messages.CreateCOPulseChanFreqResponse()
 
     def CfgImplicitTiming(self, request: Any, context: Any) -> Any:  # noqa: N802
-        self._task(request, context)
+        self._task(request, context).buffer = int(request.samps_per_chan) or DEFAULT_BUFFER
         return messages.CfgImplicitTimingResponse()
 
     def CfgSampClkTiming(self, request: Any, context: Any) -> Any:  # noqa: N802
-        self._task(request, context).rate_hz = request.rate
+        task = self._task(request, context)
+        if not 0.0 < request.rate <= self._timebase_hz:
+            self._fail(context, WRONG_VALUE)
+        task.rate_hz = request.rate
+        task.buffer = int(request.samps_per_chan) or DEFAULT_BUFFER
         return messages.CfgSampClkTimingResponse()
 
     def SetTrigAttributeInt32(self, request: Any, context: Any) -> Any:  # noqa: N802
@@ -148,6 +191,11 @@ class _Servicer(services.NiDAQmxServicer):
 
     def StartTask(self, request: Any, context: Any) -> Any:  # noqa: N802
         task = self._task(request, context)
+        with self._lock:
+            others = [each for each in self._tasks.values() if each is not task]
+            if any(each.started and each.channel == task.channel for each in others):
+                self._fail(context, RESERVED)
+            task.started = True
         if task.clock:  # its first pulse arms all others, on the encoders' millisecond
             with self._plant.lock:
                 self._plant.counting(True)
@@ -160,7 +208,7 @@ class _Servicer(services.NiDAQmxServicer):
         return messages.StartTaskResponse()
 
     def StopTask(self, request: Any, context: Any) -> Any:  # noqa: N802
-        self._task(request, context)
+        self._task(request, context).started = False
         return messages.StopTaskResponse()
 
     # -- attributes -------------------------------------------------------------------------
@@ -191,6 +239,8 @@ class _Servicer(services.NiDAQmxServicer):
         task = self._task(request, context)
         with self._lock:
             self._fill(task)
+            if task.overrun:
+                self._fail(context, OVERRUN)
             return messages.GetReadAttributeUInt32Response(value=int(task.waiting.size))
 
     def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: N802
@@ -200,7 +250,7 @@ class _Servicer(services.NiDAQmxServicer):
 
     def GetErrorString(self, request: Any, context: Any) -> Any:  # noqa: N802
         del context
-        text = f"NI-DAQmx error {request.error_code} (simulated)"
+        text = MESSAGES.get(request.error_code, f"NI-DAQmx error {request.error_code} (simulated)")
         return messages.GetErrorStringResponse(error_string=text)
 
     # -- reading ----------------------------------------------------------------------------
@@ -221,16 +271,22 @@ class _Servicer(services.NiDAQmxServicer):
         elif isinstance(task.tap, AngleTap):
             time_s, counts = task.tap.take()
             fresh = counts[time_s > epoch / self._timebase_hz - 1e-7]
+            if self._faults.scale != 1.0:
+                fresh = np.rint(self._faults.scale * fresh)
             task.waiting = np.concatenate((task.waiting, fresh.astype(np.int32).view(np.uint32)))
+        task.overrun |= task.waiting.size > task.buffer
 
     def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:  # noqa: N802
         task = self._task(request, context)
-        count = request.num_samps_per_chan
-        if isinstance(task.tap, AngleTap) and self._epoch_tick is not None:
-            until_s = self._epoch_tick / self._timebase_hz + (task.read + count) / task.rate_hz
-            self._plant.require(until_s, request.timeout)
+        if not task.started:
+            self._fail(context, NOT_STARTED)
+        timeout_s = LONGEST_WAIT_S if request.timeout < 0.0 else request.timeout
+        count = self._await(task, request.num_samps_per_chan, timeout_s, context)
+        if task.name not in self._tasks:  # cleared meanwhile
+            self._fail(context, NO_SUCH_TASK)
         with self._lock:
-            self._fill(task)
+            if task.overrun:
+                self._fail(context, OVERRUN)
             if task.waiting.size < count:
                 return messages.ReadCounterU32ExResponse(
                     status=TIMEOUT_ERROR, samps_per_chan_read=0
@@ -245,6 +301,29 @@ class _Servicer(services.NiDAQmxServicer):
             status=0, read_array=taken.tolist(), samps_per_chan_read=int(taken.size)
         )
 
+    def _await(self, task: _Task, count: int, timeout_s: float, context: Any) -> int:
+        """Wait for so many samples as the plant's time goes on; return how many are asked for."""
+        age_s = self._faults.age_s()
+        if count == ALL_THERE_ARE:
+            timeout_s = 0.0
+        elif isinstance(task.tap, AngleTap) and self._epoch_tick is not None:
+            due_s = self._epoch_tick / self._timebase_hz + (task.read + count) / task.rate_hz
+            if due_s - self._plant.now_s <= timeout_s:
+                self._plant.require(due_s + age_s, timeout_s + age_s)
+        deadline_s = self._plant.now_s + timeout_s
+        while True:
+            with self._lock:
+                self._fill(task)
+                there = task.waiting.size
+            if count == ALL_THERE_ARE:
+                return int(there)
+            left_s = deadline_s - self._plant.now_s
+            if there >= count or task.overrun or left_s <= 1e-9 or not context.is_active():
+                return count
+            step_s = min(WAIT_STEP_S, left_s)
+            if not self._plant.require(self._plant.now_s + step_s, LONGEST_WAIT_S):
+                return count
+
     def _standing(self, task: _Task, taken: NDArray[np.uint32]) -> NDArray[np.uint32]:
         """Return as many samples of what was true when it froze."""
         if task.frozen is None or task.frozen.size == 0:
@@ -257,8 +336,6 @@ class _Spoiler(grpc.ServerInterceptor):
 
     def __init__(self, faults: WireFaults) -> None:
         self._faults = faults
-        self._broken = threading.Event()
-        faults.disconnect = self._broken.set
 
     def intercept_service(self, continuation: Callable[[Any], Any], details: Any) -> Any:
         """Wrap the call."""
@@ -268,9 +345,6 @@ class _Spoiler(grpc.ServerInterceptor):
         faults = self._faults
 
         def spoilt(request: Any, context: Any) -> Any:
-            if faults.refusing or self._broken.is_set():
-                self._broken.clear()
-                context.abort(grpc.StatusCode.UNAVAILABLE, "Socket closed")
             answer = handler.unary_unary(request, context)
             data = faults.outgoing(handler.response_serializer(answer))
             if data is None:  # as if the answer was lost on its way
@@ -283,8 +357,11 @@ class _Spoiler(grpc.ServerInterceptor):
         )
 
 
-class DaqmxSimulator:
+class DaqmxSimulator(LineServer):
     """The device server on a TCP port.
+
+    gRPC doesn't tell its service that a client has gone, so clients are passed on to it one by
+    one: with the connection go the client's tasks, as they do where the driver is in the computer.
 
     Parameters
     ----------
@@ -299,34 +376,48 @@ class DaqmxSimulator:
     def __init__(
         self, plant: Plant, wiring: dict[str, str], faults: WireFaults, host: str, port: int
     ) -> None:
-        self.host = host
-        self.port = port
-        self._faults = faults
         self._servicer = _Servicer(plant, wiring, faults)
         self._pool = futures.ThreadPoolExecutor(THREADS, thread_name_prefix="simulated-daqmx")
         together = threading.Barrier(THREADS)
         for _ in range(THREADS):  # the pool's threads live as long as the server does
             self._pool.submit(together.wait)
-        self._server = self._serve()
-
-    def _serve(self) -> grpc.Server:
-        server = grpc.server(
-            self._pool, interceptors=[_Spoiler(self._faults)], options=[("grpc.so_reuseport", 0)]
-        )
-        services.add_NiDAQmxServicer_to_server(self._servicer, server)
+        self._server = grpc.server(self._pool, interceptors=[_Spoiler(faults)])
+        services.add_NiDAQmxServicer_to_server(self._servicer, self._server)
+        self._inner = "127.0.0.1", self._server.add_insecure_port("127.0.0.1:0")
+        self._server.start()
         try:
-            self.port = server.add_insecure_port(f"{self.host}:{self.port}")
-        except RuntimeError as error:
-            raise BenchError(
-                f"{self._faults.name} can't be served on {self.host}:{self.port}",
-                "a free port",
-                "end what uses it, or name another one",
-            ) from error
-        server.start()
-        return server
+            super().__init__(faults, host, port)
+        except BaseException:
+            self._end()
+            raise
+
+    def attend(self, connection: socket.socket) -> None:
+        """Pass one client's bytes on until it goes, and clear its tasks then."""
+        with socket.create_connection(self._inner) as inner:
+            inner.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            host, port = inner.getsockname()
+            back = threading.Thread(target=_pass_on, args=(inner, connection), daemon=True)
+            back.start()
+            _pass_on(connection, inner)
+            back.join()
+        self._servicer.clear_of(f"ipv4:{host}:{port}")
+
+    def _end(self) -> None:
+        self._server.stop(0.0).wait()
+        self._servicer.clear_of()
+        self._pool.shutdown()
 
     def close(self) -> None:
         """End the server. A second call does nothing."""
-        self._server.stop(0.0).wait()
-        self._servicer.clear_all()
-        self._pool.shutdown()
+        super().close()
+        self._end()
+
+
+def _pass_on(source: socket.socket, target: socket.socket) -> None:
+    """Pass bytes on until either side closes; then close both for the other direction."""
+    with contextlib.suppress(OSError):
+        while data := source.recv(65536):
+            target.sendall(data)
+    for each in (source, target):
+        with contextlib.suppress(OSError):
+            each.shutdown(socket.SHUT_RDWR)
