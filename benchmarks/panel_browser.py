@@ -36,8 +36,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from benchmarks.section import write_section
 from torquebench.panel.service import Actor
-from torquebench.panel.service.clients import Clients
-from torquebench.panel.service.people import People
+from torquebench.panel.service.access.clients import Clients
+from torquebench.panel.service.access.people import People
 from torquebench.panel.service.store import PanelStore
 
 UPDATES_AIM = 25.0

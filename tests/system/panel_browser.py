@@ -48,7 +48,7 @@ ENGLISH = re.compile(r"[a-z]{3,} [a-z]{2,}")
 def people(data: Path) -> None:
     """Make the accounts that the tests sign in with."""
     from torquebench.panel.service import Actor
-    from torquebench.panel.service.people import People
+    from torquebench.panel.service.access.people import People
     from torquebench.panel.service.store import PanelStore
 
     data.mkdir(parents=True, exist_ok=True)

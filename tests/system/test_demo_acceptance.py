@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from torquebench.bench.description import default_bench
-from torquebench.campaign.story import StorySettings, tell_story
+from torquebench.campaign.demo import DemoSettings, run_demo
 from torquebench.station import Station
 
 
@@ -14,9 +14,9 @@ def test_both_modules_keep_the_promise(seed: int, tmp_path: Path) -> None:
     description = default_bench()
     driver = {**description.driver, "seed": seed}
     description = description.model_copy(update={"driver": driver})
-    settings = StorySettings(models=(), friction=None, seed=seed)
+    settings = DemoSettings(models=(), friction=None, seed=seed)
     with Station.open(description, tmp_path) as station:
-        result = tell_story(station, settings)
+        result = run_demo(station, settings)
     assert [module.side for module in result.modules] == ["input", "output"]
     for module in result.modules:
         assert len(module.calibration) == 200

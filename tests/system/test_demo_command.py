@@ -1,11 +1,11 @@
-"""The whole story in a small variant, as a user starts it."""
+"""A complete run in a small variant, as a user starts it."""
 
 from pathlib import Path
 
 from tests.system.command_line import run, widest_line
 
 from torquebench.calibration import load_profile
-from torquebench.campaign.story import StorySettings, tell_story
+from torquebench.campaign.demo import DemoSettings, run_demo
 from torquebench.station import Station
 
 
@@ -45,12 +45,12 @@ def test_a_quick_demo(tmp_path: Path) -> None:
 def test_the_same_seed_gives_the_same_readings(tmp_path: Path) -> None:
     profile = load_profile("rapid-in-situ").with_options(step_percent=50.0)
     groups = load_profile("verification").with_options(groups=2, points=4)
-    settings = StorySettings(profile, groups, friction=None, models=(), seed=5)
+    settings = DemoSettings(profile, groups, friction=None, models=(), seed=5)
     readings = []
     for folder in ("first", "second"):
         with Station.open(None, tmp_path / folder) as station:
             readings.append(
-                [m.verification.reading_nm for m in tell_story(station, settings).modules]
+                [m.verification.reading_nm for m in run_demo(station, settings).modules]
             )
     for first, second in zip(*readings, strict=True):
         assert first.tolist() == second.tolist()

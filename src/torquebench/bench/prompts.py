@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from torquebench.bench.roles import Mounting, Seating
 from torquebench.errors import InterlockError
 
-__all__ = ["DeskOperator", "Prompt", "PromptDesk"]
+__all__ = ["Prompt", "PromptQueue", "QueuedOperator"]
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class Prompt:
 OnPrompt = Callable[[Prompt], None]
 
 
-class PromptDesk:
+class PromptQueue:
     """Where a question waits until somebody answers it; the first answer counts.
 
     Examples
     --------
-    >>> desk = PromptDesk()
-    >>> with desk.watching(lambda prompt: desk.answer(prompt.number, done=True, who="Ana")):
-    ...     desk.ask("Mount the calibrator.")
+    >>> prompts = PromptQueue()
+    >>> with prompts.watching(lambda prompt: prompts.answer(prompt.number, done=True, who="Ana")):
+    ...     prompts.ask("Mount the calibrator.")
     'Ana'
     """
 
@@ -122,28 +122,28 @@ def _tell(watcher: OnPrompt, prompt: Prompt) -> None:
     ).start()
 
 
-class DeskOperator:
-    """The operator of a real bench, asked at a desk; see `drivers.base.OperatorPrompts`.
+class QueuedOperator:
+    """The operator of a real bench, asked at a prompts; see `drivers.base.OperatorPrompts`.
 
     Parameters
     ----------
-    desk : PromptDesk
+    prompts : PromptQueue
         Where the questions wait.
     mounted : str
         What is between the flanges to begin with, as far as anybody has said.
     """
 
-    def __init__(self, desk: PromptDesk, mounted: Mounting = "nothing") -> None:
-        self.desk = desk
+    def __init__(self, prompts: PromptQueue, mounted: Mounting = "nothing") -> None:
+        self.prompts = prompts
         self._mounted: Mounting = mounted
 
     def mount(self, mounting: Mounting) -> None:
         """Ask for something to be put between the flanges."""
         what = mounting.replace("_", " ")
         if mounting == "nothing":
-            self.desk.ask(f"Take the {self._mounted.replace('_', ' ')} out of the bench.")
+            self.prompts.ask(f"Take the {self._mounted.replace('_', ' ')} out of the bench.")
         else:
-            self.desk.ask(f"Mount the {what} between the flanges.")
+            self.prompts.ask(f"Mount the {what} between the flanges.")
         self._mounted = mounting
 
     def mounted(self) -> Mounting:
@@ -154,10 +154,10 @@ class DeskOperator:
         """Ask for what is mounted to be turned or seated again."""
         what = self._mounted.replace("_", " ")
         if seating.change == "rotation":
-            self.desk.ask(f"Rotate the {what} to {seating.position_deg:g}° and seat it again.")
+            self.prompts.ask(f"Rotate the {what} to {seating.position_deg:g}° and seat it again.")
         else:
-            self.desk.ask(f"Take the {what} out and seat it again at {seating.position_deg:g}°.")
+            self.prompts.ask(f"Take the {what} out and seat it again at {seating.position_deg:g}°.")
 
     def cancel(self) -> None:
         """Give up waiting: the run ends."""
-        self.desk.cancel()
+        self.prompts.cancel()

@@ -162,7 +162,7 @@ class FitResult:
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The whole story: both modules calibrated, compensated, verified, and a reducer's friction.
+    """A complete run: both modules calibrated, compensated, verified, and a reducer's friction.
 
     Attributes
     ----------

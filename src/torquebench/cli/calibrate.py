@@ -217,7 +217,7 @@ def run_calibrations(
     interrupted: InterruptedCalibration | None = None,
 ) -> None:
     """Calibrate modules one after the other, or go on with one, and report each."""
-    from torquebench.bench.prompts import DeskOperator, PromptDesk
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.measuring import RunAbortedError, measure_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.interrupts import BenchInterrupts
@@ -230,8 +230,8 @@ def run_calibrations(
 
     if description.simulated:
         note("simulated bench")
-    desk = PromptDesk()
-    operator = None if description.simulated else DeskOperator(desk)
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
         for side in sides:
@@ -253,7 +253,7 @@ def run_calibrations(
                     progress,
                     attending(station, progress),
                     interrupts.watching(),
-                    answering(desk, progress, yes=yes),
+                    answering(prompts, progress, yes=yes),
                 ):
                     outcome = _one_side(station, measure, profile, model or RECOMMENDED, progress)
             except RunAbortedError as aborted:

@@ -63,7 +63,7 @@ def check(
     description = bench_description(bench)
     confirm_start(description, side.value, chosen, yes)
 
-    from torquebench.bench.prompts import DeskOperator, PromptDesk
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.checking import check_module
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.cli.interrupts import BenchInterrupts
@@ -75,8 +75,8 @@ def check(
 
     if description.simulated:
         note("simulated bench")
-    desk = PromptDesk()
-    operator = None if description.simulated else DeskOperator(desk)
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station)
         progress = TerminalProgress()
@@ -86,7 +86,7 @@ def check(
                 progress,
                 attending(station, progress),
                 interrupts.watching(),
-                answering(desk, progress, yes=yes),
+                answering(prompts, progress, yes=yes),
             ):
                 result = check_module(
                     station,

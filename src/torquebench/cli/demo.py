@@ -1,4 +1,4 @@
-"""`torquebench demo`: the whole story on the simulated bench."""
+"""`torquebench demo`: a complete run on the simulated bench."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
+    from torquebench.campaign.demo import DemoSettings
     from torquebench.campaign.results import DemoResult
-    from torquebench.campaign.story import StorySettings
 
 __all__ = ["register"]
 
@@ -86,15 +86,15 @@ def _description(bench: Path | None, seed: int | None, preset: Preset | None) ->
     return described(description, seed=seed, preset=None if preset is None else preset.value)
 
 
-def _settings(description: BenchDescription, quick: bool) -> StorySettings:
+def _settings(description: BenchDescription, quick: bool) -> DemoSettings:
     from torquebench.calibration import load_profile
-    from torquebench.campaign.story import StorySettings
+    from torquebench.campaign.demo import DemoSettings
     from torquebench.procedures import FrictionSettings
 
     seed = int(description.simulation.get("seed", 1))
     if not quick:
-        return StorySettings(seed=seed)
-    return StorySettings(
+        return DemoSettings(seed=seed)
+    return DemoSettings(
         calibration=load_profile("rapid-in-situ").with_options(step_percent=10.0),
         verification=load_profile("verification").with_options(groups=2, points=8),
         friction=FrictionSettings(speeds_rpm=(100.0, 400.0, 1200.0), repeats=1),
@@ -103,10 +103,10 @@ def _settings(description: BenchDescription, quick: bool) -> StorySettings:
 
 
 def _tell(
-    description: BenchDescription, settings: StorySettings, data: Path, real_time: bool
+    description: BenchDescription, settings: DemoSettings, data: Path, real_time: bool
 ) -> DemoResult:
+    from torquebench.campaign.demo import run_demo
     from torquebench.campaign.measuring import RunAbortedError
-    from torquebench.campaign.story import tell_story
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
@@ -120,7 +120,7 @@ def _tell(
         interrupts = BenchInterrupts(station, progress, may_pause=False)
         try:
             with progress, attending(station, progress), interrupts.watching():
-                return tell_story(station, settings, progress)
+                return run_demo(station, settings, progress)
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None
 

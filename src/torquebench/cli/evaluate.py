@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         Profile,
         StaticEvaluation,
     )
-    from torquebench.campaign.measured_elsewhere import Elsewhere
+    from torquebench.campaign.external_calibration import ExternalCalibration
 
 __all__ = ["app"]
 
@@ -125,7 +125,7 @@ def static(
     if not any(each.kind in ("missing_series", "missing_step") for each in deviations):
         _evaluate(points, chosen, deviations, resolution, reference_uncertainty, model, result)
     if register:
-        from torquebench.campaign.measured_elsewhere import Elsewhere
+        from torquebench.campaign.external_calibration import ExternalCalibration
 
         report = Report(
             "calibrator",
@@ -139,7 +139,7 @@ def static(
             "transducer", points.transducer_serial, manufacturer, transducer_model, points.range_nm
         )
         read_with, by = points.counter_identity, measured_by
-        circumstances = Elsewhere(
+        circumstances = ExternalCalibration(
             moment, by, place, item, read_with, report, reference_model, resolution
         )
         _register(records, data, points, chosen, circumstances, model)
@@ -184,10 +184,10 @@ def _register(
     table: Path,
     points: CalibrationData,
     profile: Profile,
-    circumstances: Elsewhere,
+    circumstances: ExternalCalibration,
     model: Path | None,
 ) -> None:
-    from torquebench.campaign.measured_elsewhere import register_table
+    from torquebench.campaign.external_calibration import register_table
     from torquebench.campaign.measuring import operator_name
     from torquebench.records import Registry
 

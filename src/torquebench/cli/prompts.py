@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from torquebench.bench.prompts import Prompt, PromptDesk
+    from torquebench.bench.prompts import Prompt, PromptQueue
     from torquebench.cli.progress import TerminalProgress
 
 __all__ = ["answering"]
@@ -19,12 +19,12 @@ POLL_S = 0.2
 
 
 @contextlib.contextmanager
-def answering(desk: PromptDesk, progress: TerminalProgress, *, yes: bool) -> Iterator[None]:
-    """Answer the desk's questions until the block ends.
+def answering(prompts: PromptQueue, progress: TerminalProgress, *, yes: bool) -> Iterator[None]:
+    """Answer the prompts's questions until the block ends.
 
     Parameters
     ----------
-    desk : PromptDesk
+    prompts : PromptQueue
     progress : TerminalProgress
         Its bars stand still while a question is asked.
     yes : bool
@@ -34,17 +34,17 @@ def answering(desk: PromptDesk, progress: TerminalProgress, *, yes: bool) -> Ite
     def ask(prompt: Prompt) -> None:
         if yes:
             progress.say(f"{prompt.text} (confirmed by --yes)")
-            desk.answer(prompt.number, done=True, who="--yes")
+            prompts.answer(prompt.number, done=True, who="--yes")
         elif not sys.stdin.isatty():
-            desk.answer(prompt.number, done=False, who="nobody is at the terminal to confirm:")
+            prompts.answer(prompt.number, done=False, who="nobody is at the terminal to confirm:")
         else:
-            _ask_at_terminal(desk, prompt, progress)
+            _ask_at_terminal(prompts, prompt, progress)
 
-    with desk.watching(ask):
+    with prompts.watching(ask):
         yield
 
 
-def _ask_at_terminal(desk: PromptDesk, prompt: Prompt, progress: TerminalProgress) -> None:
+def _ask_at_terminal(prompts: PromptQueue, prompt: Prompt, progress: TerminalProgress) -> None:
     from torquebench.campaign.measuring import operator_name
 
     progress.pause()
@@ -52,17 +52,17 @@ def _ask_at_terminal(desk: PromptDesk, prompt: Prompt, progress: TerminalProgres
     try:
         sys.stderr.write(f"{prompt.text} [d]one or [a]bort? ")
         sys.stderr.flush()
-        while desk.pending == prompt:
+        while prompts.pending == prompt:
             if sys.platform != "win32" and not select.select([sys.stdin], [], [], POLL_S)[0]:
                 continue
             answer = sys.stdin.readline()
             answered = bool(answer)
             word = answer.strip().lower()
             if word in ("d", "done", "y", "yes"):
-                desk.answer(prompt.number, done=True, who=operator_name())
+                prompts.answer(prompt.number, done=True, who=operator_name())
                 return
             if not answer or word in ("a", "abort", "n", "no"):
-                desk.answer(prompt.number, done=False, who=operator_name())
+                prompts.answer(prompt.number, done=False, who=operator_name())
                 return
             sys.stderr.write("[d]one or [a]bort? ")
             sys.stderr.flush()

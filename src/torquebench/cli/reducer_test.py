@@ -288,7 +288,7 @@ def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
 def _run(
     described: BenchDescription, wanted: _Wanted, data: Path, *, yes: bool, real_time: bool
 ) -> ReducerTestRecord:
-    from torquebench.bench.prompts import DeskOperator, PromptDesk
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.bench.roles import SIDES
     from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.reducer_tests import run_reducer_test
@@ -302,8 +302,8 @@ def _run(
 
     if described.simulated:
         note("simulated bench")
-    desk = PromptDesk()
-    operator = None if described.simulated else DeskOperator(desk)
+    prompts = PromptQueue()
+    operator = None if described.simulated else QueuedOperator(prompts)
     with Station.open(described, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station)
         for side in SIDES:
@@ -315,7 +315,7 @@ def _run(
                 progress,
                 attending(station, progress),
                 interrupts.watching(),
-                answering(desk, progress, yes=yes),
+                answering(prompts, progress, yes=yes),
             ):
                 return run_reducer_test(
                     station,

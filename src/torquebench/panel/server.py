@@ -19,8 +19,8 @@ from nicegui import ui
 from torquebench.errors import InputError
 from torquebench.panel.address import Address
 from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api
-from torquebench.panel.backstage import Backstage
 from torquebench.panel.connections import PatientProtocol
+from torquebench.panel.event_loop_bridge import EventLoopBridge
 from torquebench.panel.pages import register_pages
 from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
@@ -88,7 +88,7 @@ def serve(
     listening = _listen(address)
     port = int(listening.getsockname()[1])
     loops = uvicorn.Config(app="").get_loop_factory()
-    with listening, Backstage(create_app(service, address), loops) as behind:
+    with listening, EventLoopBridge(create_app(service, address), loops) as behind:
         guarded = Guard(StopFirst(behind, service), address.hosts, secure=address.secure)
         config = uvicorn.Config(
             guarded,

@@ -1,4 +1,4 @@
-"""The report of the whole story: both modules and a reducer's no-load friction."""
+"""The report of a complete run: both modules and a reducer's no-load friction."""
 
 from __future__ import annotations
 

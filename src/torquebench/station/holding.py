@@ -6,13 +6,13 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["RunHold"]
+__all__ = ["RunLock"]
 
 LOCKED_FILE = "run.json"
 """The file of a run's folder that is locked: it exists from the start and never changes."""
 
 
-class RunHold:
+class RunLock:
     """Keeps a run's folder for this process; the operating system lets go when the process ends.
 
     Parameters

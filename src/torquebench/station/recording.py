@@ -11,7 +11,7 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import RecordError
 from torquebench.records import Registry, RunFolder
-from torquebench.station.holding import RunHold
+from torquebench.station.holding import RunLock
 from torquebench.station.journal import RunJournal
 from torquebench.station.queued_journal import QueuedJournal
 from torquebench.station.registration import run_metadata, run_summary
@@ -52,7 +52,7 @@ class Recording:
         self.known: dict[str, Any] = {**run_metadata(context), "registry_head": head, **metadata}
         self.writer = RunFolder.create(runs, self.known, kind=kind)
         try:
-            self._hold = RunHold(self.writer.path)
+            self._hold = RunLock(self.writer.path)
             registry.add_run(run_summary(self.writer, kind, self.known))
         except BaseException:  # the records know nothing of it, so nobody would look for it
             self.writer.discard()

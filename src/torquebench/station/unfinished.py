@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torquebench.errors import RecordError
 from torquebench.records import Recovery, Registry, RunFolder, RunSummary
-from torquebench.station.holding import RunHold
+from torquebench.station.holding import RunLock
 
 __all__ = ["RecoveredRun", "recover_unfinished"]
 
@@ -71,7 +71,7 @@ def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
 def _recovered(registry: Registry, run: RunSummary) -> RecoveredRun | None:
     try:
         folder = RunFolder.open(run.folder)
-        hold = RunHold(folder.path)
+        hold = RunLock(folder.path)
     except (RecordError, OSError) as error:
         return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
     if not hold.held:

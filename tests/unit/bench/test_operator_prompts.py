@@ -3,11 +3,11 @@ import threading
 import pytest
 
 from torquebench.bench.drivers.base import OperatorPrompts, Seating
-from torquebench.bench.prompts import DeskOperator, PromptDesk
+from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.errors import InterlockError
 
 
-def asked(desk, question):
+def asked(prompts, question):
     """Ask on a thread of its own; return the thread and what came of it."""
     outcome = []
 
@@ -19,45 +19,45 @@ def asked(desk, question):
 
     thread = threading.Thread(target=ask)
     thread.start()
-    while desk.pending is None:
+    while prompts.pending is None:
         thread.join(0.001)
     return thread, outcome
 
 
 def test_the_first_answer_of_two_doors_counts():
-    desk = PromptDesk()
-    thread, outcome = asked(desk, lambda: desk.ask("Mount the calibrator."))
-    number = desk.pending.number
-    assert desk.answer(number, done=True, who="panel")
-    assert not desk.answer(number, done=False, who="terminal")
+    prompts = PromptQueue()
+    thread, outcome = asked(prompts, lambda: prompts.ask("Mount the calibrator."))
+    number = prompts.pending.number
+    assert prompts.answer(number, done=True, who="panel")
+    assert not prompts.answer(number, done=False, who="terminal")
     thread.join()
     assert outcome == ["panel"]
-    assert desk.pending is None
-    assert not desk.answer(number, done=True, who="too late")
+    assert prompts.pending is None
+    assert not prompts.answer(number, done=True, who="too late")
 
 
 def test_every_door_hears_every_question_also_one_that_waits_already():
-    desk = PromptDesk()
+    prompts = PromptQueue()
     heard = {"terminal": threading.Event(), "panel": threading.Event()}
-    with desk.watching(lambda _prompt: heard["terminal"].set()):
-        thread, _ = asked(desk, lambda: desk.ask("Rotate to 120°."))
-        with desk.watching(lambda _prompt: heard["panel"].set()):
+    with prompts.watching(lambda _prompt: heard["terminal"].set()):
+        thread, _ = asked(prompts, lambda: prompts.ask("Rotate to 120°."))
+        with prompts.watching(lambda _prompt: heard["panel"].set()):
             assert all(event.wait(10.0) for event in heard.values())
-        desk.answer(desk.pending.number, done=True)
+        prompts.answer(prompts.pending.number, done=True)
         thread.join()
 
 
 def test_who_declines_is_named():
-    desk = PromptDesk()
-    thread, outcome = asked(desk, lambda: desk.ask("Mount the calibrator."))
-    desk.answer(desk.pending.number, done=False, who="Ana")
+    prompts = PromptQueue()
+    thread, outcome = asked(prompts, lambda: prompts.ask("Mount the calibrator."))
+    prompts.answer(prompts.pending.number, done=False, who="Ana")
     thread.join()
     assert "Ana declined: Mount the calibrator." in str(outcome[0])
 
 
 def test_a_run_that_ends_gives_up_waiting():
-    operator = DeskOperator(PromptDesk())
-    thread, outcome = asked(operator.desk, lambda: operator.mount("calibrator"))
+    operator = QueuedOperator(PromptQueue())
+    thread, outcome = asked(operator.prompts, lambda: operator.mount("calibrator"))
     operator.cancel()
     thread.join()
     assert isinstance(outcome[0], InterlockError)
@@ -66,25 +66,25 @@ def test_a_run_that_ends_gives_up_waiting():
 
 
 def test_a_second_question_is_refused_while_one_waits():
-    desk = PromptDesk()
-    thread, _ = asked(desk, lambda: desk.ask("first"))
+    prompts = PromptQueue()
+    thread, _ = asked(prompts, lambda: prompts.ask("first"))
     with pytest.raises(InterlockError, match="while another one waits"):
-        desk.ask("second")
-    desk.cancel()
+        prompts.ask("second")
+    prompts.cancel()
     thread.join()
 
 
 def test_the_operator_of_a_real_bench_is_asked_in_whole_sentences():
-    desk = PromptDesk()
+    prompts = PromptQueue()
     said = []
 
     def confirm(prompt):
         said.append(prompt.text)
-        desk.answer(prompt.number, done=True)
+        prompts.answer(prompt.number, done=True)
 
-    operator = DeskOperator(desk)
+    operator = QueuedOperator(prompts)
     assert isinstance(operator, OperatorPrompts)
-    with desk.watching(confirm):
+    with prompts.watching(confirm):
         operator.mount("verification_standard")
         operator.seat(Seating("rotation", 120.0))
         operator.seat(Seating("re-seat", 0.0))

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from torquebench.bench.prompts import PromptDesk
+from torquebench.bench.prompts import PromptQueue
 from torquebench.cli.progress import TerminalProgress
 from torquebench.cli.prompts import answering
 from torquebench.errors import InterlockError
@@ -22,38 +22,38 @@ def terminal(monkeypatch):
 
 
 def test_yes_confirms_without_asking():
-    desk = PromptDesk()
-    with answering(desk, TerminalProgress(), yes=True):
-        assert desk.ask("Mount the calibrator.") == "--yes"
+    prompts = PromptQueue()
+    with answering(prompts, TerminalProgress(), yes=True):
+        assert prompts.ask("Mount the calibrator.") == "--yes"
 
 
 def test_without_a_terminal_nobody_confirms():
-    desk = PromptDesk()
+    prompts = PromptQueue()
     with (
-        answering(desk, TerminalProgress(), yes=False),
+        answering(prompts, TerminalProgress(), yes=False),
         pytest.raises(InterlockError, match="nobody is at the terminal"),
     ):
-        desk.ask("Mount the calibrator.")
+        prompts.ask("Mount the calibrator.")
 
 
 def test_a_person_at_the_terminal_is_asked_until_the_answer_is_clear(terminal, monkeypatch, capsys):
     monkeypatch.setenv("TORQUEBENCH_OPERATOR", "Ana")
-    desk = PromptDesk()
-    with answering(desk, TerminalProgress(), yes=False):
+    prompts = PromptQueue()
+    with answering(prompts, TerminalProgress(), yes=False):
         os.write(terminal, b"what?\ndone\n")
-        assert desk.ask("Rotate the calibrator to 120°.") == "Ana"
+        assert prompts.ask("Rotate the calibrator to 120°.") == "Ana"
         os.write(terminal, b"a\n")
         with pytest.raises(InterlockError, match="Ana declined"):
-            desk.ask("Mount the calibrator.")
+            prompts.ask("Mount the calibrator.")
     assert "Rotate the calibrator to 120°. [d]one or [a]bort?" in capsys.readouterr().err
 
 
 def test_an_answer_from_another_door_ends_the_question_here(terminal, capsys):
-    desk = PromptDesk()
-    with answering(desk, TerminalProgress(), yes=False):
-        timer = threading.Timer(0.3, lambda: desk.answer(1, done=True, who="panel"))
+    prompts = PromptQueue()
+    with answering(prompts, TerminalProgress(), yes=False):
+        timer = threading.Timer(0.3, lambda: prompts.answer(1, done=True, who="panel"))
         timer.start()
-        assert desk.ask("Mount the calibrator.") == "panel"
+        assert prompts.ask("Mount the calibrator.") == "panel"
         timer.join()
         while "answered elsewhere" not in capsys.readouterr().err:
             threading.Event().wait(0.05)

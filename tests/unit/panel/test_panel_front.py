@@ -15,8 +15,8 @@ from websockets.sync.client import connect
 
 from torquebench.panel import connections
 from torquebench.panel.api import Guard, security
-from torquebench.panel.backstage import Backstage
 from torquebench.panel.connections import PatientProtocol
+from torquebench.panel.event_loop_bridge import EventLoopBridge
 from torquebench.panel.service import Actor, BenchService
 from torquebench.panel.stopping import PAGE_STOP, StopFirst
 
@@ -96,7 +96,7 @@ def behind() -> Behind:
 def server(service: BenchService, behind: Behind) -> Iterator[uvicorn.Server]:
     with (
         socket.create_server(("127.0.0.1", 0)) as listening,
-        Backstage(behind) as backstage,
+        EventLoopBridge(behind) as backstage,
     ):
         port = listening.getsockname()[1]
         guarded = Guard(StopFirst(backstage, service), ["127.0.0.1"])
@@ -194,7 +194,7 @@ def test_what_is_cancelled_in_front_is_cancelled_behind() -> None:
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
-    with Backstage(app) as backstage:
+    with EventLoopBridge(app) as backstage:
         asyncio.run(cancel())
         assert ended.wait(30.0)
 

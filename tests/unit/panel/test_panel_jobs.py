@@ -8,11 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from tests.unit.panel.aside_work import doubled, endless, refusing
+from tests.unit.panel.process_work import doubled, endless, refusing
 
-from torquebench.bench.prompts import DeskOperator
+from torquebench.bench.prompts import QueuedOperator
 from torquebench.errors import BenchError, InputError, RecordError
-from torquebench.panel.aside import AsideEndedError, run_aside
+from torquebench.panel.run_in_process import ProcessEndedError, run_in_process
 from torquebench.panel.service import (
     Actor,
     BenchService,
@@ -241,8 +241,10 @@ class Attended(BenchService):
     """A simulated bench whose operator is a person, as at a real one."""
 
     def _open_station(self) -> Station:
-        desk = DeskOperator(self._prompts)
-        return Station.open(self.settings.bench(), self._data_dir, real_time=False, operator=desk)
+        prompts = QueuedOperator(self._prompts)
+        return Station.open(
+            self.settings.bench(), self._data_dir, real_time=False, operator=prompts
+        )
 
 
 def asked(service: BenchService, start: Callable[[], JobView]) -> tuple[JobView, PendingPrompt]:
@@ -332,9 +334,9 @@ def test_a_revoked_program_commands_no_longer(service: BenchService) -> None:
 
 def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
     said: list[tuple[float, str]] = []
-    found = run_aside(doubled, 21.0, on_progress=lambda *each: said.append(each))
+    found = run_in_process(doubled, 21.0, on_progress=lambda *each: said.append(each))
     assert (found, said) == (42.0, [(0.5, "half")])
     with pytest.raises(InputError, match="remedy"):
-        run_aside(refusing)
-    with pytest.raises(AsideEndedError):
-        run_aside(endless, cancelled=lambda: True)
+        run_in_process(refusing)
+    with pytest.raises(ProcessEndedError):
+        run_in_process(endless, cancelled=lambda: True)

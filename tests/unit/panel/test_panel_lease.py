@@ -1,7 +1,7 @@
 import pytest
 
 from torquebench.panel.service import Actor, LeaseError
-from torquebench.panel.service.lease import IDLE_S, CommandLease
+from torquebench.panel.service.access.lease import IDLE_S, CommandLease
 
 ANA = Actor("Ana", "operator", "a1")
 ANA_AGAIN = Actor("Ana", "operator", "a2")

@@ -10,7 +10,7 @@ from torquebench.bench.description import default_bench
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples, Viewer
 from torquebench.errors import InputError
 from torquebench.panel.service import SIGNALS
-from torquebench.panel.service.live import LiveHub
+from torquebench.panel.service.live.hub import LiveHub
 from torquebench.signals import SignalFaultKind
 
 

@@ -13,12 +13,12 @@ from torquebench.panel.service import (
     NotSignedInError,
     PermissionDeniedError,
     SignInError,
-    passwords,
 )
-from torquebench.panel.service.clients import Clients
-from torquebench.panel.service.guard import PER_PERSON_AND_ADDRESS, WINDOW_S
-from torquebench.panel.service.people import People
-from torquebench.panel.service.sessions import IDLE_S, LONGEST_S
+from torquebench.panel.service.access import passwords
+from torquebench.panel.service.access.clients import Clients
+from torquebench.panel.service.access.login_throttle import PER_PERSON_AND_ADDRESS, WINDOW_S
+from torquebench.panel.service.access.people import People
+from torquebench.panel.service.access.sessions import IDLE_S, LONGEST_S
 from torquebench.panel.service.store import PANEL_FILE, PanelStore
 
 PASSWORD = "correct horse battery"
@@ -265,7 +265,7 @@ def test_a_crowd_of_guesses_at_one_time_is_counted_like_a_queue(
         compared.append(password)
         return False
 
-    monkeypatch.setattr("torquebench.panel.service.people.matches", slow)
+    monkeypatch.setattr("torquebench.panel.service.access.people.matches", slow)
 
     def guess(number: int) -> str:
         try:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.panel.service.rings import LevelRing, Rows, TrendMemory, envelope
+from torquebench.panel.service.live.rings import LevelRing, Rows, TrendMemory, envelope
 
 VALUES = st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=1, max_size=300)
 

@@ -15,9 +15,9 @@ from torquebench.panel.service import (
     PermissionDeniedError,
     read_upload,
 )
-from torquebench.panel.service.differences import flat, nested
-from torquebench.panel.service.settings import SettingsDesk
-from torquebench.panel.service.settings_documents import LARGEST_UPLOAD
+from torquebench.panel.service.settings.differences import flat, nested
+from torquebench.panel.service.settings.documents import LARGEST_UPLOAD
+from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import PanelStore
 
 ADA = Actor("Ada", "administrator", "1")
@@ -27,9 +27,9 @@ KEYS = st.text("abc", min_size=1, max_size=3)
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[SettingsDesk]:
+def settings(tmp_path: Path) -> Iterator[SettingsStore]:
     store = PanelStore(tmp_path)
-    yield SettingsDesk(store, default_bench())
+    yield SettingsStore(store, default_bench())
     store.close()
 
 
@@ -42,37 +42,37 @@ def test_flat_documents_become_what_they_were(document: dict[str, object]) -> No
     assert nested(flat(document)) == document
 
 
-def test_a_change_is_validated_shown_logged_and_undone(desk: SettingsDesk) -> None:
-    before = desk.bench()
-    shown = desk.preview("bench", "bench", LIMIT)
+def test_a_change_is_validated_shown_logged_and_undone(settings: SettingsStore) -> None:
+    before = settings.bench()
+    shown = settings.preview("bench", "bench", LIMIT)
     assert [(each.key, each.before, each.after) for each in shown.differences] == [
         ("output.limits.torque_nm", 2400.0, 2200.0)
     ]
-    assert desk.bench() == before
-    made = desk.change(ADA, "bench", "bench", LIMIT, reason="a weaker coupling")
-    assert desk.bench().output.limits.torque_nm == 2200.0
+    assert settings.bench() == before
+    made = settings.change(ADA, "bench", "bench", LIMIT, reason="a weaker coupling")
+    assert settings.bench().output.limits.torque_nm == 2200.0
     assert made.differences == shown.differences
-    undone = desk.undo(ADA, made.number)
-    assert desk.bench() == before
-    newest, first = desk.history("bench")
+    undone = settings.undo(ADA, made.number)
+    assert settings.bench() == before
+    newest, first = settings.history("bench")
     assert (newest.undoes, first.undone_by) == (first.number, newest.number)
     assert (first.who, first.reason) == ("Ada", "a weaker coupling")
     assert undone.number == newest.number
 
 
-def test_an_undo_leaves_later_changes_of_other_keys_alone(desk: SettingsDesk) -> None:
-    first = desk.change(ADA, "bench", "bench", LIMIT)
-    desk.change(ADA, "bench", "bench", {"input": {"limits": {"speed_rpm": 900.0}}})
-    desk.undo(ADA, first.number)
-    bench = desk.bench()
+def test_an_undo_leaves_later_changes_of_other_keys_alone(settings: SettingsStore) -> None:
+    first = settings.change(ADA, "bench", "bench", LIMIT)
+    settings.change(ADA, "bench", "bench", {"input": {"limits": {"speed_rpm": 900.0}}})
+    settings.undo(ADA, first.number)
+    bench = settings.bench()
     assert (bench.output.limits.torque_nm, bench.input.limits.speed_rpm) == (2400.0, 900.0)
 
 
-def test_a_key_that_was_changed_again_is_not_undone(desk: SettingsDesk) -> None:
-    first = desk.change(ADA, "bench", "bench", LIMIT)
-    desk.change(ADA, "bench", "bench", {"output": {"limits": {"torque_nm": 2300.0}}})
+def test_a_key_that_was_changed_again_is_not_undone(settings: SettingsStore) -> None:
+    first = settings.change(ADA, "bench", "bench", LIMIT)
+    settings.change(ADA, "bench", "bench", {"output": {"limits": {"torque_nm": 2300.0}}})
     with pytest.raises(BusyError, match="changed again"):
-        desk.undo(ADA, first.number)
+        settings.undo(ADA, first.number)
 
 
 @pytest.mark.parametrize(
@@ -88,78 +88,78 @@ def test_a_key_that_was_changed_again_is_not_undone(desk: SettingsDesk) -> None:
     ],
 )
 def test_a_wrong_or_forbidden_value_changes_nothing(
-    desk: SettingsDesk, document: dict[str, object]
+    settings: SettingsStore, document: dict[str, object]
 ) -> None:
     with pytest.raises(InputError):
-        desk.change(ADA, "bench", "bench", document)
-    assert desk.history() == []
+        settings.change(ADA, "bench", "bench", document)
+    assert settings.history() == []
 
 
 def test_changes_outlive_the_process_and_only_what_differs_is_kept(
-    desk: SettingsDesk, tmp_path: Path
+    settings: SettingsStore, tmp_path: Path
 ) -> None:
-    desk.change(ADA, "bench", "bench", LIMIT)
+    settings.change(ADA, "bench", "bench", LIMIT)
     description = default_bench()
     faster = description.input.limits.model_copy(update={"speed_rpm": 1100.0})
     changed = description.model_copy(
         update={"input": description.input.model_copy(update={"limits": faster})}
     )
     store = PanelStore(tmp_path)
-    bench = SettingsDesk(store, changed).bench()
+    bench = SettingsStore(store, changed).bench()
     store.close()
     assert (bench.output.limits.torque_nm, bench.input.limits.speed_rpm) == (2200.0, 1100.0)
 
 
 def test_a_file_that_contradicts_the_panels_changes_is_refused(
-    desk: SettingsDesk, tmp_path: Path
+    settings: SettingsStore, tmp_path: Path
 ) -> None:
-    desk.change(ADA, "bench", "bench", {"output": {"range_nm": 1500.0}})
+    settings.change(ADA, "bench", "bench", {"output": {"range_nm": 1500.0}})
     description = default_bench()
     low = description.output.limits.model_copy(update={"torque_nm": 1000.0})
     output = description.output.model_copy(update={"limits": low, "range_nm": 900.0})
     store = PanelStore(tmp_path)
     with pytest.raises(InputError, match="panel's changes"):
-        SettingsDesk(store, description.model_copy(update={"output": output})).bench()
+        SettingsStore(store, description.model_copy(update={"output": output})).bench()
     store.close()
 
 
-def test_own_profiles_are_added_changed_and_deleted(desk: SettingsDesk) -> None:
-    document = {**desk.get("profiles", "check").document, "name": "slow-check"}
-    desk.change(BEN, "profiles", "slow-check", document)
-    assert desk.profile("slow-check").name == "slow-check"
-    made = desk.change(BEN, "profiles", "slow-check", None, reason="unused")
+def test_own_profiles_are_added_changed_and_deleted(settings: SettingsStore) -> None:
+    document = {**settings.get("profiles", "check").document, "name": "slow-check"}
+    settings.change(BEN, "profiles", "slow-check", document)
+    assert settings.profile("slow-check").name == "slow-check"
+    made = settings.change(BEN, "profiles", "slow-check", None, reason="unused")
     with pytest.raises(NotFoundError):
-        desk.profile("slow-check")
-    desk.undo(BEN, made.number)
-    assert desk.profile("slow-check") is not None
+        settings.profile("slow-check")
+    settings.undo(BEN, made.number)
+    assert settings.profile("slow-check") is not None
     with pytest.raises(InputError, match="comes with the software"):
-        desk.change(BEN, "profiles", "check", document)
+        settings.change(BEN, "profiles", "check", document)
 
 
-def test_own_reducers_are_named_as_their_file_names_them(desk: SettingsDesk) -> None:
-    document = dict(desk.get("reducers", "rv-40e").document)
+def test_own_reducers_are_named_as_their_file_names_them(settings: SettingsStore) -> None:
+    document = dict(settings.get("reducers", "rv-40e").document)
     with pytest.raises(InputError, match="name"):
-        desk.change(BEN, "reducers", "rv-41e", document)
-    desk.change(BEN, "reducers", "rv-41e", {**document, "name": "rv-41e"})
-    assert desk.reducer("rv-41e").ratio == desk.reducer("rv-40e").ratio
+        settings.change(BEN, "reducers", "rv-41e", document)
+    settings.change(BEN, "reducers", "rv-41e", {**document, "name": "rv-41e"})
+    assert settings.reducer("rv-41e").ratio == settings.reducer("rv-40e").ratio
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", "/tmp/x.toml", "a/b", "", "x" * 65])
-def test_no_name_is_a_path(desk: SettingsDesk, name: str) -> None:
+def test_no_name_is_a_path(settings: SettingsStore, name: str) -> None:
     with pytest.raises(NotFoundError):
-        desk.profile(name)
+        settings.profile(name)
     with pytest.raises(NotFoundError):
-        desk.reducer(name)
+        settings.reducer(name)
     with pytest.raises(InputError):
-        desk.change(BEN, "profiles", name, dict(desk.get("profiles", "check").document))
+        settings.change(BEN, "profiles", name, dict(settings.get("profiles", "check").document))
 
 
-def test_roles_and_versions_are_minded(desk: SettingsDesk) -> None:
+def test_roles_and_versions_are_minded(settings: SettingsStore) -> None:
     with pytest.raises(PermissionDeniedError):
-        desk.change(BEN, "bench", "bench", LIMIT)
-    desk.change(ADA, "bench", "bench", LIMIT, version=0)
+        settings.change(BEN, "bench", "bench", LIMIT)
+    settings.change(ADA, "bench", "bench", LIMIT, version=0)
     with pytest.raises(BusyError, match="meanwhile"):
-        desk.change(ADA, "bench", "bench", {"bench": {"name": "another"}}, version=0)
+        settings.change(ADA, "bench", "bench", {"bench": {"name": "another"}}, version=0)
 
 
 @pytest.mark.parametrize(
@@ -170,45 +170,47 @@ def test_an_unusable_upload_is_refused(content: bytes) -> None:
         read_upload(content)
 
 
-def test_a_value_that_was_unset_is_unset_again(desk: SettingsDesk) -> None:
-    before = desk.bench()
+def test_a_value_that_was_unset_is_unset_again(settings: SettingsStore) -> None:
+    before = settings.bench()
     assert before.input.limits.angle_deg is None
-    made = desk.change(ADA, "bench", "bench", {"input": {"limits": {"angle_deg": 90.0}}})
-    assert desk.bench().input.limits.angle_deg == 90.0
-    desk.undo(ADA, made.number)
-    assert desk.bench() == before
+    made = settings.change(ADA, "bench", "bench", {"input": {"limits": {"angle_deg": 90.0}}})
+    assert settings.bench().input.limits.angle_deg == 90.0
+    settings.undo(ADA, made.number)
+    assert settings.bench() == before
 
 
-def test_an_undo_is_undone_like_any_change(desk: SettingsDesk) -> None:
-    made = desk.change(ADA, "bench", "bench", LIMIT)
-    undone = desk.undo(ADA, made.number)
-    again = desk.undo(ADA, undone.number)
-    assert desk.bench().output.limits.torque_nm == 2200.0
+def test_an_undo_is_undone_like_any_change(settings: SettingsStore) -> None:
+    made = settings.change(ADA, "bench", "bench", LIMIT)
+    undone = settings.undo(ADA, made.number)
+    again = settings.undo(ADA, undone.number)
+    assert settings.bench().output.limits.torque_nm == 2200.0
     assert again.undoes == undone.number
     with pytest.raises(BusyError):
-        desk.undo(ADA, undone.number)
+        settings.undo(ADA, undone.number)
 
 
-def test_of_many_editors_at_once_nobody_overwrites_what_he_has_not_seen(desk: SettingsDesk) -> None:
+def test_of_many_editors_at_once_nobody_overwrites_what_he_has_not_seen(
+    settings: SettingsStore,
+) -> None:
     limits = [2001.0 + number for number in range(12)]
 
     def change(limit: float) -> bool:
         try:
-            desk.change(ADA, "bench", "bench", {"output": {"limits": {"torque_nm": limit}}})
+            settings.change(ADA, "bench", "bench", {"output": {"limits": {"torque_nm": limit}}})
         except BusyError:
             return False
         return True
 
     with ThreadPoolExecutor(len(limits)) as crowd:
         made = list(crowd.map(change, limits))
-    changes = desk.history("bench")[::-1]
+    changes = settings.history("bench")[::-1]
     assert len(changes) == sum(made) >= 1
     seen = 2400.0
     for each in changes:
         (found,) = each.differences
         assert found.before == seen
         seen = found.after
-    assert desk.bench().output.limits.torque_nm == seen
+    assert settings.bench().output.limits.torque_nm == seen
 
 
 def _deep(levels: int) -> dict[str, object]:
@@ -233,14 +235,14 @@ def _deep(levels: int) -> dict[str, object]:
     ids=range(7),
 )
 def test_a_document_of_another_shape_is_refused(
-    desk: SettingsDesk, section: str, document: dict[str, object]
+    settings: SettingsStore, section: str, document: dict[str, object]
 ) -> None:
     name = "bench" if section == "bench" else "own"
     with pytest.raises(InputError):
-        desk.change(ADA, section, name, document)
-    assert desk.history() == []
+        settings.change(ADA, section, name, document)
+    assert settings.history() == []
 
 
-def test_who_may_change_nothing_learns_nothing_of_changes(desk: SettingsDesk) -> None:
+def test_who_may_change_nothing_learns_nothing_of_changes(settings: SettingsStore) -> None:
     with pytest.raises(PermissionDeniedError):
-        desk.undo(Actor("Olga", "operator", "3"), 999)
+        settings.undo(Actor("Olga", "operator", "3"), 999)

@@ -12,9 +12,9 @@ from torquebench.bench.description import default_bench
 from torquebench.calibration import load_profile
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.panel.service import Actor, NotFoundError, PermissionDeniedError, read_table
-from torquebench.panel.service.settings import SettingsDesk
+from torquebench.panel.service.records.table_import import LONGEST_TABLE, TableImport
+from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import PanelStore
-from torquebench.panel.service.table_desk import LONGEST_TABLE, TableDesk
 from torquebench.records import Registry, RunFolder, calibration_csv, check_records
 
 CHIEF = Actor("Max", "metrologist", "m")
@@ -35,9 +35,9 @@ CHAIN = {
 
 
 @pytest.fixture(scope="module")
-def settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SettingsDesk]:
+def settings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SettingsStore]:
     store = PanelStore(tmp_path_factory.mktemp("panel"))
-    yield SettingsDesk(store, default_bench())
+    yield SettingsStore(store, default_bench())
     store.close()
 
 
@@ -53,14 +53,16 @@ def noted() -> list[tuple[Any, ...]]:
 
 
 @pytest.fixture
-def desk(registry: Registry, settings: SettingsDesk, noted: list[tuple[Any, ...]]) -> TableDesk:
-    return TableDesk(lambda: registry, settings, lambda *what, **how: noted.append((*what, how)))
+def tables(
+    registry: Registry, settings: SettingsStore, noted: list[tuple[Any, ...]]
+) -> TableImport:
+    return TableImport(lambda: registry, settings, lambda *what, **how: noted.append((*what, how)))
 
 
 @pytest.fixture
-def looking(settings: SettingsDesk) -> TableDesk:
-    """Return a desk without records: whoever only looks needs none."""
-    return TableDesk(lambda: pytest.fail("records were touched"), settings, pytest.fail)
+def looking(settings: SettingsStore) -> TableImport:
+    """Return a tables without records: whoever only looks needs none."""
+    return TableImport(lambda: pytest.fail("records were touched"), settings, pytest.fail)
 
 
 @pytest.fixture
@@ -69,7 +71,7 @@ def table() -> str:
     return calibration_csv(replace(measured, counter_identity=CHAIN["indicator"]))
 
 
-def test_a_table_is_judged_and_nothing_is_kept(looking: TableDesk, table: str) -> None:
+def test_a_table_is_judged_and_nothing_is_kept(looking: TableImport, table: str) -> None:
     view = looking.preview({**CIRCUMSTANCES, "content": table})
     assert view.points == len(view.error_nm) == len(view.branch)
     assert view.certifiable
@@ -79,7 +81,7 @@ def test_a_table_is_judged_and_nothing_is_kept(looking: TableDesk, table: str) -
     assert all(each.uncertainty_percent for each in view.directions)
 
 
-def test_what_a_profile_misses_is_named(looking: TableDesk) -> None:
+def test_what_a_profile_misses_is_named(looking: TableImport) -> None:
     view = looking.preview({**CIRCUMSTANCES, "content": "reading_nm,standard_nm\n1.1,1\n2.1,2\n"})
     assert not view.certifiable
     assert view.directions == ()
@@ -87,9 +89,9 @@ def test_what_a_profile_misses_is_named(looking: TableDesk) -> None:
 
 
 def test_an_entered_table_is_a_sealed_record(
-    desk: TableDesk, registry: Registry, table: str, noted: list[tuple[Any, ...]]
+    tables: TableImport, registry: Registry, table: str, noted: list[tuple[Any, ...]]
 ) -> None:
-    entered = desk.enter(CHIEF, {**CIRCUMSTANCES, **CHAIN, "content": table})
+    entered = tables.enter(CHIEF, {**CIRCUMSTANCES, **CHAIN, "content": table})
     folder = RunFolder.open(registry.run(entered.run_id).folder)
     folder.verify()
     assert (folder.path / "table.csv").read_text(encoding="utf-8") == table
@@ -101,23 +103,23 @@ def test_an_entered_table_is_a_sealed_record(
     assert (actor, what) == (CHIEF, "entered a table")
     assert details["calibration_id"] == entered.calibration_id
     with pytest.raises(InputError, match=f"entered as calibration-{entered.calibration_id}"):
-        desk.enter(CHIEF, {**CIRCUMSTANCES, **CHAIN, "content": table})
+        tables.enter(CHIEF, {**CIRCUMSTANCES, **CHAIN, "content": table})
 
 
-def test_an_operator_enters_nothing(desk: TableDesk, registry: Registry, table: str) -> None:
+def test_an_operator_enters_nothing(tables: TableImport, registry: Registry, table: str) -> None:
     with pytest.raises(PermissionDeniedError):
-        desk.enter(Actor("Olga", "operator", "o"), {**CIRCUMSTANCES, **CHAIN, "content": table})
+        tables.enter(Actor("Olga", "operator", "o"), {**CIRCUMSTANCES, **CHAIN, "content": table})
     assert registry.runs() == []
 
 
 @pytest.mark.parametrize("missing", ["transducer_serial", "indicator", "reference_serial"])
 def test_what_a_certificate_has_to_name_is_asked_for(
-    desk: TableDesk, table: str, missing: str
+    tables: TableImport, table: str, missing: str
 ) -> None:
     asked = {**CIRCUMSTANCES, **CHAIN, "content": table}
     for given in ({**asked, missing: ""}, {key: asked[key] for key in asked if key != missing}):
         with pytest.raises(InputError, match=missing):
-            desk.enter(CHIEF, given)
+            tables.enter(CHIEF, given)
 
 
 HEADER = "reading_nm,standard_nm\n"
@@ -141,7 +143,9 @@ HEADER = "reading_nm,standard_nm\n"
         ("PK\x03\x04", "column|control|values"),
     ],
 )
-def test_a_hostile_table_is_refused_in_words(looking: TableDesk, content: str, words: str) -> None:
+def test_a_hostile_table_is_refused_in_words(
+    looking: TableImport, content: str, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         looking.preview({**CIRCUMSTANCES, "content": content})
 
@@ -162,13 +166,13 @@ def test_a_hostile_table_is_refused_in_words(looking: TableDesk, content: str, w
         ("surprise", 1),
     ],
 )
-def test_a_wrong_field_is_named(looking: TableDesk, table: str, field: str, value: Any) -> None:
+def test_a_wrong_field_is_named(looking: TableImport, table: str, field: str, value: Any) -> None:
     with pytest.raises((InputError, NotFoundError)) as refused:
         looking.preview({**CIRCUMSTANCES, "content": table, field: value})
     assert field in str(refused.value) or "profiles" in str(refused.value)
 
 
-def test_a_table_of_another_kind_has_no_endless_answer(looking: TableDesk) -> None:
+def test_a_table_of_another_kind_has_no_endless_answer(looking: TableImport) -> None:
     rows = "".join(f"{1 + n * 1e-3:.3f},{1 + n * 1e-3:.3f},{n + 1}\n" for n in range(1000))
     view = looking.preview({**CIRCUMSTANCES, "content": "reading_nm,standard_nm,series\n" + rows})
     assert len(view.deviations) == 200

@@ -33,7 +33,7 @@ from torquebench.bench.drivers.simulation_control import (
     simulated_certificates,
     simulated_encoder_certificates,
 )
-from torquebench.bench.prompts import DeskOperator, PromptDesk
+from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError, InputError
 from torquebench.validation import validated
@@ -126,7 +126,9 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             modes=open_one("modes"),
             clamp=open_one("clamp"),
             temperature=open_one("temperature"),
-            operator=DeskOperator(PromptDesk()) if control is None else SimulatedOperator(control),
+            operator=QueuedOperator(PromptQueue())
+            if control is None
+            else SimulatedOperator(control),
             reference=None if options.reference is None else open_one("reference"),
             truth=None if control is None else SimulatedTruth(control),
             certificates={} if control is None else simulated_certificates(control),

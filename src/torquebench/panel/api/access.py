@@ -11,7 +11,7 @@ from fastapi import Depends, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from torquebench.panel.service import Actor, BenchService, NotSignedInError
-from torquebench.panel.service.clients import PREFIX
+from torquebench.panel.service.access.clients import PREFIX
 
 __all__ = ["Caller", "Service", "Token", "Watched", "address_of", "caller_of", "service_of"]
 

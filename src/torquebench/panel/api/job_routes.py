@@ -16,7 +16,7 @@ from torquebench.panel.service import (
     JobView,
     PendingPrompt,
 )
-from torquebench.panel.service.jobs import JobKind
+from torquebench.panel.service.jobs.runner import JobKind
 
 __all__ = ["router"]
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.panel.service import Client, Role
+from torquebench.panel.service.access.passwords import LONGEST, SHORTEST
 from torquebench.panel.service.fields import WHOLE, Flag, Number
-from torquebench.panel.service.passwords import LONGEST, SHORTEST
 
 __all__ = [
     "AbortBody",

@@ -19,7 +19,7 @@ from torquebench.panel.api.models import (
     WhoAmI,
 )
 from torquebench.panel.service import Client, Event, PermissionDeniedError, User
-from torquebench.panel.service.actors import require
+from torquebench.panel.service.access.actors import require
 
 __all__ = ["router"]
 

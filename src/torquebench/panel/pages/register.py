@@ -13,12 +13,12 @@ from nicegui import app, ui
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.pages.alarms import alarms_page
-from torquebench.panel.pages.calibrate import calibrate_page
-from torquebench.panel.pages.course import Dismissed
+from torquebench.panel.pages.calibrate.wizard import calibrate_page
+from torquebench.panel.pages.calibrate.workflow import Dismissed
 from torquebench.panel.pages.live import live_page
-from torquebench.panel.pages.records import records_page
-from torquebench.panel.pages.reducer import reducer_page
-from torquebench.panel.pages.settings import settings_page
+from torquebench.panel.pages.records.overview import records_page
+from torquebench.panel.pages.reducer.tests import reducer_page
+from torquebench.panel.pages.settings.overview import settings_page
 from torquebench.panel.pages.sign_in import safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
 from torquebench.panel.service import BenchService, LockedOutError, SignInError

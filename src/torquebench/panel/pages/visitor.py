@@ -10,7 +10,7 @@ from starlette.requests import Request
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.messages import Messages
-from torquebench.panel.pages.course import Dismissed
+from torquebench.panel.pages.calibrate.workflow import Dismissed
 from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
 from torquebench.panel.text import Text, choose_language
 

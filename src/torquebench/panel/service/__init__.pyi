@@ -1,10 +1,10 @@
-from .actors import (
+from .access.actors import (
     ROLES as ROLES,
     Actor as Actor,
     Role as Role,
     allows as allows,
 )
-from .alarm_views import (
+from .live.alarms import (
     AlarmView as AlarmView,
     StopReport as StopReport,
 )
@@ -12,13 +12,13 @@ from .bench_service import (
     JOB_KINDS as JOB_KINDS,
     BenchService as BenchService,
 )
-from .clients import (
+from .access.clients import (
     Client as Client,
 )
-from .differences import (
+from .settings.differences import (
     Difference as Difference,
 )
-from .job_values import (
+from .jobs.values import (
     JobPoint as JobPoint,
     JobPreview as JobPreview,
     JobResult as JobResult,
@@ -27,10 +27,10 @@ from .job_values import (
     PendingPrompt as PendingPrompt,
     Problem as Problem,
 )
-from .lease import (
+from .access.lease import (
     LeaseState as LeaseState,
 )
-from .live import (
+from .live.hub import (
     SIGNALS as SIGNALS,
     STALE_AFTER_S as STALE_AFTER_S,
     LatestValue as LatestValue,
@@ -39,7 +39,7 @@ from .live import (
     LiveTrend as LiveTrend,
     Signal as Signal,
 )
-from .people import (
+from .access.people import (
     User as User,
 )
 from .problems import (
@@ -52,10 +52,10 @@ from .problems import (
     PermissionDeniedError as PermissionDeniedError,
     SignInError as SignInError,
 )
-from .recalling import (
+from .jobs.recall import (
     InterruptedView as InterruptedView,
 )
-from .record_views import (
+from .records.views import (
     CalibrationDetail as CalibrationDetail,
     CalibrationView as CalibrationView,
     CertificateView as CertificateView,
@@ -66,14 +66,14 @@ from .record_views import (
     RunTable as RunTable,
     RunView as RunView,
 )
-from .settings_documents import (
+from .settings.documents import (
     SECTIONS as SECTIONS,
     Section as Section,
     SettingsChange as SettingsChange,
     SettingsItem as SettingsItem,
     read_upload as read_upload,
 )
-from .snapshot import (
+from .live.snapshot import (
     BenchSnapshot as BenchSnapshot,
     CompensationState as CompensationState,
     SideSnapshot as SideSnapshot,
@@ -81,7 +81,7 @@ from .snapshot import (
 from .store import (
     Event as Event,
 )
-from .table_desk import (
+from .records.table_import import (
     EnteredTable as EnteredTable,
     EnterTableRequest as EnterTableRequest,
     TableRequest as TableRequest,

@@ -12,34 +12,34 @@ from types import TracebackType
 from typing import Any, Self
 
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
-from torquebench.bench.prompts import DeskOperator, PromptDesk
+from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
-from torquebench.panel.service.actors import Actor, require
-from torquebench.panel.service.alarm_views import AlarmView, StopReport, alarm_view
-from torquebench.panel.service.clients import Clients
+from torquebench.panel.service.access.actors import Actor, require
+from torquebench.panel.service.access.clients import Clients
+from torquebench.panel.service.access.lease import CommandLease
+from torquebench.panel.service.access.people import People
 from torquebench.panel.service.fields import plain
-from torquebench.panel.service.job_calibrations import CALIBRATION_KINDS
-from torquebench.panel.service.job_checks import CERTIFICATE_KIND, CHECK_KINDS
-from torquebench.panel.service.job_reducers import REDUCER_KINDS
-from torquebench.panel.service.job_values import JobView
-from torquebench.panel.service.jobs import JobDesk, JobKind, Workplace
-from torquebench.panel.service.lease import CommandLease
-from torquebench.panel.service.live import STALE_AFTER_S, Connection, LiveHub
-from torquebench.panel.service.people import People
-from torquebench.panel.service.recalling import InterruptedView, interrupted_calibration, recall
-from torquebench.panel.service.records_desk import RecordsDesk
-from torquebench.panel.service.settings import SettingsDesk
-from torquebench.panel.service.snapshot import (
+from torquebench.panel.service.jobs.calibrations import CALIBRATION_KINDS
+from torquebench.panel.service.jobs.checks import CERTIFICATE_KIND, CHECK_KINDS
+from torquebench.panel.service.jobs.recall import InterruptedView, interrupted_calibration, recall
+from torquebench.panel.service.jobs.reducers import REDUCER_KINDS
+from torquebench.panel.service.jobs.runner import JobKind, JobRunner, Workplace
+from torquebench.panel.service.jobs.values import JobView
+from torquebench.panel.service.live.alarms import AlarmView, StopReport, alarm_view
+from torquebench.panel.service.live.hub import STALE_AFTER_S, Connection, LiveHub
+from torquebench.panel.service.live.snapshot import (
     BenchSnapshot,
     CompensationState,
     compensation_state,
     side_snapshots,
 )
+from torquebench.panel.service.records.queries import RecordQueries
+from torquebench.panel.service.records.table_import import TableImport
+from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import Event, PanelStore
-from torquebench.panel.service.table_desk import TableDesk
 from torquebench.station import Station, data_directory
 
 __all__ = ["JOB_KINDS", "BenchService"]
@@ -67,10 +67,10 @@ class BenchService:
     people : People
     clients : Clients
     lease : CommandLease
-    jobs : JobDesk
-    records : RecordsDesk
-    settings : SettingsDesk
-    tables : TableDesk
+    jobs : JobRunner
+    records : RecordQueries
+    settings : SettingsStore
+    tables : TableImport
     """
 
     def __init__(
@@ -85,16 +85,16 @@ class BenchService:
         self._store = store
         self._fast = fast
         self._data_dir = data_dir
-        self._prompts = PromptDesk()
+        self._prompts = PromptQueue()
         self._compensation: dict[Side, tuple[CompensationState | None, str]] = {}
-        self.settings = SettingsDesk(store, base)
+        self.settings = SettingsStore(store, base)
         self.people = People(store, later=self._later.submit)
         self.clients = Clients(store)
-        self.tables = TableDesk(lambda: self.station.registry, self.settings, self.note)
+        self.tables = TableImport(lambda: self.station.registry, self.settings, self.note)
         self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
         self.station = self._open_station()
         self._watch()
-        self.jobs = JobDesk(
+        self.jobs = JobRunner(
             Workplace(self.station, self.settings),
             self.lease,
             self._prompts,
@@ -157,7 +157,7 @@ class BenchService:
 
     def _open_station(self) -> Station:
         description = self.settings.bench()
-        operator = None if description.simulated else DeskOperator(self._prompts)
+        operator = None if description.simulated else QueuedOperator(self._prompts)
         return Station.open(
             _live_paced(description), self._data_dir, real_time=not self._fast, operator=operator
         )
@@ -166,7 +166,7 @@ class BenchService:
         """Look at the station that is open now."""
         station = self.station
         try:
-            self.records = RecordsDesk(station.registry)
+            self.records = RecordQueries(station.registry)
             self._viewer = station.acquisition.add_viewer(maximum=400)
             self.live = LiveHub(
                 station.description, station.clock, self._viewer, station.drivers.operator.mounted

@@ -1,0 +1,170 @@
+"""A complete run on one open station: both modules calibrated, fitted, verified; friction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+from torquebench import __version__
+from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.calibration import Profile, load_profile
+from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models
+from torquebench.campaign.measuring import (
+    Measured,
+    measure_calibration,
+    measure_friction,
+    measure_verification,
+)
+from torquebench.campaign.modules import (
+    RegisteredCalibration,
+    dense_sweep,
+    evaluate_module,
+    register_calibration,
+    register_verification,
+)
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.results import DemoResult, ModuleResult
+from torquebench.compensation import RECOMMENDED
+from torquebench.procedures import FrictionSettings, StaircaseResult
+from torquebench.station import Station
+
+__all__ = ["DemoSettings", "run_demo"]
+
+
+@dataclass(frozen=True)
+class DemoSettings:
+    """What the demo consists of.
+
+    Parameters
+    ----------
+    calibration, verification : Profile
+        By default the rapid calibration in place (50 points per direction, up and down) and ten
+        groups of 50 fresh points.
+    friction : FrictionSettings or None
+        By default 20 to 1200 rpm with three repeats; None leaves the reducer out.
+    models : tuple of ModelChoice
+        What is fitted beside the recommended model.
+    seed : int
+        Draws the points of the verification.
+    """
+
+    calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
+    verification: Profile = field(default_factory=lambda: load_profile("verification"))
+    friction: FrictionSettings | None = field(default_factory=FrictionSettings)
+    models: tuple[ModelChoice, ...] = (
+        ModelChoice("bayesian-network"),
+        ModelChoice("published-network"),
+        ModelChoice("polynomial-2"),
+    )
+    seed: int = 1
+
+    def choices(self) -> list[ModelChoice]:
+        """Return the models with the recommended one first."""
+        recommended = [choice for choice in self.models if choice.name == RECOMMENDED]
+        first = recommended or [ModelChoice(RECOMMENDED)]
+        return first + [choice for choice in self.models if choice.name != RECOMMENDED]
+
+
+def run_demo(
+    station: Station, settings: DemoSettings | None = None, progress: Progress = NO_PROGRESS
+) -> DemoResult:
+    """Zero, calibrate, fit, verify both modules and sweep the friction of a mounted reducer.
+
+    Everything is registered: runs, calibrations, models, which model is in use, verifications.
+
+    Parameters
+    ----------
+    station : Station
+    settings : DemoSettings, optional
+    progress : Progress
+        Told every stage.
+    """
+    settings = settings or DemoSettings()
+    started, clock_started = datetime.now(UTC), time.perf_counter()
+    bench_started = station.clock.now()
+    modules = _modules(station, settings, progress)
+    friction = None
+    if settings.friction is not None:
+        station.activate_compensation("input")
+        friction = measure_friction(station, settings.friction, progress=progress)
+    description = station.description
+    return DemoResult(
+        bench_name=description.name,
+        simulated=description.simulated,
+        preset=str(description.simulation.get("preset", "")),
+        seed=int(description.simulation.get("seed", 0)),
+        started=started,
+        bench_seconds=station.clock.now() - bench_started,
+        elapsed_seconds=time.perf_counter() - clock_started,
+        modules=tuple(modules),
+        friction=None if friction is None else friction.result,
+        friction_run_id="" if friction is None else friction.record.run_id,
+        software_version=__version__,
+    )
+
+
+@dataclass(frozen=True)
+class _Calibrated:
+    """A module between its calibration and its verification."""
+
+    side: Side
+    measured: Measured[StaircaseResult]
+    fitted: list[FittedModel]
+    registered: RegisteredCalibration
+
+
+def _modules(station: Station, settings: DemoSettings, progress: Progress) -> list[ModuleResult]:
+    """Calibrate both modules before the standard is changed for the verifications."""
+    choices = settings.choices()
+    measured = [
+        measure_calibration(station, side, settings.calibration, progress=progress)
+        for side in SIDES
+    ]
+    calibrated = [
+        _fit(station, settings, side, item, choices, progress)
+        for side, item in zip(SIDES, measured, strict=True)
+    ]
+    return [_verify(station, settings, item, choices[0].name, progress) for item in calibrated]
+
+
+def _fit(
+    station: Station,
+    settings: DemoSettings,
+    side: Side,
+    measured: Measured[StaircaseResult],
+    choices: Sequence[ModelChoice],
+    progress: Progress,
+) -> _Calibrated:
+    data = measured.result.data
+    title = f"Fitting the {side} module"
+    fitted = fit_models(data, choices, progress, title=title)
+    registered = register_calibration(
+        station, measured, settings.calibration, fitted, active=choices[0].name
+    )
+    return _Calibrated(side, measured, fitted, registered)
+
+
+def _verify(
+    station: Station,
+    settings: DemoSettings,
+    calibrated: _Calibrated,
+    recommended: str,
+    progress: Progress,
+) -> ModuleResult:
+    side = calibrated.side
+    verified = measure_verification(
+        station, side, settings.verification, settings.seed, progress=progress
+    )
+    module, result = evaluate_module(
+        calibrated.measured.result,
+        verified.result,
+        settings.calibration,
+        calibrated.fitted,
+        recommended,
+        dense=dense_sweep(station, side),
+        run_ids=(calibrated.measured.record.run_id, verified.record.run_id),
+    )
+    register_verification(station, calibrated.registered, result, verified.record.run_id)
+    return module

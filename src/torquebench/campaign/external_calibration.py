@@ -1,0 +1,260 @@
+"""Enter a calibration that was measured elsewhere: one sealed record, as if a run had made it."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from torquebench import __version__
+from torquebench.calibration import CalibrationData, Profile, propose_due_date
+from torquebench.compensation import load_model
+from torquebench.errors import InputError
+from torquebench.records import (
+    MANIFEST,
+    CalibrationEntry,
+    Equipment,
+    ModelEntry,
+    Registry,
+    Report,
+    RunFolder,
+    RunSummary,
+    json_text,
+    sha256_of_file,
+    write_atomically,
+)
+
+__all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
+
+KIND = "calibration-table"
+"""Kind of the run that keeps a table from elsewhere."""
+
+
+@dataclass(frozen=True)
+class ExternalCalibration:
+    """Circumstances of a calibration that nobody here has watched.
+
+    Parameters
+    ----------
+    performed : datetime.datetime
+        When, with time zone.
+    measured_by : str
+        Who did it.
+    place : str
+        Where: the bench or the laboratory.
+    transducer : Equipment
+        What was calibrated.
+    indicator : str
+        Identity of the counter or amplifier that it was read with.
+    reference : Report
+        The standard and its certificate; the uncertainty is in % of the torque.
+    reference_model : str
+        Type of the standard.
+    resolution_nm : float
+        Resolution of the indication, N·m.
+    """
+
+    performed: datetime
+    measured_by: str
+    place: str
+    transducer: Equipment
+    indicator: str
+    reference: Report
+    reference_model: str
+    resolution_nm: float
+
+
+@dataclass(frozen=True)
+class RegisteredTable:
+    """What was entered: the run that keeps the table, its calibration, and the model."""
+
+    run_id: str
+    calibration: CalibrationEntry
+    model: ModelEntry | None
+
+
+def register_table(
+    registry: Registry,
+    table: Path,
+    data: CalibrationData,
+    profile: Profile,
+    circumstances: ExternalCalibration,
+    *,
+    operator: str,
+    model: Path | None = None,
+    called: str = "",
+) -> RegisteredTable:
+    """Enter a table with its equipment; certificates and exports then work as for a run.
+
+    The table itself is kept, byte by byte, in a sealed folder beside those of the runs.
+
+    Parameters
+    ----------
+    registry : Registry
+    table : pathlib.Path
+        The CSV file.
+    data : CalibrationData
+        As it was read, with nominal torques.
+    profile : Profile
+        That was followed.
+    circumstances : ExternalCalibration
+    operator : str
+        Who enters it.
+    model : pathlib.Path, optional
+        File of a compensation model for these points; a copy is kept.
+    called : str, optional
+        What records call the table; its file's name by default.
+
+    Raises
+    ------
+    InputError
+        Where something isn't named, or these points are entered already.
+    """
+    _require(circumstances)
+    called = called or table.name
+    serial = circumstances.transducer.serial
+    for entry in registry.calibrations(serial):
+        if entry.data_sha256 == data.sha256():
+            raise InputError(
+                f"the points of {called} are entered as calibration-{entry.calibration_id}",
+                "a table that isn't entered yet",
+                f"torquebench certificate calibration-{entry.calibration_id}",
+            )
+    stored = None if model is None else _fitting_model(model, data)
+    metadata = _metadata(profile, circumstances, data, operator)
+    metadata |= {"table": called, "table_sha256": sha256_of_file(table)}
+    writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
+    with writer:
+        _documents(writer, profile, circumstances)
+        writer.write_text("table.csv", table.read_text(encoding="utf-8-sig"))
+        writer.write_results(
+            {
+                "data": data,
+                "unsettled": 0,
+                "standard_serial": circumstances.reference.serial,
+                "resolution_nm": circumstances.resolution_nm,
+            }
+        )
+        folder = writer.seal()
+    with registry.writing():
+        _register_equipment(registry, circumstances)
+        registry.add_run(_summary(folder, profile, circumstances, data))
+        registry.finish_run(folder, circumstances.performed)
+        entry = registry.add_calibration(
+            data,
+            performed=circumstances.performed,
+            run_id=folder.run_id,
+            standard_serial=circumstances.reference.serial,
+            profile_name=profile.name,
+            profile_sha256=profile.sha256,
+            measured_by=circumstances.measured_by,
+            due=propose_due_date(circumstances.performed, None, longest_days=profile.valid_days),
+            files={MANIFEST: sha256_of_file(folder.path / MANIFEST), "table.csv": _sha256(folder)},
+            summary={"table": called, "entered by": operator},
+        )
+        kept = None
+        if stored is not None and model is not None:
+            path = registry.root / "models" / f"{folder.run_id}-{stored.kind}.json"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, model.read_bytes())
+            kept = registry.add_model(entry, kind=stored.kind, file=path, side=data.side)
+    return RegisteredTable(folder.run_id, entry, kept)
+
+
+def _require(circumstances: ExternalCalibration) -> None:
+    for value, what, option in (
+        (circumstances.transducer.serial, "the transducer's serial number", "--transducer"),
+        (circumstances.indicator, "the counter or amplifier it was read with", "--indicator"),
+        (circumstances.reference.serial, "the standard's serial number", "--reference-serial"),
+        (circumstances.measured_by, "who measured it", "--measured-by"),
+    ):
+        if not value:
+            raise InputError(
+                f"a calibration to be entered without {what}", "a name", f"give {option}"
+            )
+
+
+def _fitting_model(file: Path, data: CalibrationData) -> Any:
+    stored = load_model(file)
+    provenance = stored.provenance
+    if abs(provenance.range_nm - data.range_nm) > 1e-6 * data.range_nm:
+        raise InputError(
+            f"model {file} is for ±{provenance.range_nm:g} N·m",
+            f"a model for ±{data.range_nm:g} N·m, the table's range",
+        )
+    return stored.model
+
+
+def _sha256(folder: RunFolder) -> str:
+    return sha256_of_file(folder.path / "table.csv")
+
+
+def _metadata(
+    profile: Profile,
+    circumstances: ExternalCalibration,
+    data: CalibrationData,
+    operator: str,
+) -> dict[str, Any]:
+    reference = circumstances.reference
+    return {
+        "simulated": data.simulated,
+        "bench_name": circumstances.place,
+        "operator": circumstances.measured_by,
+        "entered_by": operator,
+        "entered": datetime.now(UTC),
+        "side": data.side,
+        "profile_name": profile.name,
+        "profile_sha256": profile.sha256,
+        "counter_identity": circumstances.indicator,
+        "standard": {
+            "serial": reference.serial,
+            "model": circumstances.reference_model,
+            "certificate_number": reference.number,
+            "laboratory": reference.laboratory,
+            "performed": reference.performed,
+            "due": reference.due,
+            "expanded_uncertainty_percent": reference.expanded_uncertainty_percent,
+            "uncertainty_of": "torque",
+        },
+    }
+
+
+def _documents(writer: Any, profile: Profile, circumstances: ExternalCalibration) -> None:
+    uid, time_s = secrets.token_hex(8), circumstances.performed.timestamp()
+    settings = json.loads(json_text(profile))
+    named = {"name": profile.name, "sha256": profile.sha256, "settings": settings}
+    writer.document("start", {"uid": uid, "time": time_s, "plan_name": KIND, "profile": named})
+    writer.document(
+        "stop",
+        {"uid": secrets.token_hex(8), "run_start": uid, "time": time_s, "exit_status": "success"},
+    )
+
+
+def _register_equipment(registry: Registry, circumstances: ExternalCalibration) -> None:
+    reference = circumstances.reference
+    registry.add_equipment(circumstances.transducer)
+    registry.add_equipment(Equipment("counter", circumstances.indicator))
+    if reference.serial not in {each.serial for each in registry.equipment("calibrator")}:
+        model = circumstances.reference_model
+        registry.add_equipment(Equipment("calibrator", reference.serial, model=model))
+
+
+def _summary(
+    folder: RunFolder, profile: Profile, circumstances: ExternalCalibration, data: CalibrationData
+) -> RunSummary:
+    return RunSummary(
+        run_id=folder.run_id,
+        kind=KIND,
+        started=circumstances.performed,
+        simulated=data.simulated,
+        software_version=__version__,
+        folder=folder.path,
+        side=data.side,
+        operator=circumstances.measured_by,
+        bench=circumstances.place,
+        profile_name=profile.name,
+        profile_sha256=profile.sha256,
+    )

@@ -1,0 +1,89 @@
+"""Two event loops: one in front that only passes messages on and stops the bench, one behind.
+
+Whatever a page or an operation computes on the loop behind, however long, the loop in front goes
+on taking connections, so that a stop never waits for it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
+from types import TracebackType
+from typing import Any, Self
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+__all__ = ["EventLoopBridge"]
+
+
+class EventLoopBridge:
+    """An ASGI application that runs another one on an event loop of its own.
+
+    Parameters
+    ----------
+    app : ASGIApp
+        Called on a thread of its own, from entering the block until its end.
+    loop_factory : callable, optional
+        Makes that thread's loop.
+    """
+
+    def __init__(
+        self, app: ASGIApp, loop_factory: Callable[[], asyncio.AbstractEventLoop] | None = None
+    ) -> None:
+        self._app = app
+        self._factory = loop_factory
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended: asyncio.Event | None = None
+        self._began = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="torquebench-pages", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        self._began.wait()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        assert self._loop is not None
+        assert self._ended is not None
+        self._loop.call_soon_threadsafe(self._ended.set)
+        self._thread.join()
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=self._factory) as runner:
+            runner.run(self._until_ended())
+
+    async def _until_ended(self) -> None:
+        self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
+        self._began.set()
+        await self._ended.wait()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Have the application behind answer, and carry what it receives and sends across."""
+        assert self._loop is not None
+        front = asyncio.get_running_loop()
+
+        async def receiving() -> Message:
+            found: Message = await _on(front, receive())
+            return found
+
+        async def sending(message: Message) -> None:
+            await _on(front, send(message))
+
+        await _on(self._loop, self._app(scope, receiving, sending))
+
+
+async def _on(loop: asyncio.AbstractEventLoop, work: Awaitable[Any]) -> Any:
+    """Await something on another loop; cancelling this cancels it there."""
+
+    async def awaited() -> Any:
+        return await work
+
+    found: Future[Any] = asyncio.run_coroutine_threadsafe(awaited(), loop)
+    return await asyncio.wrap_future(found)

@@ -1,0 +1,1 @@
+"""The calibration workflow: mount, measure, compare models, verify, sign."""

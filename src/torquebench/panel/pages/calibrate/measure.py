@@ -1,0 +1,253 @@
+"""The wizard's first steps: what is going to happen, and the staircase as it happens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from torquebench.bench.roles import SIDES
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.elements import box, pairs, panel, tag, words
+from torquebench.panel.pages.calibrate.resume import interrupted_note
+from torquebench.panel.pages.job_panel import duration_words, problem_note
+from torquebench.panel.pages.quick import clear_choice
+from torquebench.panel.pages.records.table_import import profile_titles
+from torquebench.panel.service import JobPreview
+from torquebench.panel.text import Text
+
+if TYPE_CHECKING:
+    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+
+__all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
+
+FIRST_PROFILE = "rapid-in-situ"
+TYPING_S = 0.4
+"""Who types a number types the next digit within this time, s."""
+
+
+class PrepareStep:
+    """Choose module and profile, see what would happen, begin."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
+        self._checked: tuple[Any, ...] = ()
+        self._waiting: ui.timer | None = None
+
+    def build(self) -> None:
+        """Make the step's elements."""
+        text, visitor = self._text, self._page.visitor
+        interrupted_note(visitor)
+        with box("div", "columns"):
+            with panel(text("prepare.what")), box("div", "stack"):
+                ranges = visitor.service.snapshot().sides
+                sides: dict[str, tuple[str, str]] = {
+                    side: (text(f"side.{side}"), f"±{ranges[side].range_nm:g} N·m")
+                    for side in reversed(SIDES)
+                }
+                self._side = Choice(text("prepare.side"), sides, "output", on_change=self._preview)
+                profiles = profile_titles(visitor)
+                self._profile = Field(
+                    text("prepare.profile"),
+                    FIRST_PROFILE,
+                    options=profiles,
+                    on_change=lambda _: self._preview(),
+                )
+                step = {"": text("prepare.as_profile"), "5": "5 %", "10": "10 %", "20": "20 %"}
+                self._step = Field(
+                    text("prepare.step"), options=step, on_change=lambda _: self._preview()
+                )
+                self._up_to = Field(
+                    text("prepare.up_to"),
+                    kind="number",
+                    unit="N·m",
+                    hint=text("prepare.up_to_hint"),
+                    on_change=lambda _: self._preview_soon(),
+                    min="0",
+                    step="any",
+                )
+                repeats = {"": text("prepare.as_profile"), "1": "1", "2": "2", "3": "3", "10": "10"}
+                self._repeats = Field(
+                    text("prepare.repeats"), options=repeats, on_change=lambda _: self._preview()
+                )
+                self._clear = clear_choice(visitor)
+            with panel(text("prepare.checks")), box("div", "stack"):
+                self._checks = box("ul", "stack")
+                self._start = button(
+                    text("prepare.start"), self._begin, "primary", picture="play_arrow"
+                )
+        self._plan = box("div")
+        self._preview()
+
+    def refresh(self) -> None:
+        """Check the bench again."""
+        snapshot = self._page.visitor.service.snapshot()
+        holder = snapshot.commanded_by
+        mine = self._page.visitor.commands
+        checks: tuple[tuple[bool, str], ...] = (
+            (snapshot.connection == "live", "readings"),
+            (not snapshot.stopped, "alarm"),
+            (mine or holder is None, "command"),
+            (snapshot.job_id is None, "idle"),
+        )
+        service = self._page.visitor.service
+        if service.presence_wanted:
+            checks += ((mine and service.presence_left_s > 0.0, "presence"),)
+        if checks == self._checked:
+            return
+        self._checked = checks
+        self._checks.clear()
+        with self._checks:
+            for good, key in checks:
+                with box("li", "line"):
+                    kind = "good" if good else "bad"
+                    tag(self._text(f"prepare.{kind}"), kind, "check" if good else "close")
+                    words("span", self._text(f"prepare.check_{key}"))
+
+    def _request(self) -> dict[str, Any]:
+        request: dict[str, Any] = {"side": self._side.value, "profile": self._profile.value}
+        if self._step.value:
+            request["step_percent"] = float(self._step.value)
+        if self._up_to.value:
+            request["up_to_nm"] = float(self._up_to.value)
+        if self._repeats.value:
+            request["repeats"] = int(self._repeats.value)
+        if self._clear is not None:
+            request["bench_clear"] = "clear" in self._clear.values
+        return request
+
+    def _preview_soon(self) -> None:
+        """Show what would happen once nothing more is typed."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+        with self._plan:
+            self._waiting = ui.timer(TYPING_S, self._preview, once=True)
+
+    def _preview(self) -> None:
+        self._waiting = None
+        self._plan.clear()
+        with self._plan, panel(self._text("preview.title")):
+            try:
+                preview = self._page.visitor.service.jobs.preview("calibrate", self._request())
+            except TorquebenchError as error:
+                problem_note(self._text, error, "warn")
+                return
+            preview_panel(self._text, preview)
+
+    def _begin(self) -> None:
+        self._page.start("calibrate", self._request())
+
+
+def preview_panel(text: Text, preview: JobPreview) -> None:
+    """Show what a job would do, with durations and limits."""
+    rows = [
+        (text("preview.duration"), duration_words(preview.duration_s)),
+        (text("preview.points"), str(preview.points)),
+    ]
+    rows += _extremes(text, "torque", preview.largest_torque_nm, preview.limit_torque_nm, "N·m")
+    rows += _extremes(text, "speed", preview.largest_speed_rpm, preview.limit_speed_rpm, "rpm")
+    if preview.mounts:
+        what = ", ".join(text.maybe(f"mounting.{each.replace(' ', '_')}", each)
+                         for each in dict.fromkeys(preview.mounts))  # fmt: skip
+        rows.append((text("preview.mounts"), what))
+    pairs(rows)
+    for remark in preview.remarks:
+        words("p", text.core(remark), "small muted")
+    if preview.time_s:
+        time, target = _steps(preview.time_s, preview.target_nm)
+        Chart(
+            text("preview.chart"),
+            text("preview.time"),
+            text("preview.torque_axis"),
+            [Line(text("preview.target"), time, target, "--series-1")],
+        )
+
+
+def _extremes(
+    text: Text, what: str, largest: Mapping[str, float], limit: Mapping[str, float], unit: str
+) -> list[tuple[str, str]]:
+    return [
+        (
+            text(f"preview.{what}", side=text(f"side.{side}")),
+            text("preview.of", value=f"{value:g}", limit=f"{limit[side]:g}", unit=unit),
+        )
+        for side, value in largest.items()
+        if value and side in limit
+    ]
+
+
+def _steps(time: tuple[float, ...], target: tuple[float, ...]) -> tuple[list[float], list[float]]:
+    """Draw what is held until the next step as a staircase."""
+    x: list[float] = []
+    y: list[float] = []
+    before = 0.0
+    for moment, value in zip(time, target, strict=True):
+        x += [moment, moment]
+        y += [before, value]
+        before = value
+    return x, y
+
+
+class MeasureStep:
+    """The staircase and the growing curve of errors."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
+        self._count = -1
+
+    def build(self) -> None:
+        """Make the step's elements."""
+        text, job = self._text, self._page.workflow.calibrate
+        if job is not None and not job.open:
+            interrupted_note(self._page.visitor)
+        with box("div", "columns"):
+            with panel(text("measure.staircase")):
+                self._staircase = Chart(
+                    text("measure.staircase_label"),
+                    text("measure.point"),
+                    text("measure.standard_axis"),
+                )
+            with panel(text("measure.errors")):
+                self._errors = Chart(
+                    text("measure.errors_label"),
+                    text("measure.standard_axis"),
+                    text("measure.error_axis"),
+                )
+                self._said = words("p", "", "muted number", role="status")
+
+    def refresh(self) -> None:
+        """Draw the points that have come."""
+        job = self._page.workflow.calibrate
+        if job is None or job.points == self._count:
+            return
+        self._count = job.points
+        found = self._page.visitor.service.jobs.points(job.job_id)
+        points = [point.values for point in found if "error_nm" in point.values]
+        text = self._text
+        number = list(range(1, len(points) + 1))
+        standard = [point["standard_nm"] for point in points]
+        self._staircase.show([Line(text("live.reference"), number, standard, "--series-3")])
+        lines = []
+        for branch, key, symbol in ((1, "rising", "triangle"), (-1, "falling", "circle")):
+            chosen = [point for point in points if (point.get("branch", 1) >= 0) == (branch > 0)]
+            lines.append(
+                Line(
+                    text(f"measure.{key}"),
+                    [point["standard_nm"] for point in chosen],
+                    [point["error_nm"] for point in chosen],
+                    "--series-2" if branch > 0 else "--series-1",
+                    points=True,
+                    symbol=symbol,
+                )
+            )
+        self._errors.show(lines)
+        if points:
+            last = points[-1]
+            said = {
+                key: f"{last[f'{key}_nm']:.3f}".replace("-", "−")
+                for key in ("reading", "standard", "error")
+            }
+            self._said.set_text(text("measure.last", number=len(points), **said))

@@ -1,0 +1,162 @@
+"""The wizard's last steps: sign-off and activation, and the certificate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.elements import box, note, panel, words
+from torquebench.panel.pages.downloads import certificate_buttons
+
+if TYPE_CHECKING:
+    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+
+__all__ = ["CertificateStep", "SignStep"]
+
+LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
+
+
+class SignStep:
+    """Choose the model to be used, sign with the password, put it into use."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
+
+    def build(self) -> None:
+        """Make the step's elements."""
+        text, workflow, visitor = self._text, self._page.workflow, self._page.visitor
+        with panel(text("sign.title")), box("div", "stack"):
+            number = workflow.calibration_id
+            assert number is not None
+            words("p", text("sign.explained"))
+            if workflow.verify is None or workflow.verify.result is None:
+                note(text("sign.unverified"), "warn")
+            elif workflow.verify.result.verdict not in ("pass", ""):
+                note(
+                    text.core(workflow.verify.result.headline),
+                    "warn",
+                    title=text("sign.not_passed"),
+                )
+            if not visitor.has_role("metrologist"):
+                role = text(f"role.{visitor.looker.role}")
+                note(text("frame.not_allowed", role=role), "warn")
+                return
+            measured_by = visitor.service.records.calibration(number).calibration.measured_by
+            if measured_by == visitor.looker.label:
+                note(text("sign.own"), "warn")
+                return
+            models = workflow.models
+            if not models:
+                note(text("sign.no_model"), "warn")
+                return
+            best = workflow.verified_best
+            chosen = next((name for name in (workflow.recommended, best) if name in models), "")
+            options = {
+                name: (
+                    text.core(model["title"]),
+                    text("sign.recommended") if name == workflow.recommended else
+                    text("sign.best") if name == best else
+                    text("sign.model", number=model["model_id"]),
+                )
+                for name, model in models.items()
+            }  # fmt: skip
+            self._model = Choice(text("sign.use"), options, chosen or next(iter(models)))
+            self._remark = Field(text("sign.remark"), maxlength="500")
+            self._password = Field(
+                text("sign.password"),
+                kind="password",
+                autocomplete="current-password",
+                on_enter=self._sign,
+            )
+            with box("div", "line"):
+                button(text("sign.button"), self._sign, "primary", picture="draw")
+
+    def refresh(self) -> None:
+        """Nothing grows here."""
+
+    def _sign(self) -> None:
+        visitor, text, workflow = self._page.visitor, self._text, self._page.workflow
+        number = workflow.calibration_id
+        assert number is not None
+        model_id = workflow.models[self._model.value]["model_id"]
+        service, remark = visitor.service, self._remark.value
+        self._password.wrong("")
+        try:
+            actor = visitor.actor
+            service.jobs.command(actor)  # refused before anything is signed
+            service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
+            service.activate(actor, model_id, remark or text("sign.reason"))
+        except TorquebenchError as error:
+            self._password.wrong(text.refusal_line(error))
+            self._password.set("")
+            return
+        visitor.messages.good(text("sign.done"))
+        self._page.show("certificate")
+
+
+class CertificateStep:
+    """Issue the certificate and fetch its files."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
+
+    def build(self) -> None:
+        """Make the step's elements."""
+        text, visitor = self._text, self._page.visitor
+        certificate = self._page.workflow.certificate
+        issued = certificate is not None and certificate.result is not None
+        with panel(text("certificate.title")), box("div", "stack"):
+            if issued:
+                assert certificate is not None
+                assert certificate.result is not None
+                number = str(certificate.result.certificate)
+                words("p", text("certificate.issued", number=number))
+                certificate_buttons(visitor, number, certificate.result.details["files"])
+                return
+            if not visitor.has_role("metrologist"):
+                role = text(f"role.{visitor.looker.role}")
+                note(text("frame.not_allowed", role=role), "warn")
+                return
+            self._form()
+
+    def _form(self) -> None:
+        text = self._text
+        words("p", text("certificate.explained"))
+        self._languages = Choice(
+            text("certificate.languages"), LANGUAGES, (text.language,), several=True
+        )
+        self._tolerance = Field(text("verify.tolerance"), "0.1", unit="% FS", inputmode="decimal")
+        self._password = Field(
+            text("sign.password"),
+            kind="password",
+            autocomplete="current-password",
+            on_enter=self._issue,
+        )
+        with box("div", "line"):
+            button(text("certificate.button"), self._issue, "primary", picture="workspace_premium")
+
+    def refresh(self) -> None:
+        """Nothing grows here."""
+
+    def _issue(self) -> None:
+        visitor, text = self._page.visitor, self._text
+        try:
+            tolerance = float(self._tolerance.value.replace(",", "."))
+        except ValueError:
+            self._tolerance.wrong(text("verify.tolerance_wrong"))
+            return
+        self._tolerance.wrong("")
+        self._password.wrong("")
+        request = {
+            "calibration_id": self._page.workflow.calibration_id,
+            "languages": tuple(name for name in LANGUAGES if name in self._languages.values),
+            "tolerance_percent_fs": tolerance,
+        }
+        try:
+            visitor.service.issue_certificate(visitor.actor, request, self._password.value)
+        except TorquebenchError as error:
+            self._password.wrong(text.refusal_line(error))
+            self._password.set("")
+            return
+        self._page.refresh()

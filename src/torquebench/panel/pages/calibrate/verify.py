@@ -1,0 +1,136 @@
+"""The wizard's step of verification: fresh points in ten groups against the best standard."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.elements import box, panel, table, words
+from torquebench.panel.pages.quick import clear_choice
+from torquebench.reports.errors_table import number
+
+if TYPE_CHECKING:
+    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+
+__all__ = ["VerifyStep"]
+
+
+class VerifyStep:
+    """Start a verification, watch it, see what it found."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
+        self._count = -1
+        self._growing: Chart | None = None
+
+    def build(self) -> None:
+        """Make the step's elements."""
+        verify = self._page.workflow.verify
+        if verify is None or (verify.result is None and not verify.open):
+            self._beginning()
+        elif verify.result is None:
+            with panel(self._text("verify.growing")):
+                self._growing = Chart(
+                    self._text("measure.errors_label"),
+                    self._text("measure.standard_axis"),
+                    self._text("measure.error_axis"),
+                )
+        else:
+            self._found(verify.result.details)
+
+    def refresh(self) -> None:
+        """Draw the points that have come."""
+        verify = self._page.workflow.verify
+        if self._growing is None or verify is None or verify.points == self._count:
+            return
+        self._count = verify.points
+        found = self._page.visitor.service.jobs.points(verify.job_id)
+        points = [point.values for point in found if "error_nm" in point.values]
+        x = [point["standard_nm"] for point in points]
+        y = [point["error_nm"] for point in points]
+        self._growing.show([Line(self._text("live.line_raw"), x, y, "--series-raw", points=True)])
+
+    def _beginning(self) -> None:
+        text = self._text
+        with panel(text("verify.title")), box("div", "stack"):
+            words("p", text("verify.explained"))
+            groups = {"2": "2", "5": "5", "10": "10"}
+            self._groups = Field(text("verify.groups"), "10", options=groups)
+            self._tolerance = Field(
+                text("verify.tolerance"), "0.1", unit="% FS", inputmode="decimal"
+            )
+            self._clear = clear_choice(self._page.visitor)
+            button(text("verify.start"), self._begin, "primary", picture="play_arrow")
+
+    def _begin(self) -> None:
+        try:
+            tolerance = float(self._tolerance.value.replace(",", "."))
+        except ValueError:
+            self._tolerance.wrong(self._text("verify.tolerance_wrong"))
+            return
+        request: dict[str, Any] = {
+            "calibration_id": self._page.workflow.calibration_id,
+            "groups": int(self._groups.value),
+            "tolerance_percent_fs": tolerance,
+        }
+        if self._clear is not None:
+            request["bench_clear"] = "clear" in self._clear.values
+        self._page.start("verify", request)
+
+    def _found(self, details: Mapping[str, Any]) -> None:
+        text, models = self._text, details["models"]
+        names = list(models)
+        rows = []
+        for name in names:
+            model = models[name]
+            single, averaged = model["result"]["against_standard"], model["result"]["averaged"]
+            rows.append(
+                (
+                    text.core(model["title"]),
+                    number(single["worst_nm"]),
+                    number(single["worst_percent_fs"]),
+                    number(averaged["worst_nm"]) if averaged else "—",
+                    text.maybe(f"verdict.{model['verdict']}", model["verdict"]),
+                )
+            )
+        headings = (("model", False), ("worst", True), ("worst_percent", True),
+                    ("averaged", True), ("verdict", False))  # fmt: skip
+        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
+        with panel(text("verify.found")), box("div", "stack"):
+            table(text("verify.found"), columns, rows, best=names.index(details["best"]))
+        limit = details["tolerance_percent_fs"] / 100.0 * details["range_nm"]
+        with box("div", "columns"):
+            with panel(text("verify.by_group")):
+                self._by_group(models)
+            with panel(text("verify.by_torque")):
+                Chart(
+                    text("measure.errors_label"),
+                    text("measure.standard_axis"),
+                    text("measure.error_axis"),
+                    [
+                        Line(text.core(models[name]["title"]), details["standard_nm"],
+                             models[name]["error_nm"], _colour(place), points=True)
+                        for place, name in enumerate(names)
+                    ],
+                    limits=(-limit, limit),
+                )  # fmt: skip
+
+    def _by_group(self, models: dict[str, Any]) -> None:
+        text = self._text
+        lines = []
+        count = 0
+        for place, model in enumerate(models.values()):
+            worst = [group["worst_nm"] for group in model["result"]["groups"]]
+            count = max(count, len(worst))
+            lines.append(Line(text.core(model["title"]), [], worst, _colour(place)))
+        names = [str(place) for place in range(1, count + 1)]
+        Chart(
+            text("verify.by_group_label"), text("verify.group"), text("verify.worst_axis"), lines,
+            names=names,
+        )  # fmt: skip
+
+
+def _colour(place: int) -> str:
+    return "--series-raw" if place == 0 else COLOURS[(place - 1) % len(COLOURS)]

@@ -1,0 +1,115 @@
+"""Where a calibration stands between mounting the calibrator and its certificate.
+
+Read from the jobs, which the server keeps: a page that is opened again, or by somebody else,
+shows the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+from torquebench.panel.service import JobView
+
+__all__ = ["STEPS", "CalibrationWorkflow", "Dismissed", "Step", "find_workflow"]
+
+Step = Literal["prepare", "measure", "models", "verify", "sign", "certificate"]
+STEPS: tuple[Step, ...] = get_args(Step)
+MEASURING = ("calibrate", "resume-calibration")
+
+
+@dataclass
+class Dismissed:
+    """Calibrations that somebody has put aside to begin another one."""
+
+    job_ids: set[str] = field(default_factory=set)
+
+
+@dataclass(frozen=True)
+class CalibrationWorkflow:
+    """One calibration's jobs, each the newest of its kind.
+
+    Attributes
+    ----------
+    calibrate, compare, fit, verify, certificate : JobView or None
+    fits : tuple of JobView
+        All models fitted afterwards.
+    """
+
+    calibrate: JobView | None = None
+    compare: JobView | None = None
+    fits: tuple[JobView, ...] = ()
+    verify: JobView | None = None
+    certificate: JobView | None = None
+
+    @property
+    def calibration_id(self) -> int | None:
+        """The registered calibration; None before it is measured."""
+        result = None if self.calibrate is None else self.calibrate.result
+        return None if result is None else result.calibration_id
+
+    @property
+    def reached(self) -> Step:
+        """The furthest step that there is something to do or see at."""
+        if self.calibrate is None:
+            return "prepare"
+        if self.calibration_id is None:
+            return "measure"
+        if self.certificate is not None:
+            return "certificate"
+        if self.verify is None:
+            return "models"
+        return "sign" if self.verify.result is not None else "verify"
+
+    @property
+    def models(self) -> dict[str, dict[str, Any]]:
+        """Every fitted model by its name, with its registry number as `model_id`."""
+        found: dict[str, dict[str, Any]] = {}
+        for job in (self.calibrate, *self.fits):
+            if job is None or job.result is None:
+                continue
+            for name, model in job.result.details.get("models", {}).items():
+                found[name] = {**model, "model_id": job.result.model_ids[name]}
+        return dict(sorted(found.items(), key=lambda item: int(item[1]["model_id"])))
+
+    @property
+    def verified_best(self) -> str:
+        """Name of the model that left the least error in the verification; empty before it."""
+        if self.verify is None or self.verify.result is None:
+            return ""
+        number = self.verify.result.model_ids.get(str(self.verify.result.details["best"]))
+        models = self.models.items()
+        return next((name for name, model in models if model["model_id"] == number), "")
+
+    @property
+    def recommended(self) -> str:
+        """Name of the model that the comparison selected; empty before it."""
+        if self.compare is None or self.compare.result is None:
+            return ""
+        return str(self.compare.result.details["selected"])
+
+
+def find_workflow(jobs: list[JobView], dismissed: Dismissed) -> CalibrationWorkflow:
+    """Return the newest calibration's workflow; an empty one where there is none.
+
+    Parameters
+    ----------
+    jobs : list of JobView
+        The newest first.
+    dismissed : Dismissed
+    """
+    calibrate = next((job for job in jobs if job.kind in MEASURING), None)
+    if calibrate is None or calibrate.job_id in dismissed.job_ids:
+        return CalibrationWorkflow()
+    number = None if calibrate.result is None else calibrate.result.calibration_id
+    if number is None:
+        return CalibrationWorkflow(calibrate)
+    later = [job for job in jobs if job.request.get("calibration_id") == number]
+
+    def newest(kind: str) -> JobView | None:
+        return next((job for job in later if job.kind == kind), None)
+
+    fits = tuple(job for job in later if job.kind == "fit")
+    return CalibrationWorkflow(
+        calibrate, newest("compare-models"), fits, newest("verify"), newest("certificate")
+    )

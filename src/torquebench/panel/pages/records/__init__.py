@@ -1,0 +1,1 @@
+"""Records: runs, calibrations, certificates, drift, and tables from elsewhere."""

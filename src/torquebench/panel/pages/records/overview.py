@@ -1,0 +1,314 @@
+"""The records: runs, calibrations, drift and certificates; search, open, compare, plot, export."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    note,
+    panel,
+    table,
+    to_the_top,
+    words,
+)
+from torquebench.panel.components.tabs import Tabs
+from torquebench.panel.pages.calibrate.resume import take_up
+from torquebench.panel.pages.downloads import certificate_buttons
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.records.run import RunPanel
+from torquebench.panel.pages.records.table_import import TableEntry
+from torquebench.panel.pages.visitor import Visitor
+
+__all__ = ["records_page"]
+
+ROWS = 25
+TABS = ("runs", "calibrations", "drift", "certificates")
+
+
+class _Runs:
+    """Search the runs and open one."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._offset = 0
+
+    def build(self) -> None:
+        text = self._text
+        kinds = {"": text("records.any")} | {
+            kind: text(f"records.kind_{kind}")
+            for kind in ("calibrate", "verify", "check", "zero", "test")
+        }
+        states = {"": text("records.any")} | {
+            state: text(f"records.status_{state}")
+            for state in ("completed", "aborted", "failed", "running")
+        }
+        self._opened = box("div", "stack")
+        with panel(text("records.runs")), box("div", "stack"):
+            with box("div", "columns"):
+                self._search = Field(
+                    text("records.search"), kind="search", on_change=lambda _: self._first()
+                )
+                self._kind = Field(
+                    text("records.kind"), options=kinds, on_change=lambda _: self._first()
+                )
+                self._status = Field(
+                    text("records.status"), options=states, on_change=lambda _: self._first()
+                )
+            self._found = box("div", "stack")
+        self._show()
+
+    def _first(self) -> None:
+        self._offset = 0
+        self._show()
+
+    def _show(self) -> None:
+        text = self._text
+        page = self._visitor.service.records.runs(
+            self._search.value,
+            kind=self._kind.value or None,
+            status=self._status.value or None,
+            limit=ROWS,
+            offset=self._offset,
+        )
+        self._found.clear()
+        with self._found:
+            if not page.runs:
+                asked = self._search.value or self._kind.value or self._status.value
+                empty(text("records.nothing_found" if asked else "records.no_runs"))
+                return
+            rows = [
+                (
+                    f"{run.started:%Y-%m-%d %H:%M}",
+                    text.maybe(f"run_kind.{run.kind}", run.kind),
+                    run.operator,
+                    text.maybe(f"records.status_{run.status}", run.status),
+                    run.run_id,
+                )
+                for run in page.runs
+            ]
+            headings = ("started", "kind", "operator", "status", "number")
+            table(
+                text("records.runs"),
+                [(text(f"records.{key}"), False) for key in headings],
+                rows,
+                on_row=lambda place: self._open(page.runs[place].run_id),
+                open_label=text("records.open"),
+            )
+            self._pager(page.total)
+
+    def _pager(self, total: int) -> None:
+        text = self._text
+        last = min(self._offset + ROWS, total)
+        with box("div", "spread"):
+            words("span", text("records.shown", first=self._offset + 1, last=last, total=total),
+                  "muted")  # fmt: skip
+            with box("div", "line"):
+                if self._offset:
+                    button(text("records.newer"), lambda: self._turn(-ROWS), "small")
+                if last < total:
+                    button(text("records.older"), lambda: self._turn(ROWS), "small")
+
+    def _turn(self, by: int) -> None:
+        self._offset = max(0, self._offset + by)
+        self._show()
+
+    def _open(self, run_id: str) -> None:
+        self._opened.clear()
+        with self._opened:
+            RunPanel(self._visitor, run_id, self._opened.clear).build()
+        to_the_top()
+
+
+class _Calibrations:
+    """Calibrations with their models; the errors of several over each other."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._chosen: list[int] = []
+
+    def build(self) -> None:
+        if self._visitor.has_role("metrologist"):
+            with box("div", "line end"):
+                button(self._text("elsewhere.open"), self._enter, picture="upload_file")
+        self._entry = box("div")
+        self._compared = box("div")
+        self._list = box("div")
+        self._show()
+
+    def _enter(self) -> None:
+        self._entry.clear()
+        with self._entry:
+            TableEntry(self._visitor, self._entered).build()
+        to_the_top()
+
+    def _entered(self, number: int) -> None:
+        self._entry.clear()
+        self._chosen = [number]
+        self._show()
+        self._compare()
+
+    def _show(self) -> None:
+        text = self._text
+        found = self._visitor.service.records.calibrations(limit=100)
+        models = self._visitor.service.records.models()
+        active = {model.calibration_id: model for model in models if model.active}
+        self._list.clear()
+        with self._list, panel(text("records.calibrations")):
+            if not found:
+                empty(text("records.no_calibrations"), "tune")
+                return
+            words("p", text("records.compare_explained"), "muted")
+            rows = [
+                (
+                    str(each.calibration_id),
+                    f"{each.performed:%Y-%m-%d %H:%M}",
+                    each.transducer_serial,
+                    each.profile,
+                    str(each.points),
+                    "—" if each.due is None else each.due.isoformat(),
+                    text("records.in_use", kind=text.core(active[each.calibration_id].kind))
+                    if each.calibration_id in active
+                    else "",
+                )
+                for each in found
+            ]
+            headings = (("calibration", True), ("performed", False), ("transducer", False),
+                        ("profile", False), ("points", True), ("due", False),
+                        ("state", False))  # fmt: skip
+            table(
+                text("records.calibrations"),
+                [(text(f"records.{key}"), number) for key, number in headings],
+                rows,
+                on_row=lambda place: self._toggle(found[place].calibration_id),
+                open_label=text("records.compare"),
+                selected=[
+                    place for place, each in enumerate(found) if each.calibration_id in self._chosen
+                ],
+            )
+
+    def _toggle(self, number: int) -> None:
+        if number in self._chosen:
+            self._chosen.remove(number)
+        else:
+            self._chosen = [*self._chosen[-4:], number]
+        self._show()
+        self._compare()
+        if self._chosen:
+            to_the_top()
+
+    def _compare(self) -> None:
+        text, records = self._text, self._visitor.service.records
+        self._compared.clear()
+        if not self._chosen:
+            return
+        lines = []
+        for colour, number in zip(COLOURS, self._chosen, strict=False):
+            try:
+                active = [model for model in records.calibration(number).models if model.active]
+                curve = records.error_curve(number, active[0].model_id if active else None)
+            except TorquebenchError as error:
+                self._visitor.messages.problem(error)
+                continue
+            title = f"{number}: {text.core(curve.title)}"
+            lines.append(
+                Line(f"{title}, {text('live.raw')}", curve.standard_nm, curve.raw_error_nm,
+                     colour, points=True, symbol="emptyCircle")
+            )  # fmt: skip
+            if curve.model_error_nm:
+                lines.append(
+                    Line(f"{title}, {text('live.line_compensated')}", curve.standard_nm,
+                         curve.model_error_nm, colour, points=True, symbol="rect")
+                )  # fmt: skip
+        with self._compared, panel(text("records.compared")):
+            Chart(
+                text("models.curves_label"),
+                text("measure.standard_axis"),
+                text("measure.error_axis"),
+                lines,
+                tall=True,
+            )
+            with box("div", "line"):
+                for number in self._chosen:
+                    button(
+                        text("records.take_up", number=number),
+                        partial(take_up, self._visitor, number),
+                        picture="tune",
+                    )
+
+
+def _drift(visitor: Visitor) -> None:
+    """Show how each transducer drifts."""
+    text, records = visitor.text, visitor.service.records
+    shown = 0
+    for serial in records.transducers():
+        for series in records.drift(serial):
+            shown += 1
+            title = text.core(series.title)
+            with panel(f"{serial}: {title}"):
+                days = [moment.timestamp() / 86400.0 for moment in series.moments]
+                since = [day - days[0] for day in days]
+                lines = [Line(text("records.values"), since, series.values, "--series-1",
+                              points=True)]  # fmt: skip
+                limits: tuple[float, ...] = ()
+                chart = series.chart
+                if chart is not None:
+                    limits = (chart.lower, chart.upper)
+                    span = [since[0], since[-1]]
+                    middle = [chart.centre, chart.centre]
+                    lines.append(Line(text("records.centre"), span, middle, "--series-3"))
+                if len(since) > 1:  # one point on axes of its own says less than a sentence
+                    Chart(
+                        text("records.drift_label", title=title),
+                        text("records.days"),
+                        f"{title}, {series.unit}",
+                        lines,
+                        limits=limits,
+                    )
+                else:
+                    said = f"{series.values[0]:.4g} {series.unit}".replace("-", "−")
+                    when = f"{series.moments[0]:%Y-%m-%d}"
+                    words("p", text("records.one_value", value=said, when=when))
+                if chart is None:
+                    words("p", text("records.too_few"), "muted")
+                remarks = {series.remark(place) for place in range(len(series.values))} - {""}
+                for remark in sorted(remarks):
+                    note(text.core(remark), "warn")
+    if not shown:
+        with panel():
+            empty(text("records.no_drift"), "show_chart")
+
+
+def _certificates(visitor: Visitor) -> None:
+    """List the certificates and hand out their files."""
+    text = visitor.text
+    found = visitor.service.records.certificates()
+    if not found:
+        with panel():
+            empty(text("records.no_certificates"), "workspace_premium")
+    for each in found:
+        with panel(text("records.certificate", number=each.number)), box("div", "stack"):
+            said = text("records.issued", when=f"{each.issued:%Y-%m-%d}", who=each.authorised_by,
+                        number=each.calibration_id)  # fmt: skip
+            words("p", said)
+            if each.superseded_by:
+                note(text("records.superseded", number=each.superseded_by), "warn")
+            certificate_buttons(visitor, each.number, each.files)
+
+
+def records_page(visitor: Visitor) -> None:
+    """Build the page of the records."""
+    views: dict[str, Any] = {
+        "runs": lambda: _Runs(visitor).build(),
+        "calibrations": lambda: _Calibrations(visitor).build(),
+        "drift": lambda: _drift(visitor),
+        "certificates": lambda: _certificates(visitor),
+    }
+    with frame(visitor, "records"):
+        titles = {name: visitor.text(f"records.{name}") for name in TABS}
+        Tabs(visitor.text("records.title"), titles, views)

@@ -1,0 +1,199 @@
+"""One run of the records: what it was, whether it is intact, its raw samples, its points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from nicegui import run, ui
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.elements import box, note, pairs, panel, table, words
+from torquebench.panel.pages.calibrate.resume import resume_button, take_up
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import InterruptedView, RunDetail, RunTable
+
+__all__ = ["RunPanel"]
+
+SHOWN_ROWS = 12
+POINTS = 1000
+Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
+
+
+class RunPanel:
+    """A run that was opened.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    run_id : str
+    on_close : callable
+    """
+
+    def __init__(self, visitor: Visitor, run_id: str, on_close: Callable[[], Any]) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._run_id, self._on_close = run_id, on_close
+
+    def build(self) -> None:
+        """Make the panel's elements."""
+        text, records = self._text, self._visitor.service.records
+        try:
+            detail = records.run(self._run_id)
+        except TorquebenchError as error:
+            self._visitor.messages.problem(error)
+            return
+        with panel(text("run.title", number=self._run_id)), box("div", "stack"):
+            with box("div", "line"):
+                if detail.run.finished is not None:
+                    button(text("run.export"), self._export, picture="download")
+                number = detail.calibration_id
+                if number is not None:
+                    button(text("resume.take_up"), lambda: take_up(self._visitor, number),
+                           picture="tune")  # fmt: skip
+                elif (found := self._interrupted(detail.run.status)) is not None:
+                    resume_button(self._visitor, found)
+                button(text("frame.close"), self._on_close, "quiet", picture="close")
+            if detail.changes:
+                note("; ".join(detail.changes), "bad", title=text("run.changed"))
+            elif detail.run.finished is not None:
+                note(text("run.intact"), "good")
+            pairs(self._facts(detail))
+            self._samples()
+            for part in detail.tables:
+                self._points(part)
+
+    def _interrupted(self, status: str) -> InterruptedView | None:
+        completed = status in ("completed", "running")
+        return None if completed else self._visitor.service.interrupted(self._run_id)
+
+    def _facts(self, detail: RunDetail) -> list[tuple[str, str]]:
+        text, run = self._text, detail.run
+        facts = [
+            (text("records.kind"), text.maybe(f"run_kind.{run.kind}", run.kind)),
+            (text("records.started"), f"{run.started:%Y-%m-%d %H:%M:%S} UTC"),
+            (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
+            (text("records.operator"), run.operator or "—"),
+            (text("records.profile"), run.profile or "—"),
+            (text("run.bench"), text.core(run.bench) or "—"),
+            (text("run.version"), run.software_version),
+        ]
+        if run.reason:
+            facts.insert(3, (text("run.reason"), text.core(run.reason)))
+        if run.simulated:
+            facts.append((text("run.data"), text("frame.simulated")))
+        return facts
+
+    def _samples(self) -> None:
+        records = self._visitor.service.records
+        try:
+            columns = records.run_columns(self._run_id)
+        except (TorquebenchError, OSError):  # a run without raw samples
+            return
+        chosen = [name for name in columns if "torque" in name] or list(columns)
+        if not chosen:
+            return
+        options = {name: name for name in columns}
+        Field(
+            self._text("run.column"), chosen[0], options=options, on_change=lambda name: draw(name)
+        )
+        place = box("div")
+
+        def draw(name: str) -> None:
+            place.clear()
+            rows = records.run_trend(self._run_id, [name], POINTS)
+            with place:
+                Chart(
+                    self._text("run.samples_label", name=name),
+                    self._text("preview.time"),
+                    name,
+                    _extremes(name, rows.time_s.tolist(), rows.low[0].tolist(),
+                              rows.high[0].tolist()),
+                )  # fmt: skip
+
+        draw(chosen[0])
+
+    def _points(self, part: RunTable) -> None:
+        text = self._text
+        numbers = {
+            name: values
+            for name, values in part.columns.items()
+            if values and all(isinstance(value, int | float) for value in values)
+        }
+        if not numbers:
+            return
+        words("h3", text("run.stream", name=part.stream, count=len(next(iter(numbers.values())))))
+        if "reading_nm" in numbers and "standard_nm" in numbers:
+            numbers["error_nm"] = [
+                reading - standard
+                for reading, standard in zip(
+                    numbers["reading_nm"], numbers["standard_nm"], strict=True
+                )
+            ]
+        if len(next(iter(numbers.values()))) > 1:
+            self._plot(numbers)
+        names = list(numbers)[:7]
+        rows = [
+            tuple(f"{numbers[name][row]:.6g}" for name in names)
+            for row in range(min(SHOWN_ROWS, len(numbers[names[0]])))
+        ]
+        table(part.stream, [(name, True) for name in names], rows)
+        if len(numbers[names[0]]) > SHOWN_ROWS:
+            words("p", text("run.more"), "muted small")
+
+    def _plot(self, numbers: dict[str, Sequence[Any]]) -> None:
+        text = self._text
+        names = list(numbers)
+        state = {
+            "x": "standard_nm" if "standard_nm" in names else names[0],
+            "y": next((name for name in Y_FIRST if name in names), names[-1]),
+        }
+
+        def choose(axis: str, name: str) -> None:
+            state[axis] = name
+            draw()
+
+        with box("div", "columns"):
+            for axis in ("x", "y"):
+                Field(
+                    text(f"run.{axis}"),
+                    state[axis],
+                    options={name: name for name in names},
+                    on_change=partial(choose, axis),
+                )
+        place = box("div")
+
+        def draw() -> None:
+            x, y = state["x"], state["y"]
+            place.clear()
+            with place:
+                Chart(
+                    text("run.points_label", x=x, y=y),
+                    x,
+                    y,
+                    [Line(y, numbers[x], numbers[y], COLOURS[1], points=True)],
+                )
+
+        draw()
+
+    async def _export(self) -> None:
+        """Hand the run out; packing it takes its time, and other pages don't wait."""
+        try:
+            packed = await run.io_bound(self._packed)
+        except TorquebenchError as error:
+            self._visitor.messages.problem(error)
+            return
+        ui.download(packed, f"{self._run_id}.zip")
+
+    def _packed(self) -> bytes:
+        with self._visitor.service.records.export_zip(self._run_id) as archive:
+            return archive.read()
+
+
+def _extremes(name: str, time: list[float], low: list[float], high: list[float]) -> list[Line]:
+    """Draw lowest and highest value of each span, so that no spike is lost."""
+    x = [moment for moment in time for _ in range(2)]
+    y = [value for pair in zip(low, high, strict=True) for value in pair]
+    return [Line(name, x, y, "--series-1")]

@@ -1,0 +1,244 @@
+"""Enter a calibration that was measured elsewhere: a CSV file, looked at before it is kept."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+from nicegui import run
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.elements import box, note, pairs, panel, table, words
+from torquebench.panel.pages.job_panel import problem_note
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import TableView, read_table
+from torquebench.panel.service.records.table_import import LONGEST_TABLE
+from torquebench.reports.certificate.labels import labels_of
+
+__all__ = ["TableEntry", "profile_titles"]
+
+READ_FILE = (
+    "async (event) => { const file = event.target.files[0]; if (!file) return;"
+    f" if (file.size > {LONGEST_TABLE}) {{ emit([file.name, null]); return; }}"
+    " const bytes = new Uint8Array(await file.arrayBuffer()); let text = '';"
+    " for (let at = 0; at < bytes.length; at += 8192)"
+    " text += String.fromCharCode(...bytes.subarray(at, at + 8192));"
+    " emit([file.name, btoa(text)]); }"
+)
+"""Sends the name and the bytes; of a file that is too large only the name."""
+LONGEST_NAME = 120
+SHOWN_DEVIATIONS = 12
+NEEDED = ("transducer_serial", "indicator", "measured_by", "reference_serial")
+OPTIONAL = (
+    "manufacturer", "transducer_model", "place", "reference_model", "reference_certificate",
+    "reference_laboratory",
+)  # fmt: skip
+
+
+def profile_titles(visitor: Visitor, *, adaptive: bool = True) -> dict[str, str]:
+    """Return the profiles of steps by name, those of the laboratory among them."""
+    found = {}
+    for item in visitor.service.settings.items("profiles"):
+        document = item.document
+        loading = document.get("loading") or {}
+        if loading.get("pattern") == "random" or item.name == "check":
+            continue
+        if adaptive or not document.get("adaptive"):
+            found[item.name] = visitor.text.core(str(document.get("title") or item.name))
+    return found
+
+
+def _moment(day: str) -> str:
+    """Return noon of a day; of today the present moment."""
+    now = datetime.now(UTC)
+    return now.isoformat() if day == now.date().isoformat() else f"{day}T12:00:00Z"
+
+
+class TableEntry:
+    """The form of a table: file, circumstances, what was found in it, and entering it.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    on_entered : callable
+        Called with the calibration's number.
+    """
+
+    def __init__(self, visitor: Visitor, on_entered: Callable[[int], Any]) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._on_entered = on_entered
+        self._content = ""
+        self._called = "table.csv"
+        self._fields: dict[str, Field] = {}
+
+    def build(self) -> None:
+        """Make the form's elements."""
+        text = self._text
+        with panel(text("elsewhere.title")), box("div", "stack"):
+            words("p", text("elsewhere.explained"), "muted")
+            with box("div", "field"):
+                label = words("label", text("elsewhere.file"))
+                entry = box("input", "control", type="file", accept=".csv,.txt,text/csv")
+                label.props["for"] = entry.html_id
+                entry.on("change", lambda event: self._chosen(event.args), js_handler=READ_FILE)
+                words("div", text("elsewhere.file_hint"), "hint")
+            with box("div", "columns"):
+                profiles = profile_titles(self._visitor, adaptive=False)
+                self._field("profile", next(iter(profiles)), options=profiles)
+                today = datetime.now(UTC).date().isoformat()
+                self._field("performed", today, kind="date", max=today)
+                self._field("reference_uncertainty_percent", "0.02", unit="%", inputmode="decimal")
+                self._field("resolution_nm", "0.01", unit="N·m", inputmode="decimal")
+                self._field("range_nm", unit="N·m", inputmode="decimal", hinted=True)
+                self._field("reference_due", kind="date")
+            with box("div", "line"):
+                button(text("elsewhere.look"), self._look, "primary", picture="search")
+            self._found = box("div", "stack")
+            self._rest = box("div", "stack")
+            with self._rest:
+                words("h3", text("elsewhere.circumstances"))
+                with box("div", "columns"):
+                    for name in (*NEEDED, *OPTIONAL):
+                        self._field(name, maxlength="120", autocomplete="off")
+                with box("div", "line"):
+                    button(text("elsewhere.enter"), self._enter, "primary", picture="save")
+            self._rest.set_visibility(False)
+
+    def _field(self, name: str, value: str = "", *, hinted: bool = False, **more: Any) -> None:
+        hint = self._text(f"elsewhere.{name}_hint") if hinted else ""
+        self._fields[name] = Field(self._text(f"elsewhere.{name}"), value, hint=hint, **more)
+
+    def _chosen(self, sent: Any) -> None:
+        """Take the bytes of the file; the name is only what records call it."""
+        name, content = sent
+        self._called = "".join(each for each in str(name) if each.isprintable())[:LONGEST_NAME]
+        self._content = ""
+        self._found.clear()
+        self._rest.set_visibility(False)
+        try:
+            raw = b" " * (LONGEST_TABLE + 1) if content is None else base64.b64decode(content)
+            self._content = read_table(raw)
+        except TorquebenchError as error:
+            with self._found:
+                problem_note(self._text, error)
+        except (binascii.Error, ValueError):
+            self._bad(self._text("elsewhere.unreadable"))
+
+    def _bad(self, said: str) -> None:
+        self._found.clear()
+        with self._found:
+            note(said, "bad", live=True)
+
+    def _request(self, *names: str) -> dict[str, Any] | None:
+        """Return what was filled in; None where something isn't a number."""
+        numbers = ("reference_uncertainty_percent", "resolution_nm", "range_nm")
+        asked: dict[str, Any] = {"content": self._content}
+        good = bool(self._content)
+        if not good:
+            self._bad(self._text("elsewhere.no_file"))
+        for name in ("profile", "performed", *numbers, "reference_due", *names):
+            field = self._fields[name]
+            said = field.value.strip()
+            wrong = ""
+            if name in numbers and said:
+                try:
+                    asked[name] = float(said.replace(",", "."))
+                except ValueError:
+                    wrong = self._text("elsewhere.no_number")
+            elif said:
+                asked[name] = _moment(said) if name == "performed" else said
+            elif name in (*NEEDED, "performed", *numbers[:2]):
+                wrong = self._text("elsewhere.needed")
+            field.wrong(wrong)
+            good = good and not wrong
+        return asked if good else None
+
+    async def _look(self) -> None:
+        asked = self._request()
+        if asked is None:
+            return
+        self._found.clear()
+        try:
+            view = await run.io_bound(self._visitor.service.tables.preview, asked)
+        except TorquebenchError as error:
+            with self._found:
+                problem_note(self._text, error)
+            self._rest.set_visibility(False)
+            return
+        with self._found:
+            self._show(view)
+        self._rest.set_visibility(True)
+
+    def _show(self, view: TableView) -> None:
+        text = self._text
+        pairs(
+            [
+                (text("preview.points"), str(view.points)),
+                (text("elsewhere.range"), f"±{view.range_nm:g} N·m"),
+                (
+                    text("elsewhere.raw"),
+                    f"{view.raw.worst_nm:.4g} N·m, {view.raw.worst_percent_fs:.3g} % FS",
+                ),
+            ]
+        )
+        if view.simulated:
+            note(text("elsewhere.simulated"), "warn")
+        labels = labels_of(text.language)
+        if view.deviations:
+            kind = "warn" if view.certifiable else "bad"
+            title = text(
+                "elsewhere.deviations" if view.certifiable else "elsewhere.not_certifiable"
+            )
+            found = [
+                labels.filled(key, each.values)
+                if (key := f"deviation_{each.key}") in labels
+                else text.core(each.found)
+                for each in view.deviations
+            ]
+            with note("", kind, title=title), box("ul"):
+                for said in found[:SHOWN_DEVIATIONS]:
+                    words("li", said)
+                if len(found) > SHOWN_DEVIATIONS:
+                    words("li", text("elsewhere.more", count=len(found) - SHOWN_DEVIATIONS))
+        else:
+            note(text("elsewhere.no_deviation"), "good")
+        if view.directions:
+            rows = [
+                (
+                    text.core(each.name),
+                    text("elsewhere.no_class") if each.accuracy_class is None
+                    else f"{each.accuracy_class:g}",
+                    f"{max(each.uncertainty_percent):.3g}",
+                )
+                for each in view.directions
+            ]  # fmt: skip
+            columns = [(text("elsewhere.direction"), False), (text("elsewhere.class"), True),
+                       (text("elsewhere.largest_uncertainty"), True)]  # fmt: skip
+            table(text("elsewhere.classes"), columns, rows)
+        Chart(
+            text("measure.errors_label"),
+            text("measure.standard_axis"),
+            text("measure.error_axis"),
+            [Line(text("live.line_raw"), view.standard_nm, view.error_nm, "--series-raw",
+                  points=True)],
+        )  # fmt: skip
+
+    async def _enter(self) -> None:
+        asked = self._request(*NEEDED, *OPTIONAL)
+        if asked is None:
+            return
+        asked["called"] = self._called or "table.csv"
+        visitor = self._visitor
+        try:
+            actor = visitor.actor
+            entered = await run.io_bound(visitor.service.tables.enter, actor, asked)
+        except TorquebenchError as error:
+            visitor.messages.problem(error)
+            return
+        visitor.messages.good(self._text("elsewhere.entered", number=entered.calibration_id))
+        self._on_entered(entered.calibration_id)

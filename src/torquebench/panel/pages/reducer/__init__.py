@@ -1,0 +1,1 @@
+"""Tests of a mounted reducer and their results."""

@@ -1,0 +1,185 @@
+"""Reducer tests: choose, see what would happen, watch, read the verdict, compare specimens."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from torquebench.campaign.reducer_tests import TESTS
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.elements import box, empty, panel, words
+from torquebench.panel.pages.calibrate.measure import preview_panel
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.job_panel import JobPanel, problem_note
+from torquebench.panel.pages.quick import clear_choice
+from torquebench.panel.pages.reducer.results import comparison, outcomes
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import SIGNALS, JobView
+
+__all__ = ["reducer_page"]
+
+AXES = {
+    "no-load": ("input_speed_rpm", "input_torque_nm"),
+    "starting": ("input_angle_deg", "input_torque_nm"),
+    "back-driving": ("output_angle_deg", "output_torque_nm"),
+    "hysteresis": ("output_angle_deg", "output_torque_nm"),
+    "transmission-error": ("input_angle_deg", "output_angle_deg"),
+    "efficiency": ("output_torque_nm", "input_torque_nm"),
+}
+"""Live signals that a test is about: across and up; torque is compensated where it can be."""
+PAST_S = 600.0
+POINTS = 800
+
+
+class _ReducerPage:
+    def __init__(self, visitor: Visitor) -> None:
+        self.visitor, self.text = visitor, visitor.text
+        self._shown: tuple[Any, ...] | None = None
+        self._drawn = ""
+        self._began: float | None = None
+        self._stage = ""
+
+    def build(self) -> None:
+        with box("div", "stack"):
+            self._panel = JobPanel(self.visitor)
+            self._live = box("div", "stack")
+            self._form = box("div", "stack")
+        self._choose()
+
+    def _choose(self) -> None:
+        text, visitor = self.text, self.visitor
+        with self._form:
+            with panel(text("reducer.what")), box("div", "stack"):
+                with box("div", "columns"):
+                    names = {
+                        item.name: f"{item.document.get('name', item.name)}"
+                        for item in visitor.service.settings.items("reducers")
+                    }
+                    self._reducer = Field(
+                        text("reducer.type"),
+                        next(iter(names)),
+                        options=names,
+                        on_change=lambda _: self._preview(),
+                    )
+                    self._serial = Field(
+                        text("reducer.serial"), maxlength="64", autocomplete="off",
+                        hint=text("reducer.serial_hint"),
+                    )  # fmt: skip
+                tests = {name: text(f"test.{name}") for name in TESTS}
+                self._test = Choice(
+                    text("reducer.test"), tests, "hysteresis", on_change=self._preview
+                )
+                quick = {"quick": text("reducer.quick_explained")}
+                self._quick = Choice(
+                    text("reducer.extent"), quick, several=True, on_change=self._preview
+                )
+                self._clear = clear_choice(visitor)
+                with box("div", "line"):
+                    button(text("reducer.start"), self._start, "primary", picture="play_arrow")
+            self._plan = box("div")
+        self._preview()
+
+    def _request(self) -> dict[str, Any]:
+        request: dict[str, Any] = {
+            "reducer": self._reducer.value,
+            "serial": self._serial.value.strip(),
+            "test": self._test.value,
+            "quick": "quick" in self._quick.values,
+        }
+        if self._clear is not None:
+            request["bench_clear"] = "clear" in self._clear.values
+        return request
+
+    def _preview(self) -> None:
+        text = self.text
+        self._plan.clear()
+        with self._plan, panel(text("preview.title")):
+            try:
+                preview = self.visitor.service.jobs.preview("reducer-test", self._request())
+            except TorquebenchError as error:
+                problem_note(text, error, "warn")
+                return
+            preview_panel(text, preview)
+
+    def _start(self) -> None:
+        visitor = self.visitor
+        visitor.attempt(
+            lambda: visitor.service.jobs.start(visitor.actor, "reducer-test", self._request())
+        )
+        self.refresh()
+
+    def refresh(self) -> None:
+        jobs = self.visitor.service.jobs.recent()
+        job = next((each for each in jobs if each.kind == "reducer-test"), None)
+        self._panel.refresh(job)
+        known = None if job is None else (job.job_id, job.open)
+        if known != self._shown:
+            self._shown, self._began = known, None
+            self._form.set_visibility(job is None or not job.open)
+            self._show(job)
+        if job is not None and job.open:
+            self._grow(job)
+
+    def _show(self, job: JobView | None) -> None:
+        text = self.text
+        self._live.clear()
+        self._chart: Chart | None = None
+        if job is None:
+            return
+        with self._live:
+            if job.open:
+                with panel(text("reducer.live")):
+                    self._place = box("div")
+                    with self._place:
+                        empty(text("reducer.waiting"), "hourglass_empty")
+            elif job.result is not None:
+                outcomes(text, job.result.details)
+                with panel(text("reducer.compare")):
+                    comparison(self.visitor, job.result)
+
+    def _grow(self, job: JobView) -> None:
+        """Draw what the bench has read since this part of the test began, at most ten minutes."""
+        live = self.visitor.service.live
+        if self._began is None or self._stage != job.stage:
+            self._stage, self._began = job.stage, live.bench_time_s
+        part = self._runs_of(job)
+        x, y = (self._read(name) for name in AXES[part])
+        past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
+        names = {
+            signal.name: f"{self.text.core(signal.title)}, {signal.unit}" for signal in SIGNALS
+        }
+        lines = [
+            Line(self.text(f"test.{part}"), past.values[x].tolist(), past.values[y].tolist(),
+                 COLOURS[1])
+        ]  # fmt: skip
+        if self._chart is None or self._drawn != part:
+            self._drawn = part
+            self._place.clear()
+            with self._place:
+                label = self.text("reducer.live_label")
+                self._chart = Chart(label, names[x], names[y], lines, tall=True)
+        else:
+            self._chart.show(lines)
+
+    def _read(self, signal: str) -> str:
+        """Return the signal that there is: the raw torque where nothing compensates it."""
+        for side, found in self.visitor.service.snapshot().sides.items():
+            if signal == f"{side}_torque_nm" and found.compensation is None:
+                return f"{side}_raw_nm"
+        return signal
+
+    @staticmethod
+    def _runs_of(job: JobView) -> str:
+        """Return which test is under way; a full test has several, one after the other."""
+        asked = str(job.request["test"])
+        parts = [test.name for test in TESTS.values() if test.title == job.stage]
+        return asked if asked in AXES else next(iter(parts), "hysteresis")
+
+
+def reducer_page(visitor: Visitor) -> None:
+    """Build the page of the reducer tests."""
+    page = _ReducerPage(visitor)
+    with frame(visitor, "reducer", page.refresh):
+        words("p", visitor.text("reducer.explained"), "muted")
+        page.build()

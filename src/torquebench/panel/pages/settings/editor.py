@@ -1,0 +1,218 @@
+"""Edit one document of the settings: a field a value, the differences before they count."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.controls import Field, button, set_disabled
+from torquebench.panel.components.dialogs import ask
+from torquebench.panel.components.elements import box, note, panel, words
+from torquebench.panel.pages.job_panel import problem_note
+from torquebench.panel.pages.settings.names import group_title, setting_title, unit_of
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import SECTIONS, Difference, SettingsItem
+from torquebench.panel.service.settings.differences import flat, nested
+from torquebench.panel.text import Text
+
+__all__ = ["SettingEditor", "change_lines", "parsed", "shown"]
+
+OPEN_GROUPS = ("input.limits", "output.limits")
+
+
+def shown(value: Any) -> str:
+    """Return a value as it stands in a field.
+
+    Examples
+    --------
+    >>> shown(None), shown("a"), shown(2.5), shown(True), shown([1, 2])
+    ('', 'a', '2.5', 'true', '[1, 2]')
+    """
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def parsed(text: str, before: Any) -> Any:
+    """Return the value that a field's text says; the kind of value is that of before.
+
+    Text that can't be read so is returned as it is: the document's own check says what is wrong.
+
+    Examples
+    --------
+    >>> parsed("2,5", 1.0), parsed("", None), parsed("x", 1), parsed("true", False)
+    (2.5, None, 'x', True)
+    """
+    said = text.strip()
+    if isinstance(before, str):
+        return text
+    if said == "":
+        return None
+    if isinstance(before, int | float) and not isinstance(before, bool):
+        said = said.replace(",", ".")
+    try:
+        return json.loads(said)
+    except ValueError:
+        return text
+
+
+def change_lines(text: Text, differences: Sequence[Difference]) -> None:
+    """List what differs: name and key, what was and what is."""
+    with box("ul", "stack change"):
+        for each in differences:
+            with box("li", "line"):
+                group = group_title(text, each.key.rpartition(".")[0])
+                words("span", f"{group}: {setting_title(text, each.key)}", "name")
+                words("span", each.key, "small muted")
+                if each.before is not None:
+                    words("del", shown(each.before), "old")
+                if each.after is not None:
+                    words("ins", shown(each.after), "new")
+
+
+class SettingEditor:
+    """The fields of one document.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    item : SettingsItem
+    on_change : callable
+        Called when something was changed.
+    new : bool
+        Whether the document isn't kept yet.
+    on_copy : callable, optional
+        Called with the item that is to be copied under a new name.
+    """
+
+    def __init__(
+        self,
+        visitor: Visitor,
+        item: SettingsItem,
+        on_change: Callable[[], Any],
+        *,
+        new: bool = False,
+        on_copy: Callable[[SettingsItem], Any] | None = None,
+    ) -> None:
+        self._visitor, self._text, self._item = visitor, visitor.text, item
+        self._on_change, self._on_copy, self._new = on_change, on_copy, new
+        self._before = flat(item.document)
+        self._leaves = dict(self._before)
+        role = SECTIONS[item.section].role
+        self._editable = visitor.has_role(role) and not item.builtin
+
+    def build(self) -> None:
+        """Make the editor's elements."""
+        text, item = self._text, self._item
+        title = item.name if item.section != "bench" else text("settings.bench")
+        with panel(title), box("div", "stack"):
+            self._remarks()
+            for group, keys in self._groups().items():
+                with box("details", open_=group in OPEN_GROUPS or item.section != "bench"):
+                    words("summary", group_title(text, group))
+                    with box("div", "columns"):
+                        for key in keys:
+                            self._field(key)
+            self._pending = box("div", "stack", role="status")
+            if self._editable:
+                self._reason = Field(text("settings.reason"), maxlength="500")
+                with box("div", "line"):
+                    self._apply = button(
+                        text("settings.apply"), self._change, "primary", picture="save"
+                    )
+                    if item.section != "bench" and not self._new:
+                        button(text("settings.delete"), self._ask_delete, "danger")
+                self._preview()
+
+    def _remarks(self) -> None:
+        text, item = self._text, self._item
+        if item.builtin:
+            note(text("settings.builtin_explained"))
+            if self._on_copy is not None and self._visitor.has_role(SECTIONS[item.section].role):
+                copy = self._on_copy
+                button(text("settings.copy"), lambda: copy(item), picture="content_copy")
+        elif not self._editable:
+            role = text(f"role.{self._visitor.looker.role}")
+            note(text("frame.not_allowed", role=role), "warn")
+
+    def _groups(self) -> dict[str, list[str]]:
+        groups: dict[str, list[str]] = {}
+        for key in self._before:
+            groups.setdefault(key.rpartition(".")[0], []).append(key)
+        return dict(sorted(groups.items(), key=lambda pair: pair[0] not in OPEN_GROUPS))
+
+    def _field(self, key: str) -> None:
+        value = self._before[key]
+        options = {"true": "true", "false": "false"} if isinstance(value, bool) else None
+        Field(
+            setting_title(self._text, key),
+            shown(value),
+            unit=unit_of(key),
+            hint=key,
+            options=options,
+            disabled=not self._editable or key == "name",
+            on_change=lambda said: self._typed(key, said),
+            autocomplete="off",
+            data_key=key,
+        )
+
+    def _typed(self, key: str, said: str) -> None:
+        self._leaves[key] = parsed(said, self._before[key])
+        self._preview()
+
+    def _preview(self) -> None:
+        """Say what would change, or what is wrong."""
+        self._pending.clear()
+        item = self._item
+        settings = self._visitor.service.settings
+        good = False
+        with self._pending:
+            try:
+                found = settings.preview(item.section, item.name, nested(self._leaves))
+            except TorquebenchError as error:
+                problem_note(self._text, error)
+            else:
+                good = bool(found.differences)
+                if good:
+                    words("h3", self._text("settings.differences"))
+                    change_lines(self._text, found.differences)
+        set_disabled(self._apply, not good)
+
+    def _change(self) -> None:
+        visitor, item = self._visitor, self._item
+        changed = visitor.attempt(
+            lambda: visitor.service.settings.change(
+                visitor.actor,
+                item.section,
+                item.name,
+                nested(self._leaves),
+                reason=self._reason.value,
+                version=item.version,
+            ),
+            self._text("settings.changed"),
+        )
+        if changed:
+            self._on_change()
+
+    def _ask_delete(self) -> None:
+        text, visitor, item = self._text, self._visitor, self._item
+
+        def act(_: str) -> bool:
+            settings, reason = visitor.service.settings, self._reason.value
+            gone = visitor.attempt(
+                lambda: settings.change(visitor.actor, item.section, item.name, None, reason=reason)
+            )
+            if gone:
+                self._on_change()
+            return gone
+
+        ask(
+            text("settings.delete"),
+            text("settings.delete_explained", name=item.name),
+            text("settings.delete"),
+            text("frame.close"),
+            act,
+            danger=True,
+        )

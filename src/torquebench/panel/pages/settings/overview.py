@@ -1,0 +1,207 @@
+"""The settings: channels, limits, profiles, reducers, users; validated, shown, logged, undone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.dialogs import ask
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    note,
+    panel,
+    table,
+    tag,
+    to_the_top,
+    words,
+)
+from torquebench.panel.components.tabs import Tabs
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.settings.editor import SettingEditor, change_lines
+from torquebench.panel.pages.users import UsersView
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import SECTIONS, SettingsChange, SettingsItem, read_upload
+
+__all__ = ["settings_page"]
+
+LARGEST_UPLOAD = 64 * 1024
+READ_FILE = (
+    "async (event) => { const file = event.target.files[0]; if (!file) return; "
+    f"emit(file.size > {LARGEST_UPLOAD} ? null : await file.text()); event.target.value = ''; }}"
+)
+
+
+class _Bench:
+    """The open bench's channels and limits."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor = visitor
+
+    def build(self) -> None:
+        self._place = box("div", "stack")
+        self._show()
+
+    def _show(self) -> None:
+        visitor, text = self._visitor, self._visitor.text
+        item = visitor.service.settings.get("bench", "bench")
+        self._place.clear()
+        with self._place:
+            if visitor.service.reopen_needed:
+                with note(text("settings.reopen_explained"), "warn"):
+                    button(text("settings.reopen"), self._reopen, "primary", picture="refresh")
+            SettingEditor(visitor, item, self._show).build()
+
+    def _reopen(self) -> None:
+        visitor = self._visitor
+        visitor.attempt(lambda: visitor.service.reopen(visitor.actor))
+        self._show()
+
+
+class _Documents:
+    """Profiles or reducers: those of the software and own ones."""
+
+    def __init__(self, visitor: Visitor, section: str) -> None:
+        self._visitor, self._text, self._section = visitor, visitor.text, section
+
+    def build(self) -> None:
+        self._editor = box("div", "stack")
+        self._list = box("div")
+        self._show()
+
+    def _show(self) -> None:
+        text, visitor = self._text, self._visitor
+        items = visitor.service.settings.items(self._section)
+        rows = [
+            (
+                item.name,
+                text.core(str(item.document.get("title", item.document.get("kind", "")))),
+                text("settings.builtin" if item.builtin else "settings.own"),
+            )
+            for item in items
+        ]
+        self._list.clear()
+        with self._list, panel(text(f"settings.{self._section}")), box("div", "stack"):
+            table(
+                text(f"settings.{self._section}"),
+                [(text(f"settings.{key}"), False) for key in ("name", "what", "from")],
+                rows,
+                on_row=lambda place: self._open(items[place]),
+                open_label=text("records.open"),
+            )
+            if visitor.has_role(SECTIONS[self._section].role):
+                self._upload()
+
+    def _upload(self) -> None:
+        text = self._text
+        with box("div", "field"):
+            label = words("label", text("settings.upload"))
+            entry = box("input", "control", type="file", accept=".toml")
+            label.props["for"] = entry.html_id
+            entry.on("change", lambda event: self._uploaded(event.args), js_handler=READ_FILE)
+
+    def _uploaded(self, content: str | None) -> None:
+        try:
+            document = read_upload(b" " * (LARGEST_UPLOAD + 1) if content is None
+                                   else content.encode())  # fmt: skip
+        except TorquebenchError as error:
+            self._visitor.messages.problem(error)
+            return
+        name = str(document.get("name", ""))
+        self._open(SettingsItem(self._section, name, False, document, 0), new=True)
+
+    def _open(self, item: SettingsItem, *, new: bool = False) -> None:
+        self._editor.clear()
+        with self._editor:
+            SettingEditor(self._visitor, item, self._changed, new=new, on_copy=self._copy).build()
+        to_the_top()
+
+    def _copy(self, item: SettingsItem) -> None:
+        text = self._text
+
+        def act(name: str) -> None:
+            document = dict(item.document)
+            if "name" in document:
+                document["name"] = name
+            self._open(SettingsItem(self._section, name, False, document, 0), new=True)
+
+        ask(
+            text("settings.copy"),
+            text("settings.copy_explained", name=item.name),
+            text("settings.copy"),
+            text("frame.close"),
+            act,
+            field=text("settings.new_name"),
+        )
+
+    def _changed(self) -> None:
+        self._editor.clear()
+        self._show()
+
+
+class _History:
+    """Every change, with a way back."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor, self._text = visitor, visitor.text
+
+    def build(self) -> None:
+        self._place = box("div")
+        self._show()
+
+    def _show(self) -> None:
+        text = self._text
+        found = self._visitor.service.settings.history(limit=50)
+        self._place.clear()
+        with self._place, panel(text("settings.history")):
+            if not found:
+                empty(text("settings.no_history"), "history")
+            with box("ul", "stack"):
+                for change in found:
+                    self._line(change)
+
+    def _line(self, change: SettingsChange) -> None:
+        text = self._text
+        with box("li", "panel stack"):
+            with box("div", "spread"):
+                with box("div", "line"):
+                    words("h3", f"{change.number}. {change.section}: {change.name}")
+                    words("span", f"{change.who}, {change.at:%Y-%m-%d %H:%M}", "muted")
+                    if change.undone_by is not None:
+                        tag(text("settings.undone_by", number=change.undone_by))
+                    if change.undoes is not None:
+                        tag(text("settings.undoes", number=change.undoes))
+                role = SECTIONS[change.section].role
+                if change.undone_by is None and self._visitor.has_role(role):
+                    button(
+                        text("settings.undo"),
+                        lambda: self._undo(change.number),
+                        "small",
+                        picture="undo",
+                        aria_label=text("settings.undo_label", number=change.number),
+                    )
+            if change.reason:
+                words("p", change.reason)
+            change_lines(text, change.differences)
+
+    def _undo(self, number: int) -> None:
+        visitor = self._visitor
+        settings = visitor.service.settings
+        visitor.attempt(lambda: settings.undo(visitor.actor, number), self._text("settings.undone"))
+        self._show()
+
+
+def settings_page(visitor: Visitor) -> None:
+    """Build the page of the settings."""
+    text = visitor.text
+    views: Mapping[str, Any] = {
+        "bench": lambda: _Bench(visitor).build(),
+        "profiles": lambda: _Documents(visitor, "profiles").build(),
+        "reducers": lambda: _Documents(visitor, "reducers").build(),
+        "users": lambda: UsersView(visitor).build(),
+        "history": lambda: _History(visitor).build(),
+    }
+    with frame(visitor, "settings"):
+        Tabs(text("settings.title"), {name: text(f"settings.{name}") for name in views}, views)

@@ -1,0 +1,93 @@
+"""Long computations in a process of their own, so that the bench keeps its time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+from torquebench.errors import BenchError, TorquebenchError
+
+__all__ = ["ProcessEndedError", "run_in_process"]
+
+Result = TypeVar("Result")
+LOOK_S = 0.2
+NICE = 5
+
+
+class ProcessEndedError(BenchError):
+    """The computation was ended on purpose."""
+
+
+def run_in_process(
+    function: Callable[..., Result],
+    *arguments: Any,
+    on_progress: Callable[[float, str], None] = lambda _fraction, _sentence: None,
+    cancelled: Callable[[], bool] = lambda: False,
+) -> Result:
+    """Call a function in a process of its own and wait for what it returns.
+
+    Parameters
+    ----------
+    function : callable
+        Importable by name; takes the arguments and then, as the last one, a callable for its
+        progress (fraction, sentence).
+    *arguments
+        Values that can be pickled.
+    on_progress : callable
+        Called here with what the function reports.
+    cancelled : callable
+        Asked every 0.2 s; True ends the process.
+
+    Raises
+    ------
+    ProcessEndedError
+        It was cancelled.
+    TorquebenchError
+        What the function raised.
+    BenchError
+        The process died, or the function failed otherwise.
+    """
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(
+        target=_work, args=(there, function, arguments), name="torquebench-computation", daemon=True
+    )
+    process.start()
+    there.close()
+    try:
+        while True:
+            if cancelled():
+                raise ProcessEndedError("the computation was ended")
+            if not here.poll(LOOK_S):
+                continue
+            try:
+                kind, content = here.recv()
+            except EOFError:
+                raise BenchError(
+                    "the computing process ended without a result", "", "look at the free memory"
+                ) from None
+            if kind == "progress":
+                on_progress(*content)
+            elif kind == "failed":
+                raise content
+            else:
+                return content  # type: ignore[no-any-return]
+    finally:
+        here.close()
+        process.terminate()
+        process.join()
+
+
+def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    if hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)  # whatever the bench's own process has
+    try:
+        found = function(*arguments, lambda *said: pipe.send(("progress", said)))
+        pipe.send(("done", found))
+    except TorquebenchError as error:
+        pipe.send(("failed", error))
+    except Exception as error:
+        pipe.send(("failed", BenchError(f"{type(error).__name__}: {error}")))

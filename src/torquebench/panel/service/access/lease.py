@@ -1,0 +1,179 @@
+"""The command lease: one session commands the bench, the others watch.
+
+Who commands keeps the lease by commanding. It may be taken over by anybody once its holder has
+signed out, or has done nothing for `IDLE_S` while nothing runs; by the same person from another
+browser at any time; and by force by a metrologist or administrator, whose role isn't below the
+holder's. Every change is noted. A stop needs no lease.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torquebench.panel.service.access.actors import Actor, allows
+from torquebench.panel.service.problems import LeaseError
+
+__all__ = ["IDLE_S", "CommandLease", "LeaseState"]
+
+IDLE_S = 120.0
+"""A holder who commands nothing for so long loses the lease to whoever wants it, s."""
+
+
+@dataclass(frozen=True)
+class LeaseState:
+    """Who commands.
+
+    Parameters
+    ----------
+    holder : str or None
+        Name of whoever commands; None while nobody does.
+    session_id : str or None
+        By which session: compare it with an actor's to know whether it is "you".
+    since_s, idle_s : float
+        How long ago the lease was taken, and how long ago it was last used, s of wall time.
+    """
+
+    holder: str | None
+    session_id: str | None
+    since_s: float = 0.0
+    idle_s: float = 0.0
+
+
+class CommandLease:
+    """Who may command; safe to use from any thread.
+
+    Parameters
+    ----------
+    note : callable
+        Called with an actor and what he did, and keeps it.
+    lives : callable
+        Whether a session of this identifier is still open.
+    working : callable
+        Whether a job is under way: then idling costs no lease.
+    now : callable
+        Seconds that only go on.
+
+    Examples
+    --------
+    >>> lease = CommandLease()
+    >>> ana, ben = Actor("ana", "operator", "1"), Actor("ben", "metrologist", "2")
+    >>> lease.take(ana)
+    >>> lease.state().holder
+    'ana'
+    >>> lease.may_take(ben)
+    (False, 'ana commands the bench')
+    >>> lease.take(ben, force=True)
+    >>> lease.require(ana)
+    Traceback (most recent call last):
+    ...
+    torquebench.panel.service.problems.LeaseError: ben commands the bench; allowed: ...
+    """
+
+    def __init__(
+        self,
+        note: Callable[[Actor, str], None] = lambda _actor, _what: None,
+        lives: Callable[[Actor], bool] = lambda _actor: True,
+        working: Callable[[], bool] = lambda: False,
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._note = note
+        self._lives = lives
+        self._working = working
+        self._now = now
+        self._lock = threading.RLock()
+        self._holder: Actor | None = None
+        self._since = self._used = 0.0
+
+    def state(self) -> LeaseState:
+        """Return who commands."""
+        with self._lock:
+            holder = self._current()
+            if holder is None:
+                return LeaseState(None, None)
+            now = self._now()
+            return LeaseState(holder.label, holder.session_id, now - self._since, now - self._used)
+
+    def _current(self) -> Actor | None:
+        if self._holder is not None and not self._lives(self._holder):
+            self._holder = None
+        return self._holder
+
+    def holds(self, actor: Actor) -> bool:
+        """Whether this session commands."""
+        holder = self._current()
+        return holder is not None and holder.session_id == actor.session_id
+
+    def may_take(self, actor: Actor) -> tuple[bool, str]:
+        """Whether this session may take the lease without force, and why not."""
+        with self._lock:
+            holder = self._current()
+            if holder is None or holder.session_id == actor.session_id:
+                return True, ""
+            same_person = holder.kind == actor.kind == "person" and holder.name == actor.name
+            idle = self._now() - self._used > IDLE_S and not self._working()
+            if same_person or idle:
+                return True, ""
+            return False, f"{holder.label} commands the bench"
+
+    def take(self, actor: Actor, *, force: bool = False) -> None:
+        """Command from now on.
+
+        Raises
+        ------
+        LeaseError
+            Somebody else commands; see the module's rules for what force can do.
+        """
+        with self._lock:
+            holder = self._current()
+            allowed, reason = self.may_take(actor)
+            if not allowed:
+                assert holder is not None
+                strong = allows(actor.role, "metrologist") and allows(actor.role, holder.role)
+                if not (force and strong):
+                    raise LeaseError(
+                        reason,
+                        "one session at a time",
+                        "wait until it is given back"
+                        + (", or take it over" if strong else f" or {IDLE_S / 60:g} min idle"),
+                    )
+            now = self._now()
+            changed = holder is None or holder.session_id != actor.session_id
+            self._holder, self._used = actor, now
+            if changed:
+                self._since = now
+        if changed:
+            taken = "took the command" if holder is None else f"took the command of {holder.label}"
+            self._note(actor, taken)
+
+    def give_back(self, actor: Actor) -> None:
+        """Command no longer; does nothing for a session that doesn't."""
+        with self._lock:
+            if not self.holds(actor):
+                return
+            self._holder = None
+        self._note(actor, "gave the command back")
+
+    def require(self, actor: Actor) -> None:
+        """Refuse a session that doesn't command, and note that the lease is in use.
+
+        Raises
+        ------
+        LeaseError
+            Another session commands, or nobody does.
+        """
+        with self._lock:
+            holder = self._current()
+            if holder is None:
+                raise LeaseError(
+                    "nobody commands the bench", "the session that commands", "take the command"
+                )
+            if holder.session_id != actor.session_id:
+                raise LeaseError(
+                    f"{holder.label} commands the bench",
+                    "the session that commands",
+                    "watch, or take the command over",
+                )
+            self._used = self._now()

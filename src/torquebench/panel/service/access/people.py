@@ -1,0 +1,352 @@
+"""People and clients: who may sign in, who is signed in, and with which role."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from sqlalchemy import Row, delete, func, insert, select, update
+
+from torquebench.errors import InputError
+from torquebench.panel.service.access.actors import Actor, Role, require
+from torquebench.panel.service.access.login_throttle import LoginThrottle
+from torquebench.panel.service.access.passwords import check_password_rules, hash_password, matches
+from torquebench.panel.service.access.sessions import Later, Sessions, at_once
+from torquebench.panel.service.problems import (
+    NameTakenError,
+    NotFoundError,
+    NotSignedInError,
+    PermissionDeniedError,
+    SignInError,
+)
+from torquebench.panel.service.store import PanelStore, note, sessions, users, utc_text
+
+__all__ = ["People", "User"]
+
+NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
+SETUP = "set-up"
+
+
+@dataclass(frozen=True)
+class User:
+    """An account of a person."""
+
+    name: str
+    role: Role
+    active: bool
+    created: str
+
+
+class People:
+    """Accounts of a data directory and their sessions.
+
+    Parameters
+    ----------
+    store : PanelStore
+    now : callable
+        Seconds since 1970.
+    later : callable
+        Has something written when there is time: nobody waits for it.
+    """
+
+    def __init__(
+        self,
+        store: PanelStore,
+        now: Callable[[], float] = time.time,
+        later: Later = at_once,
+    ) -> None:
+        self._store = store
+        self._guard = LoginThrottle(store, now)
+        self._sessions = Sessions(store, now, later)
+        self._lock = threading.Lock()
+        self._setup_code = None if self._has_administrator() else _setup_code()
+
+    # -- first start ------------------------------------------------------------------------
+
+    @property
+    def setup_code(self) -> str | None:
+        """The code that sets up the first administrator; None once there is one.
+
+        Shown on the server's console only.
+        """
+        return self._setup_code
+
+    def set_up(self, code: str, name: str, password: str, address: str) -> str:
+        """Make the first administrator by the code on the console; return a session's token.
+
+        Raises
+        ------
+        SignInError
+            The code is wrong, or there is an administrator already.
+        InputError
+            Name or password break the rules.
+        """
+        attempt = self._guard.attempt(SETUP, address)
+        with self._lock:
+            expected = self._setup_code
+            if expected is None:
+                self._guard.succeeded(attempt)
+                raise SignInError("this panel has an administrator", "", "sign in")
+            if not secrets.compare_digest(_bare(code), _bare(expected)):
+                raise SignInError("a wrong set-up code", "the code on the server's console")
+            self._guard.succeeded(attempt)
+            self._insert(name, "administrator", password, by="set-up")
+            self._setup_code = None
+        return self.sign_in(name, password, address)
+
+    def _has_administrator(self) -> bool:
+        with self._store.transaction(reading=True) as connection:
+            query = (
+                select(func.count())
+                .select_from(users)
+                .where(users.c.role == "administrator", users.c.active)
+            )
+            return bool(connection.scalar(query))
+
+    # -- sessions ---------------------------------------------------------------------------
+
+    def sign_in(self, name: str, password: str, address: str) -> str:
+        """Open a session; return its token, a secret for the person's browser alone.
+
+        Raises
+        ------
+        SignInError
+            Name and password don't belong together; the same words for either.
+        LockedOutError
+            Too many wrong attempts.
+        """
+        row = self._checked(name, password, address)
+        with self._store.transaction() as connection:
+            note(connection, row.name, "signed in", address=address)
+        return self._sessions.open(row.id, address)
+
+    def _checked(self, name: str, password: str, address: str) -> Row[Any]:
+        key = _key(name)
+        attempt = self._guard.attempt(key, address)
+        row = self._row(key)
+        stored = None if row is None or not row.active else row.password_hash
+        if not matches(stored, password) or row is None:  # takes as long for unknown names
+            self._store.note(key[:64], "failed to sign in", address=address)
+            raise SignInError(
+                "name and password don't belong together", "", "check both and try again"
+            )
+        self._guard.succeeded(attempt)
+        return row
+
+    def actor(self, token: str | None, *, touch: bool = True) -> Actor:
+        """Return who a session belongs to.
+
+        Parameters
+        ----------
+        token : str or None
+        touch : bool
+            Whether the person does something; a page that repaints itself doesn't.
+
+        Raises
+        ------
+        NotSignedInError
+            There is no such session, or it has expired.
+        """
+        found = self._sessions.find(token or "", touch=touch)
+        if found is None:
+            raise NotSignedInError("nobody is signed in", "a session", "sign in")
+        return found
+
+    def signed_in(self, session_id: str) -> bool:
+        """Whether a session is still open."""
+        return self._sessions.lives(session_id)
+
+    def sign_out(self, token: str) -> None:
+        """End a session; unknown ones are none."""
+        actor = self._sessions.find(token, touch=False)
+        if actor is not None:
+            self._sessions.close(token)
+            self._store.note(actor.name, "signed out")
+
+    def confirm_password(self, actor: Actor, password: str, address: str = "signing") -> None:
+        """Make sure that who signs is who is signed in.
+
+        Raises
+        ------
+        PermissionDeniedError
+            A client can't sign.
+        SignInError, LockedOutError
+            As for `sign_in`.
+        """
+        if actor.kind != "person":
+            raise PermissionDeniedError(f"{actor.label} signs", "a person's signature")
+        self._checked(actor.name, password, address)
+
+    # -- accounts ---------------------------------------------------------------------------
+
+    def users(self, actor: Actor) -> list[User]:
+        """Return all accounts, by name; for administrators."""
+        require(actor, "administrator")
+        with self._store.transaction(reading=True) as connection:
+            rows = connection.execute(select(users).order_by(users.c.key)).all()
+        return [_user(row) for row in rows]
+
+    def add_user(self, actor: Actor, name: str, role: Role, password: str) -> User:
+        """Add an account.
+
+        Raises
+        ------
+        PermissionDeniedError
+            Not an administrator.
+        InputError
+            The name is taken, or name, role or password break the rules.
+        """
+        require(actor, "administrator")
+        self._insert(name, role, password, by=actor.label)
+        return self.user(name)
+
+    def user(self, name: str) -> User:
+        """Return one account.
+
+        Raises
+        ------
+        NotFoundError
+            There is none of this name.
+        """
+        return _user(self._known(name))
+
+    def change_user(
+        self,
+        actor: Actor,
+        name: str,
+        *,
+        role: Role | None = None,
+        active: bool | None = None,
+        password: str | None = None,
+    ) -> User:
+        """Change an account and end its sessions; a new password also ends its lock.
+
+        Raises
+        ------
+        PermissionDeniedError
+            Not an administrator.
+        NotFoundError
+            No such account.
+        InputError
+            A rule is broken, or nobody would be administrator any more.
+        """
+        require(actor, "administrator")
+        row = self._known(name)
+        values: dict[str, Any] = {}
+        if role is not None:
+            values["role"] = _checked_role(role)
+        if active is not None:
+            values["active"] = active
+        if password is not None:
+            check_password_rules(row.name, password)
+            values["password_hash"] = hash_password(password)
+        self._update(actor, row, values)
+        return self.user(name)
+
+    def change_password(self, actor: Actor, old: str, new: str, address: str = "change") -> None:
+        """Change the own password; other sessions of the person end."""
+        self.confirm_password(actor, old, address)
+        row = self._known(actor.name)
+        check_password_rules(row.name, new)
+        self._update(actor, row, {"password_hash": hash_password(new)}, keep=actor.session_id)
+
+    def _update(
+        self, actor: Actor, row: Row[Any], values: dict[str, Any], keep: str | None = None
+    ) -> None:
+        if not values:
+            return
+        loses = values.get("role", row.role) != "administrator" or not values.get(
+            "active", row.active
+        )
+        with self._lock, self._store.transaction() as connection:
+            if loses and row.role == "administrator" and row.active:
+                others = select(func.count()).where(
+                    users.c.role == "administrator", users.c.active, users.c.id != row.id
+                )
+                if not connection.scalar(others):
+                    raise InputError(
+                        f"{row.name} is the only administrator",
+                        "one active administrator at least",
+                        "make somebody else administrator first",
+                    )
+            connection.execute(update(users).where(users.c.id == row.id).values(**values))
+            shown = {key: value for key, value in values.items() if key != "password_hash"}
+            if "password_hash" in values:
+                shown["password"] = "changed"
+            note(connection, actor.label, "changed an account", name=row.name, **shown)
+        self._sessions.close_all(row.id, keep=keep)
+        if "password_hash" in values:
+            self._guard.release(row.key)
+
+    def _insert(self, name: str, role: Role, password: str, *, by: str) -> None:
+        name = name.strip()
+        if not NAME.fullmatch(name):
+            raise InputError(
+                f"name {name[:80]!r}",
+                "2 to 64 letters, digits, spaces, dots and hyphens, beginning with a letter or "
+                "digit",
+            )
+        _checked_role(role)
+        check_password_rules(name, password)
+        hashed = hash_password(password)
+        with self._store.transaction() as connection:
+            if connection.scalar(select(users.c.id).where(users.c.key == _key(name))):
+                raise NameTakenError(f"an account {name} exists", "a new name")
+            connection.execute(
+                insert(users).values(
+                    key=_key(name),
+                    name=name,
+                    role=role,
+                    password_hash=hashed,
+                    active=True,
+                    created=utc_text(),
+                )
+            )
+            note(connection, by, "added an account", name=name, role=role)
+
+    def _row(self, key: str) -> Row[Any] | None:
+        with self._store.transaction(reading=True) as connection:
+            return connection.execute(select(users).where(users.c.key == key)).one_or_none()
+
+    def _known(self, name: str) -> Row[Any]:
+        row = self._row(_key(name))
+        if row is None:
+            raise NotFoundError(f"no account {name[:80]!r}", "a name from the list of users")
+        return row
+
+    def close(self) -> None:
+        """Forget expired sessions in the database."""
+        with self._store.transaction() as connection:
+            connection.execute(delete(sessions).where(sessions.c.seen < self._sessions.oldest()))
+
+
+def _key(name: str) -> str:
+    """Return a name as it is compared: without case and outer blanks, never too long."""
+    return name.strip().casefold()[:128]
+
+
+def _checked_role(role: str) -> str:
+    if role not in get_args(Role):
+        raise InputError(f"role {role[:40]!r}", "one of " + ", ".join(get_args(Role)))
+    return role
+
+
+def _user(row: Row[Any]) -> User:
+    return User(row.name, row.role, row.active, row.created)
+
+
+def _bare(code: str) -> bytes:
+    """Return a code without what people put between its letters, and in one case."""
+    return "".join(each for each in code if each.isalnum()).upper().encode()
+
+
+def _setup_code() -> str:
+    """Return a code of 60 bits that a person can copy from a screen: XXXX-XXXX-XXXX."""
+    letters = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"
+    parts = ("".join(secrets.choice(letters) for _ in range(4)) for _ in range(3))
+    return "-".join(parts)

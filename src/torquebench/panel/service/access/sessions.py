@@ -1,0 +1,177 @@
+"""Sessions of signed-in people: secret tokens, kept as hashes, that expire."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import secrets
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from sqlalchemy import delete, insert, select, update
+
+from torquebench.errors import RecordError
+from torquebench.panel.service.access.actors import Actor
+from torquebench.panel.service.problems import NotSignedInError
+from torquebench.panel.service.store import PanelStore, sessions, users
+
+__all__ = ["IDLE_S", "LONGEST_S", "Later", "Sessions", "at_once", "token_sha256"]
+
+Later: TypeAlias = Callable[[Callable[[], None]], object]
+
+IDLE_S = 3600.0
+"""A session in which nobody does anything ends after this, s."""
+LONGEST_S = 12 * 3600.0
+"""A session ends after this in any case, s: one shift."""
+TOUCH_S = 60.0
+"""How often the moment of the last action is written down, s."""
+
+
+def at_once(action: Callable[[], None]) -> None:
+    """Do something now: for whoever has nobody else to do it."""
+    action()
+
+
+def token_sha256(token: str) -> str:
+    """Return what is kept of a token: it is random enough for a plain hash."""
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+@dataclass
+class _Open:
+    actor: Actor
+    user_id: int
+    created: float
+    seen: float
+    written: float
+
+
+class Sessions:
+    """Open sessions, in memory for speed and in the store so that they survive a restart.
+
+    Parameters
+    ----------
+    store : PanelStore
+    now : callable
+        Seconds since 1970.
+    later : callable
+        Has something written when there is time: who looks a session up doesn't wait for a disk.
+    """
+
+    def __init__(
+        self,
+        store: PanelStore,
+        now: Callable[[], float] = time.time,
+        later: Later = at_once,
+    ) -> None:
+        self._store = store
+        self._now = now
+        self._later = later
+        self._writing = threading.Lock()
+        self._lock = threading.Lock()  # never held while something is written
+        self._open: dict[str, _Open] = {}
+        with store.transaction(reading=True) as connection:
+            query = select(sessions, users.c.name, users.c.role).join(
+                users, users.c.id == sessions.c.user_id
+            )
+            for row in connection.execute(query.where(users.c.active)):
+                self._remember(
+                    row.token_sha256, row.user_id, row.name, row.role, row.created, row.seen
+                )
+
+    def _remember(
+        self, key: str, user_id: int, name: str, role: str, created: float, seen: float
+    ) -> None:
+        actor = Actor(name, role, key[:16])  # type: ignore[arg-type]
+        self._open[key] = _Open(actor, user_id, created, seen, seen)
+
+    def open(self, user_id: int, address: str) -> str:
+        """Open a session and return its token."""
+        token = secrets.token_urlsafe(32)
+        key, now = token_sha256(token), self._now()
+        with self._writing:
+            with self._store.transaction() as connection:
+                connection.execute(delete(sessions).where(sessions.c.created < now - LONGEST_S))
+                user = connection.execute(
+                    select(users).where(users.c.id == user_id, users.c.active)
+                ).one_or_none()
+                if user is None:  # closed since the password was looked at
+                    raise NotSignedInError("an account that was closed", "an active account")
+                connection.execute(
+                    insert(sessions).values(
+                        token_sha256=key, user_id=user_id, address=address, created=now, seen=now
+                    )
+                )
+            with self._lock:
+                expired = [
+                    each for each, found in self._open.items() if not self._alive(found, now)
+                ]
+                for each in expired:
+                    del self._open[each]
+                self._remember(key, user_id, user.name, user.role, now, now)
+        return token
+
+    def find(self, token: str, *, touch: bool) -> Actor | None:
+        """Return who a token belongs to; None where it has expired or never was."""
+        key, now = token_sha256(token), self._now()
+        with self._lock:
+            found = self._open.get(key)
+            if found is None or not self._alive(found, now):
+                return None
+            if touch:
+                found.seen = now
+            due = found.seen - found.written > TOUCH_S
+            if due:
+                found.written = found.seen
+        if due:
+            self._later(lambda: self._write_seen(key, found.seen))
+        return found.actor
+
+    def _write_seen(self, key: str, seen: float) -> None:
+        with contextlib.suppress(RecordError), self._store.transaction() as connection:
+            connection.execute(
+                update(sessions).where(sessions.c.token_sha256 == key).values(seen=seen)
+            )
+
+    def lives(self, session_id: str) -> bool:
+        """Whether a session of this identifier is open."""
+        now = self._now()
+        with self._lock:
+            return any(
+                each.actor.session_id == session_id and self._alive(each, now)
+                for each in self._open.values()
+            )
+
+    def close(self, token: str) -> None:
+        """End one session."""
+        self._close([token_sha256(token)])
+
+    def close_all(self, user_id: int, keep: str | None = None) -> None:
+        """End every session of a person, except the one with this identifier."""
+        with self._lock:
+            ended = [
+                key
+                for key, each in self._open.items()
+                if each.user_id == user_id and each.actor.session_id != keep
+            ]
+        self._close(ended)
+
+    def _close(self, keys: Sequence[str]) -> None:
+        """End sessions at once, whether or not that can be written down."""
+        with self._writing:
+            with self._lock:
+                for key in keys:
+                    self._open.pop(key, None)
+            with self._store.transaction() as connection:
+                connection.execute(delete(sessions).where(sessions.c.token_sha256.in_(keys)))
+
+    def oldest(self) -> float:
+        """Sessions not seen since then have expired."""
+        return self._now() - IDLE_S
+
+    @staticmethod
+    def _alive(session: _Open, now: float) -> bool:
+        return now - session.seen <= IDLE_S and now - session.created <= LONGEST_S

@@ -1,0 +1,379 @@
+"""Jobs about compensation: calibrate, compare models, fit another one, verify.
+
+Details of their results, all as JSON:
+
+- "calibrate": `side`, `range_nm`, `points` (`reading_nm`, `standard_nm`, `branch`, `series`),
+  `models`: for each fitted model `title`, `kind`, `torque_nm` at the points, `summary` (errors on
+  its own points) and `remarks`; `raw`: the summary without compensation; `unsettled`.
+- "resume-calibration": as "calibrate", with the points of both runs.
+- "compare-models": `scores` (one row a model), `selected`, `sentence`, `refused`, `noise_nm`.
+- "fit": as "calibrate", with the one new model.
+- "verify": `models`: for each, and "raw", `title`, `against_standard`, `averaged`, `groups`,
+  `error_nm` at the points; `standard_nm`, `group`; `verdict` and `tolerance_percent_fs`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from torquebench.bench.roles import Side
+from torquebench.calibration import (
+    Profile,
+    verify,
+)
+from torquebench.campaign.fitting import (
+    COMPARED_COLUMNS,
+    ModelChoice,
+    fit_metrics,
+    fit_models,
+    model_title,
+    store_model,
+)
+from torquebench.campaign.measuring import (
+    Measured,
+    measure_calibration,
+    measure_verification,
+    rehearse_calibration,
+)
+from torquebench.campaign.modules import (
+    RegisteredCalibration,
+    register_calibration,
+    register_verification,
+)
+from torquebench.campaign.resuming import read_interrupted, resume_calibration
+from torquebench.compensation import (
+    RECOMMENDED,
+    load_model,
+    make_model,
+)
+from torquebench.errors import InputError, RecordError
+from torquebench.panel.comparing import compare_points
+from torquebench.panel.run_in_process import run_in_process
+from torquebench.panel.service.fields import WHOLE, Flag, Identifier, Number, ProfileName
+from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
+from torquebench.panel.service.jobs.results import (
+    calibration_data,
+    calibration_result,
+    errors_of,
+    fit_details,
+    models_of,
+    verification_result,
+)
+from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
+from torquebench.panel.service.jobs.values import JobPreview, JobResult
+from torquebench.procedures import StaircaseResult, rehearse
+from torquebench.procedures import verify as verify_plan
+from torquebench.records import CalibrationEntry
+from torquebench.station import Station
+
+__all__ = [
+    "CALIBRATION_KINDS",
+    "CalibrateRequest",
+    "CompareRequest",
+    "FitRequest",
+    "ResumeRequest",
+    "VerifyRequest",
+    "calibration_data",
+]
+
+MOST_STEPS = 5000
+"""Of one staircase: more is a typing mistake, and would take a day."""
+
+Percent = Annotated[Number, Field(ge=0.1, le=100.0)]
+
+
+class CalibrateRequest(JobRequest):
+    """Calibrate one module against the calibrator and fit models; none is activated.
+
+    `bench_clear` has to be true on a real bench: whoever starts it confirms that it may be loaded.
+    """
+
+    side: Side
+    profile: ProfileName = "rapid-in-situ"
+    rising_only: Flag | None = None
+    repeats: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
+    step_percent: Percent | None = None
+    up_to_nm: Annotated[Number, Field(gt=0, le=1e6)] | None = None
+    models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    bench_clear: Flag = False
+
+
+class ResumeRequest(JobRequest):
+    """Go on with an interrupted calibration; side and profile are those of its run."""
+
+    run_id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    bench_clear: Flag = False
+
+
+class CompareRequest(JobRequest):
+    """Compare all kinds of model on a calibration by cross-validation."""
+
+    calibration_id: Identifier
+
+
+class FitRequest(JobRequest):
+    """Fit one more model to a calibration and register it."""
+
+    calibration_id: Identifier
+    model: ProfileName
+
+
+class VerifyRequest(JobRequest):
+    """Verify the models of a calibration at fresh points against the verification standard."""
+
+    calibration_id: Identifier
+    profile: ProfileName = "verification"
+    groups: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
+    points: Annotated[int, Field(ge=4, le=1000), WHOLE] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1), WHOLE] | None = None
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
+    bench_clear: Flag = False
+
+
+# -- calibrate ------------------------------------------------------------------------------
+
+
+def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile:
+    range_nm = place.station.description.module(request.side).range_nm
+    up_to = request.up_to_nm
+    profile = place.settings.profile(request.profile).with_options(
+        rising_only=request.rising_only,
+        repeats=request.repeats,
+        step_percent=request.step_percent,
+        up_to_percent=None if up_to is None else 100.0 * up_to / range_nm,
+    )
+    if profile.loading.pattern == "random":
+        raise InputError(
+            f"profile {profile.name} for a calibration", "a profile of steps", "take another one"
+        )
+    _refuse_long(profile, range_nm, request.repeats or 1)
+    return profile
+
+
+def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
+    steps = repeats * len(profile.loading.percents())
+    if steps <= MOST_STEPS:  # else laying them out would take long already
+        steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
+    if steps > MOST_STEPS:
+        raise InputError(
+            f"a staircase of {steps} steps", f"at most {MOST_STEPS}", "wider steps or fewer repeats"
+        )
+
+
+def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPreview:
+    """Rehearse the very plan that would run."""
+    station = place.station
+    profile = _calibration_profile(place, request)
+    rehearsal = rehearse_calibration(station, request.side, profile)
+    return staircase_preview(
+        station.description, request.side, "calibrate", _calibrate_title(request), rehearsal
+    )
+
+
+def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult:
+    """Measure, fit and register; which model is used stays open."""
+    station, job = context.station, context.job
+    confirm_clear(station.description, request.bench_clear)
+    profile = _calibration_profile(context, request)
+    choices = _choices(request.models)
+    measured = measure_calibration(station, request.side, profile, progress=job)
+    return _fitted(context, measured, profile, choices)
+
+
+def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
+    """Go on with an interrupted calibration at its interrupted series, then fit and register."""
+    station = context.station
+    confirm_clear(station.description, request.bench_clear)
+    choices = _choices(request.models)
+    interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
+    measured = resume_calibration(station, interrupted, progress=context.job)
+    return _fitted(context, measured, interrupted.profile, choices)
+
+
+def _choices(names: Sequence[str]) -> list[ModelChoice]:
+    choices = [ModelChoice(name) for name in dict.fromkeys(names)]
+    for choice in choices:
+        make_model(choice.name)
+    return choices
+
+
+def _fitted(
+    context: JobContext,
+    measured: Measured[StaircaseResult],
+    profile: Profile,
+    choices: Sequence[ModelChoice],
+) -> JobResult:
+    """Fit models to what was measured and register it all."""
+    station = context.station
+    context.check()
+    data = measured.result.data
+    fitted = fit_models(data, choices, context.job, title="Fitting models")
+    registered = register_calibration(station, measured, profile, fitted, active=None)
+    numbers = {name: entry.model_id for name, entry in registered.models.items()}
+    found = calibration_result(registered.calibration, data, fitted, numbers)
+    return replace(found, details=dict(found.details) | {"unsettled": measured.result.unsettled})
+
+
+# -- compare and fit ------------------------------------------------------------------------
+
+
+def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
+    """Compare in a process of its own, so that the bench keeps its time."""
+    entry, data = calibration_data(context.station, request.calibration_id)
+    job = context.job
+    job.start("Comparing models", 100)
+    found = run_in_process(
+        compare_points,
+        data.features(COMPARED_COLUMNS),
+        data.standard_nm,
+        data.range_nm,
+        on_progress=job.fraction,
+        cancelled=job.cancelled.is_set,
+    )
+    chosen = found["selected"]
+    return JobResult(
+        headline=found["sentence"],
+        simulated=data.simulated,
+        run_ids=(str(entry.run_id),),
+        calibration_id=entry.calibration_id,
+        details=found | {"selected_title": model_title(chosen)},
+    )
+
+
+def run_fit(context: JobContext, request: FitRequest) -> JobResult:
+    """Fit one model to the points of a calibration and register it beside the others."""
+    station = context.station
+    entry, data = calibration_data(station, request.calibration_id)
+    make_model(request.model)
+    (item,) = fit_models(data, [ModelChoice(request.model)], context.job, title="Fitting")
+    metrics = fit_metrics(item, data)
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+    path = station.data_dir / "models" / f"{entry.run_id}-{item.name}-{stamp}.json"
+    store_model(path, item.model, data, metrics)
+    model = station.registry.add_model(
+        entry, kind=item.model.kind, file=path, side=data.side, metrics=metrics
+    )
+    return JobResult(
+        headline=f"{item.title} leaves {errors_of(item, data).worst_nm:.3g} N·m on its own points.",
+        simulated=data.simulated,
+        run_ids=(str(entry.run_id),),
+        calibration_id=entry.calibration_id,
+        model_ids={item.name: model.model_id},
+        details=fit_details(data, [item]),
+    )
+
+
+# -- verify ---------------------------------------------------------------------------------
+
+
+def _verification_profile(place: Workplace, request: VerifyRequest) -> Profile:
+    """Return the profile, over as much of the range as was calibrated."""
+    profile = place.settings.profile(request.profile).with_options(
+        groups=request.groups, points=request.points
+    )
+    if profile.loading.pattern != "random":
+        raise InputError(f"profile {profile.name} for a verification", "a profile of random points")
+    entry, data = calibration_data(place.station, request.calibration_id)
+    return profile.within(100.0 * float(np.max(np.abs(data.standard_nm))) / entry.range_nm)
+
+
+def _side_of(station: Station, entry: CalibrationEntry) -> Side:
+    for side in ("input", "output"):
+        transducer = station.description.module(side).transducer.serial
+        if transducer == entry.transducer_serial:
+            return side
+    raise InputError(
+        f"calibration {entry.calibration_id} is of transducer {entry.transducer_serial}",
+        "one of this bench's transducers",
+    )
+
+
+def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview:
+    """Rehearse a verification with some seed."""
+    station = place.station
+    side = _side_of(station, station.registry.calibration(request.calibration_id))
+    profile = _verification_profile(place, request)
+    steps = profile.staircase(
+        station.description.module(side).range_nm, np.random.default_rng(request.seed or 0)
+    )
+    rehearsal = rehearse(station.devices, verify_plan(station.devices, side, profile, steps))
+    title = f"Verify the {side} module"
+    return staircase_preview(station.description, side, "verify", title, rehearsal)
+
+
+def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
+    """Measure fresh points, judge every model of the calibration and register the outcome."""
+    station = context.station
+    confirm_clear(station.description, request.bench_clear)
+    entry = station.registry.calibration(request.calibration_id)
+    side = _side_of(station, entry)
+    models = models_of(station, entry)
+    if not models:
+        raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
+    loaded = {name: load_model(model.check_file()).model for name, model in models.items()}
+    seed = request.seed
+    if seed is None:  # drawn anew for every verification, and kept with its points
+        seed = int(np.random.default_rng().integers(2**32))
+    measured = measure_verification(
+        station, side, _verification_profile(context, request), seed, progress=context.job
+    )
+    data = measured.result.data
+    result = verify(data, loaded)
+    run_id = measured.record.run_id
+    register_verification(station, RegisteredCalibration(entry, models), result, run_id)
+    return verification_result(
+        station,
+        entry,
+        loaded,
+        data,
+        result,
+        run_id=run_id,
+        tolerance_percent_fs=request.tolerance_percent_fs,
+        seed=seed,
+    )
+
+
+def _calibrate_title(request: CalibrateRequest) -> str:
+    return f"Calibrate the {request.side} module"
+
+
+CALIBRATION_KINDS: tuple[JobKind, ...] = (
+    JobKind("calibrate", _calibrate_title, CalibrateRequest, run_calibration, preview_calibration),
+    JobKind(
+        "resume-calibration",
+        lambda asked: f"Go on with {asked.run_id}",
+        ResumeRequest,
+        run_resumption,
+    ),
+    JobKind(
+        "compare-models",
+        lambda asked: f"Compare models of calibration {asked.calibration_id}",
+        CompareRequest,
+        run_comparison,
+        moves=False,
+        can_pause=False,
+    ),
+    JobKind(
+        "fit",
+        lambda asked: f"Fit {asked.model} to calibration {asked.calibration_id}",
+        FitRequest,
+        run_fit,
+        role="metrologist",
+        moves=False,
+        can_pause=False,
+    ),
+    JobKind(
+        "verify",
+        lambda asked: f"Verify calibration {asked.calibration_id}",
+        VerifyRequest,
+        run_verification,
+        preview_verification,
+    ),
+)

@@ -1,0 +1,206 @@
+"""Short jobs: zero, the daily check, and the certificate.
+
+Details of their results, all as JSON:
+
+- "zero": for each side `frequency_hz`, and `zero_nm`, what that is away from the nominal zero.
+- "check": `side`, `tolerance_percent_fs`, and for each point `standard_nm`, `error_nm`,
+  `expanded_uncertainty_nm`, `verdict`.
+- "certificate": `files` (their names), `verdict`, `deviations`, `languages`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.checking import check_module
+from torquebench.campaign.measuring import RunAbortedError
+from torquebench.campaign.zeros import register_zeroings
+from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
+from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
+from torquebench.panel.service.jobs.results import as_details
+from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
+from torquebench.panel.service.jobs.values import JobPreview, JobResult
+from torquebench.procedures import rehearse, zero_modules
+from torquebench.procedures import verify as verify_plan
+from torquebench.reports.certificate import (
+    LABORATORY_FILE,
+    Issue,
+    build_record,
+    issue_certificate,
+    read_letterhead,
+)
+from torquebench.station import Progress
+
+__all__ = ["CHECK_KINDS", "CertificateRequest", "CheckRequest", "ZeroRequest"]
+
+
+class ZeroRequest(JobRequest):
+    """Take the unloaded bench's reading for zero."""
+
+    sides: Annotated[tuple[Side, ...], Field(min_length=1, max_length=2)] = SIDES
+
+
+class CheckRequest(JobRequest):
+    """Check one module against the check standard: the daily check."""
+
+    side: Side
+    profile: ProfileName = "check"
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
+    bench_clear: Flag = False
+
+
+class CertificateRequest(JobRequest):
+    """Issue the certificate of a calibration; who asks has signed with the password."""
+
+    calibration_id: Identifier
+    languages: Annotated[
+        tuple[Literal["en", "de", "zh"], ...], Field(min_length=1, max_length=3)
+    ] = ("en",)
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
+    number: Annotated[str, Field(max_length=64, pattern=r"^([A-Za-z0-9][A-Za-z0-9_-]*)?$")] = ""
+
+
+def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
+    """Zero the modules and register it for the drift charts."""
+    station, job = context.station, context.job
+    sides = tuple(dict.fromkeys(request.sides))
+    job.start("Zero", len(sides))
+
+    def watch(step: Progress) -> None:
+        job.advance(0, step.message)
+
+    record = station.run(
+        zero_modules(station.devices, sides),
+        kind="zero",
+        metadata={"operator": context.actor.label},
+        progress=watch,
+    )
+    register_zeroings(station, record)
+    if record.exit_status != "success":
+        raise RunAbortedError(record)
+    job.advance(len(sides))
+    details: dict[str, Any] = {}
+    for side in sides:
+        scale = station.description.module(side).transducer.scale()
+        transducer = station.description.module(side).transducer
+        frequency_hz = record.result[side].frequency_hz
+        away = (frequency_hz - scale.nominal_zero_hz) / transducer.nominal_sensitivity_hz_per_nm
+        details[side] = {"frequency_hz": frequency_hz, "zero_nm": away}
+    words = ", ".join(f"{side} {details[side]['zero_nm']:+.3g} N·m" for side in sides)
+    return JobResult(
+        headline=f"Zero taken; away from the nominal one: {words}.",
+        simulated=station.description.simulated,
+        run_ids=(record.run_id,),
+        details=as_details(details),
+    )
+
+
+def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
+    """Rehearse a daily check."""
+    station = place.station
+    profile = place.settings.profile(request.profile)
+    steps = profile.staircase(station.description.module(request.side).range_nm)
+    plan = verify_plan(station.devices, request.side, profile, steps)
+    return staircase_preview(
+        station.description,
+        request.side,
+        "check",
+        _check_title(request),
+        rehearse(station.devices, plan),
+    )
+
+
+def run_check(context: JobContext, request: CheckRequest) -> JobResult:
+    """Load a few steps against the check standard, judge and register."""
+    station = context.station
+    confirm_clear(station.description, request.bench_clear)
+    found = check_module(
+        station,
+        request.side,
+        context.settings.profile(request.profile),
+        request.tolerance_percent_fs,
+        progress=context.job,
+    )
+    return JobResult(
+        headline=f"{found.verdict.label}: worst {found.worst_percent_fs:+.3g} % FS, tolerance "
+        f"±{request.tolerance_percent_fs:g} % FS.",
+        verdict=found.verdict.value,
+        simulated=found.data.simulated,
+        run_ids=(found.run_id,),
+        details=as_details(
+            {
+                "side": request.side,
+                "tolerance_percent_fs": request.tolerance_percent_fs,
+                "standard_nm": found.data.standard_nm,
+                "error_nm": found.error_nm,
+                "expanded_uncertainty_nm": found.expanded_uncertainty_nm,
+                "verdicts": [each.verdict.value for each in found.decisions],
+            }
+        ),
+    )
+
+
+def run_certificate(context: JobContext, request: CertificateRequest) -> JobResult:
+    """Issue a certificate that the person who started it authorises."""
+    registry, job = context.station.registry, context.job
+    job.start("Issuing the certificate", 1)
+    calibration = registry.calibration(request.calibration_id)
+    kept = registry.root / LABORATORY_FILE
+    parties: dict[str, Any] = {}
+    if kept.is_file():
+        laboratory, customer = read_letterhead(kept).parties
+        parties = {"laboratory": laboratory, "customer": customer}
+    issue = Issue(
+        [context.actor.name],
+        languages=request.languages,
+        tolerance_percent_fs=request.tolerance_percent_fs,
+        number=request.number,
+        **parties,
+    )
+    issued = issue_certificate(registry, build_record(registry, calibration, issue))
+    job.advance()
+    record = issued.record
+    conformity = record.conformity
+    judged = "" if conformity is None else f": {conformity.verdict.label}"
+    return JobResult(
+        headline=f"Certificate {record.number}{judged}.",
+        verdict="" if conformity is None else conformity.verdict.value,
+        simulated=record.simulated,
+        calibration_id=calibration.calibration_id,
+        certificate=record.number,
+        details=as_details(
+            {
+                "files": [path.name for path in issued.files],
+                "deviations": [each.found for each in record.deviations],
+                "languages": list(record.languages),
+                "supersedes": record.supersedes,
+            }
+        ),
+    )
+
+
+def _zero_title(_request: ZeroRequest) -> str:
+    return "Zero"
+
+
+def _check_title(request: CheckRequest) -> str:
+    return f"Check the {request.side} module"
+
+
+CHECK_KINDS: tuple[JobKind, ...] = (
+    JobKind("zero", _zero_title, ZeroRequest, run_zero, can_pause=False),
+    JobKind("check", _check_title, CheckRequest, run_check, preview_check),
+)
+CERTIFICATE_KIND = JobKind(
+    "certificate",
+    lambda asked: f"Certificate of calibration {asked.calibration_id}",
+    CertificateRequest,
+    run_certificate,
+    role="metrologist",
+    moves=False,
+    can_pause=False,
+)
+"""Started by `BenchService.issue_certificate` alone, which asks for the password."""

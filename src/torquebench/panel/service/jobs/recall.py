@@ -1,0 +1,136 @@
+"""Calibrations out of the records, to go on with in the wizard as if they had just been made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from torquebench.calibration import verify
+from torquebench.campaign.fitting import FittedModel, model_title
+from torquebench.campaign.resuming import find_interrupted, read_interrupted
+from torquebench.compensation import CompensationModel, load_model
+from torquebench.errors import TorquebenchError
+from torquebench.panel.service.access.actors import Actor
+from torquebench.panel.service.jobs.calibrations import VerifyRequest
+from torquebench.panel.service.jobs.results import (
+    calibration_data,
+    calibration_result,
+    models_of,
+    verification_result,
+)
+from torquebench.panel.service.jobs.runner import JobRunner
+from torquebench.panel.service.jobs.values import JobResult, JobView
+from torquebench.records import Registry, RunFolder
+from torquebench.reports.certificate import run_data
+from torquebench.station import Station
+
+__all__ = ["InterruptedView", "interrupted_calibration", "recall"]
+
+
+@dataclass(frozen=True)
+class InterruptedView:
+    """A calibration that was begun and not finished.
+
+    Parameters
+    ----------
+    run_id, side, profile : str
+    interrupted : datetime.datetime
+        When its last point was taken, UTC.
+    points, kept, total : int
+        How many points were taken, how many of them stay, and how many it takes in all.
+    """
+
+    run_id: str
+    side: str
+    profile: str
+    interrupted: datetime
+    points: int
+    kept: int
+    total: int
+
+
+def interrupted_calibration(registry: Registry, run_id: str = "") -> InterruptedView | None:
+    """Return a run that can be gone on with; by default the newest calibration, if it is one.
+
+    None where nothing is to be gone on with; why not is said by whoever tries.
+    """
+    try:
+        if not run_id:
+            newest = next((run for run in registry.runs() if _calibrates(run.kind)), None)
+            if newest is None:
+                return None
+            run_id = newest.run_id
+        found = read_interrupted(registry, find_interrupted(registry, run_id))
+        kept = len(found.kept)
+    except TorquebenchError:
+        return None
+    return InterruptedView(
+        run_id=run_id,
+        side=found.side,
+        profile=found.profile.title,
+        interrupted=found.interrupted,
+        points=len(found.points),
+        kept=kept,
+        total=sum(step.recorded for step in found.steps),
+    )
+
+
+def _calibrates(kind: str) -> bool:
+    return kind.startswith("calibrate-")
+
+
+def recall(jobs: JobRunner, station: Station, actor: Actor, calibration_id: int) -> JobView:
+    """List what a registered calibration's jobs found as if they had just been done."""
+    measured, verified = recalled(station, calibration_id)
+    view = jobs.recall(actor, "calibrate", {"side": measured.details["side"]}, measured)
+    if verified is not None:
+        jobs.recall(actor, "verify", {"calibration_id": calibration_id}, verified)
+    return view
+
+
+def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResult | None]:
+    """Return what the jobs of a registered calibration found: its fit and its last verification.
+
+    Raises
+    ------
+    RecordError
+        It isn't registered, or its records were changed.
+    """
+    entry, data = calibration_data(station, calibration_id)
+    entries = models_of(station, entry)
+    loaded = {name: load_model(model.check_file()).model for name, model in entries.items()}
+    fitted = {_name(loaded[key]): (key, _fitted(loaded[key])) for key in entries}
+    numbers = {name: entries[key].model_id for name, (key, _) in fitted.items()}
+    measured = calibration_result(entry, data, [item for _, item in fitted.values()], numbers)
+    verifications = [
+        (found, key)
+        for key, model in entries.items()
+        for found in station.registry.verifications(model.model_id)
+        if found.run_id is not None
+    ]
+    if not verifications:
+        return measured, None
+    last = max((found for found, _ in verifications), key=lambda found: found.performed)
+    judged = {key: loaded[key] for found, key in verifications if found.run_id == last.run_id}
+    fresh = run_data(RunFolder(station.registry.run(str(last.run_id)).folder))
+    verified = verification_result(
+        station,
+        entry,
+        judged,
+        fresh,
+        verify(fresh, judged),
+        run_id=str(last.run_id),
+        tolerance_percent_fs=VerifyRequest(calibration_id=calibration_id).tolerance_percent_fs,
+    )
+    return measured, verified
+
+
+def _name(model: CompensationModel) -> str:
+    """Return a model's name as comparisons have it."""
+    degree = model.get_params(deep=False).get("degree")
+    return model.kind if degree is None else f"{model.kind}-{degree}"
+
+
+def _fitted(model: CompensationModel) -> FittedModel:
+    title = model_title(model.kind, model.get_params(deep=False))
+    return FittedModel(_name(model), title, model, 0.0, ())

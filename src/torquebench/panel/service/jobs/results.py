@@ -1,0 +1,185 @@
+"""What jobs about compensation found, as pages and clients are shown it: values and JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from torquebench.calibration import (
+    CalibrationData,
+    ErrorSummary,
+    VerificationResult,
+    summarise_errors,
+)
+from torquebench.campaign.checking import judge_check
+from torquebench.campaign.fitting import FittedModel, feature_columns, model_title
+from torquebench.compensation import CompensationModel
+from torquebench.errors import RecordError
+from torquebench.panel.service.jobs.values import JobResult
+from torquebench.records import CalibrationEntry, ModelEntry, RunFolder, json_text
+from torquebench.reports.certificate import run_data
+from torquebench.station import Station
+from torquebench.uncertainty import Verdict
+
+__all__ = [
+    "as_details",
+    "calibration_data",
+    "calibration_result",
+    "errors_of",
+    "fit_details",
+    "models_of",
+    "verification_result",
+]
+
+
+def calibration_result(
+    entry: CalibrationEntry,
+    data: CalibrationData,
+    fitted: Sequence[FittedModel],
+    model_ids: Mapping[str, int],
+) -> JobResult:
+    """Say what a calibration found, and what each model leaves of it."""
+    best = min(fitted, key=lambda item: errors_of(item, data).worst_percent_fs, default=None)
+    found = ""
+    if best is not None:
+        found = f"; {best.title} leaves {errors_of(best, data).worst_nm:.3g} N·m"
+    raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
+    return JobResult(
+        headline=f"{len(data)} points; the raw reading is wrong by up to "
+        f"{raw.worst_nm:.3g} N·m{found}.",
+        simulated=data.simulated,
+        run_ids=(str(entry.run_id),),
+        calibration_id=entry.calibration_id,
+        model_ids=model_ids,
+        details=fit_details(data, fitted),
+    )
+
+
+def errors_of(item: FittedModel, data: CalibrationData) -> ErrorSummary:
+    """Return the errors that a model leaves at the points it was fitted to."""
+    torque = item.model.predict(data.features(feature_columns(item.model)))
+    return summarise_errors(torque, data.standard_nm, data.range_nm)
+
+
+def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[str, Any]:
+    """Return points and models of a fit as JSON."""
+    models = {
+        item.name: {
+            "title": item.title,
+            "kind": item.model.kind,
+            "torque_nm": item.model.predict(data.features(feature_columns(item.model))),
+            "summary": errors_of(item, data),
+            "remarks": item.remarks,
+        }
+        for item in fitted
+    }
+    return as_details(
+        {
+            "side": data.side,
+            "range_nm": data.range_nm,
+            "points": {
+                "reading_nm": data.reading_nm,
+                "standard_nm": data.standard_nm,
+                "branch": data.branch,
+                "series": data.series,
+            },
+            "raw": summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+            "models": models,
+        }
+    )
+
+
+def as_details(value: Any) -> dict[str, Any]:
+    """Return a value as JSON with plain lists and numbers."""
+    found: dict[str, Any] = json.loads(json_text(value))
+    return found
+
+
+def calibration_data(station: Station, calibration_id: int) -> tuple[CalibrationEntry, Any]:
+    """Return a calibration and its points.
+
+    Raises
+    ------
+    RecordError
+        It isn't registered, has no run, or its run was changed.
+    """
+    entry = station.registry.calibration(calibration_id)
+    if entry.run_id is None:
+        raise RecordError(
+            f"calibration {calibration_id} comes from a table", "a calibration of this bench"
+        )
+    data = run_data(RunFolder(station.registry.run(entry.run_id).folder))
+    if data.sha256() != entry.data_sha256:
+        raise RecordError(f"the points of calibration {calibration_id} were changed", "as recorded")
+    return entry, data
+
+
+def models_of(station: Station, entry: CalibrationEntry) -> dict[str, ModelEntry]:
+    """Return the registered models of a calibration by the names that verifications use."""
+    return {
+        f"model-{model.model_id}": model
+        for model in station.registry.models(entry.transducer_serial)
+        if model.calibration_id == entry.calibration_id
+    }
+
+
+def verification_result(
+    station: Station,
+    entry: CalibrationEntry,
+    models: Mapping[str, CompensationModel],
+    data: CalibrationData,
+    result: VerificationResult,
+    *,
+    run_id: str,
+    tolerance_percent_fs: float,
+    seed: int | None = None,
+) -> JobResult:
+    """Judge every model at the points of a verification."""
+    standard = station.description.verification_standard.expanded_uncertainty_percent
+    details: dict[str, Any] = {}
+    verdicts = {}
+    for name in ("raw", *models):
+        torque, expanded, decisions = judge_check(
+            data,
+            models.get(name),
+            standard_uncertainty_percent=standard,
+            tolerance_percent_fs=tolerance_percent_fs,
+        )
+        verdicts[name] = Verdict.worst(each.verdict for each in decisions)
+        details[name] = {
+            "title": _title(models.get(name)),
+            "verdict": verdicts[name].value,
+            "result": result.of(name),
+            "error_nm": torque - data.standard_nm,
+            "expanded_uncertainty_nm": expanded,
+        }
+    best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
+    worst = result.of(best).against_standard
+    return JobResult(
+        headline=f"{len(data)} fresh points: {details[best]['title']} is within "
+        f"{worst.worst_nm:.3g} N·m ({worst.worst_percent_fs:.3g} % FS).",
+        verdict=verdicts[best].value,
+        simulated=data.simulated,
+        run_ids=(run_id,),
+        calibration_id=entry.calibration_id,
+        model_ids={name: int(name.removeprefix("model-")) for name in models},
+        details=as_details(
+            {
+                "side": data.side,
+                "range_nm": data.range_nm,
+                "tolerance_percent_fs": tolerance_percent_fs,
+                "seed": seed,
+                "standard_nm": data.standard_nm,
+                "group": data.series,
+                "best": best,
+                "models": details,
+            }
+        ),
+    )
+
+
+def _title(model: CompensationModel | None) -> str:
+    if model is None:
+        return model_title("raw")
+    return model_title(model.kind, model.get_params(deep=False))

@@ -1,0 +1,464 @@
+"""Jobs: what the bench works at, one at a time, each on a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from torquebench.bench.prompts import PromptQueue
+from torquebench.campaign.measuring import RunAbortedError, acting_as
+from torquebench.errors import InputError
+from torquebench.panel.run_in_process import ProcessEndedError
+from torquebench.panel.service.access.actors import Actor, Role, require
+from torquebench.panel.service.access.lease import CommandLease
+from torquebench.panel.service.fields import plain
+from torquebench.panel.service.jobs.job import Job
+from torquebench.panel.service.jobs.values import (
+    JobPoint,
+    JobPreview,
+    JobResult,
+    JobState,
+    JobView,
+    PendingPrompt,
+    Problem,
+)
+from torquebench.panel.service.problems import BusyError, NotFoundError
+from torquebench.panel.service.settings.store import SettingsStore
+from torquebench.station import Station
+from torquebench.validation import validated
+
+__all__ = ["JobContext", "JobKind", "JobRequest", "JobRunner", "Workplace"]
+
+KEPT = 20
+ABORT_LOOK_S = 0.1
+
+
+class JobRequest(BaseModel):
+    """What a job is asked for; every kind has its own fields."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Workplace:
+    """Where a job works: the open bench, and the settings that name profiles and reducers."""
+
+    station: Station
+    settings: SettingsStore
+
+
+@dataclass(frozen=True)
+class JobContext(Workplace):
+    """What a job works with.
+
+    Parameters
+    ----------
+    station : Station
+    settings : SettingsStore
+    job : Job
+        Takes the progress.
+    actor : Actor
+        Who has started it.
+    """
+
+    job: Job
+    actor: Actor
+
+    def check(self) -> None:
+        """End here where an abort was asked for."""
+        if self.job.cancelled.is_set():
+            raise ProcessEndedError("the job was ended")
+
+
+@dataclass(frozen=True)
+class JobKind:
+    """A kind of job.
+
+    Parameters
+    ----------
+    name, title : str
+    request : type
+        Pydantic model of what it is asked for.
+    run : callable
+        Does it, on the job's thread.
+    preview : callable or None
+        Says what it would do; None where it moves nothing.
+    role : str
+        Who may start it.
+    moves : bool
+        Whether the bench moves: then no alarm may be latched.
+    can_pause : bool
+    """
+
+    name: str
+    title: Callable[[Any], str]
+    request: type[JobRequest]
+    run: Callable[[JobContext, Any], JobResult]
+    preview: Callable[[Workplace, Any], JobPreview] | None = None
+    role: Role = "operator"
+    moves: bool = True
+    can_pause: bool = True
+
+
+class JobRunner:
+    """Starts, watches and ends jobs; safe to use from any thread.
+
+    Parameters
+    ----------
+    place : Workplace
+    lease : CommandLease
+    prompts : PromptQueue
+    kinds : mapping of str to JobKind
+    note : callable
+        Called with an actor, what was done, and details.
+    on_done : callable
+        Called with its kind, on the job's thread, when one has done its work.
+    """
+
+    def __init__(
+        self,
+        place: Workplace,
+        lease: CommandLease,
+        prompts: PromptQueue,
+        kinds: Mapping[str, JobKind],
+        note: Callable[..., None],
+        on_done: Callable[[str], None] = lambda _kind: None,
+    ) -> None:
+        self._place = place
+        self._lease = lease
+        self._prompts = prompts
+        self._note = note
+        self._on_done = on_done
+        self._lock = threading.RLock()
+        self._rehearsing = threading.Lock()
+        self._jobs: OrderedDict[str, Job] = OrderedDict()
+        self._current: Job | None = None
+        self._thread: threading.Thread | None = None
+        self._closed = False
+        self.kinds = kinds
+        self._subscribe()
+
+    @property
+    def _station(self) -> Station:
+        return self._place.station
+
+    def _subscribe(self) -> None:
+        self._token: int | None = self._station.engine.run_engine.subscribe(self._document)
+
+    def move(self, place: Workplace) -> None:
+        """Work in another place from now on: the bench was opened again."""
+        self._place = place
+        self._subscribe()
+
+    # -- starting ---------------------------------------------------------------------------
+
+    def preview(self, kind: str, request: Mapping[str, Any] | JobRequest) -> JobPreview:
+        """Rehearse a job: steps, duration and limits, without moving anything.
+
+        Raises
+        ------
+        InputError
+            The request is wrong, or this kind moves nothing.
+        LimitError, InterlockError
+            What the bench would refuse.
+        BusyError
+            A job is under way.
+        """
+        found = self._kind(kind)
+        if found.preview is None:
+            raise InputError(f"a preview of {kind}", "a job that moves the bench")
+        asked = self._request(found, request)
+        with self._rehearsing:  # beside the jobs: whoever starts or ends one doesn't wait for it
+            self._refuse_busy()
+            shown = found.preview(self._place, asked)
+        self._refuse_busy()
+        return shown
+
+    def start(self, actor: Actor, kind: str, request: Mapping[str, Any] | JobRequest) -> JobView:
+        """Start a job.
+
+        Parameters
+        ----------
+        actor : Actor
+            Takes the command lease where nobody has it.
+        kind : str
+            One of `kinds`.
+        request : mapping or JobRequest
+            Fields of the kind's request.
+
+        Raises
+        ------
+        PermissionDeniedError, LeaseError
+            Who asks may not.
+        InputError
+            The request is wrong.
+        BusyError
+            Another job is under way.
+        TorquebenchError
+            An alarm is latched.
+        """
+        return self.start_kind(actor, self._kind(kind), request)
+
+    def start_kind(
+        self, actor: Actor, found: JobKind, request: Mapping[str, Any] | JobRequest
+    ) -> JobView:
+        """Start a job of a kind that may not be among `kinds`; raises like `start`."""
+        require(actor, found.role)
+        asked = self._request(found, request)
+        self.command(actor)
+        with self._lock:
+            self._refuse_busy()
+            if found.moves:
+                self._station.supervisor.raise_if_latched()
+            document = asked.model_dump(mode="json")
+            job = Job(found.name, found.title(asked), document, actor, found.can_pause)
+            self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
+            self._current = job
+            self._keep(job)
+            self._thread = threading.Thread(
+                target=self._work, args=(found, job, asked), name=f"job {job.kind}", daemon=True
+            )
+            self._thread.start()
+        return job.view()
+
+    def recall(
+        self, actor: Actor, kind: str, request: Mapping[str, Any], result: JobResult
+    ) -> JobView:
+        """List a job of the records as done: what it found can then be gone on with.
+
+        Raises
+        ------
+        BusyError
+            A job is under way.
+        InputError, NotFoundError
+            The request is wrong.
+        """
+        found = self._kind(kind)
+        asked = self._request(found, request)
+        with self.standing():
+            document = asked.model_dump(mode="json")
+            job = Job(found.name, found.title(asked), document, actor, found.can_pause)
+            job.end("done", result=result)
+            self._keep(job)
+        return job.view()
+
+    def _keep(self, job: Job) -> None:
+        self._jobs[job.job_id] = job
+        while len(self._jobs) > KEPT:
+            self._jobs.popitem(last=False)
+
+    def _kind(self, kind: str) -> JobKind:
+        found = self.kinds.get(kind)
+        if found is None:
+            raise NotFoundError(f"no job {kind[:40]!r}", "one of " + ", ".join(self.kinds))
+        return found
+
+    @staticmethod
+    def _request(kind: JobKind, request: Mapping[str, Any] | JobRequest) -> JobRequest:
+        if isinstance(request, kind.request):
+            return request
+        if isinstance(request, JobRequest):
+            raise InputError(f"a request of {type(request).__name__}", kind.request.__name__)
+        return validated(kind.request, request, kind.name)
+
+    def command(self, actor: Actor) -> None:
+        """Refuse whoever doesn't command; where nobody does, he does from now on."""
+        if self._lease.state().holder is None:
+            self._lease.take(actor)
+        self._lease.require(actor)
+
+    def _refuse_busy(self) -> None:
+        if self._closed:
+            raise BusyError("the panel is being closed", "an open panel")
+        if self._current is not None:
+            raise BusyError(
+                f"{self._current.title} is under way", "one job at a time", "wait or abort it"
+            )
+
+    # -- working ----------------------------------------------------------------------------
+
+    def _work(self, kind: JobKind, job: Job, request: JobRequest) -> None:
+        context = JobContext(self._station, self._place.settings, job, job.actor)
+        state: JobState = "done"
+        result = problem = None
+        try:
+            with acting_as(job.actor.label):
+                result = kind.run(context, request)
+            self._on_done(kind.name)
+        except (RunAbortedError, ProcessEndedError) as error:
+            state, problem = "aborted", Problem.of(error)
+        except Exception as error:  # whatever it is, the panel goes on
+            state = "aborted" if job.cancelled.is_set() else "failed"
+            problem = Problem.of(error)
+        with self._lock:  # whoever sees its end may start the next one
+            job.end(state, problem=problem, result=result)
+            self._current = None
+        found = "" if problem is None else problem.found
+        self._note(job.actor, "a job ended", job_id=job.job_id, state=state, found=found)
+
+    def _document(self, name: str, document: Mapping[str, Any]) -> None:
+        job = self._current
+        if job is None:
+            return
+        if name == "start" and job.state == "pausing":  # asked for between two runs
+            self._station.pause()
+        job.points(name, document)
+
+    # -- watching ---------------------------------------------------------------------------
+
+    @property
+    def current(self) -> JobView | None:
+        """The job under way, or None."""
+        job = self._current
+        return None if job is None else self._view(job)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a job is under way."""
+        return self._current is not None
+
+    def get(self, job_id: str) -> JobView:
+        """Return a job; the last twenty are kept.
+
+        Raises
+        ------
+        NotFoundError
+            There is none with this identifier.
+        """
+        return self._view(self._job(job_id))
+
+    def recent(self) -> list[JobView]:
+        """Return the jobs that are kept, the newest first."""
+        with self._lock:
+            jobs = list(self._jobs.values())
+        return [self._view(job) for job in reversed(jobs)]
+
+    def points(self, job_id: str, since: int = 0) -> list[JobPoint]:
+        """Return the points of a job after the one with a number, as they have come so far."""
+        return self._job(job_id).points.since(since)
+
+    def _job(self, job_id: str) -> Job:
+        job = self._jobs.get(job_id)
+        if job is None:
+            raise NotFoundError(f"no job {job_id[:40]!r}", "a job of the list")
+        return job
+
+    def _view(self, job: Job) -> JobView:
+        view = job.view()
+        if view.state == "pausing" and self._station.paused:
+            return replace(view, state="paused")
+        return view
+
+    @property
+    def prompt(self) -> PendingPrompt | None:
+        """What a person at the bench is asked to do right now, or None."""
+        pending = self._prompts.pending
+        return None if pending is None else PendingPrompt(pending.number, pending.text)
+
+    # -- commanding -------------------------------------------------------------------------
+
+    def pause(self, actor: Actor, job_id: str) -> JobView:
+        """Hold a job at its next point, without torque.
+
+        Raises
+        ------
+        LeaseError
+            Another session commands.
+        BusyError
+            The job has ended, or can't be paused.
+        """
+        job = self._commanded(actor, job_id)
+        if not (job.can_pause and job.change(("running", "pausing"), "pausing")):
+            raise BusyError(f"{job.title} can't be paused now", "a running job with points")
+        self._station.pause()
+        self._note(actor, "paused a job", job_id=job_id)
+        return self._view(job)
+
+    def resume(self, actor: Actor, job_id: str) -> JobView:
+        """Let a paused job go on; raises like `pause`."""
+        job = self._commanded(actor, job_id)
+        if not job.change(("pausing",), "running"):
+            raise BusyError(f"{job.title} isn't paused", "a paused job")
+        self._station.resume()
+        self._note(actor, "resumed a job", job_id=job_id)
+        return self._view(job)
+
+    def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:
+        """End a job with zero torque; raises like `pause`."""
+        job = self._commanded(actor, job_id)
+        reason = plain(reason, 200)
+        self._abort(job, reason or f"aborted by {actor.label}")
+        self._note(actor, "aborted a job", job_id=job_id, reason=reason)
+        return self._view(job)
+
+    def _abort(self, job: Job, reason: str) -> None:
+        job.cancelled.set()
+        if job.change(("running", "pausing"), "aborting"):
+            self._station.abort(reason)
+            threading.Thread(
+                target=self._abort_what_begins, args=(job, reason), name="job abort", daemon=True
+            ).start()
+
+    def _abort_what_begins(self, job: Job, reason: str) -> None:
+        """Abort a run that began between the request and the job's next look at it."""
+        engine = self._station.engine.run_engine
+        while not job.ended.wait(ABORT_LOOK_S):
+            if str(engine.state) in ("running", "paused"):
+                self._station.abort(reason)
+
+    def answer(self, actor: Actor, number: int, *, done: bool) -> None:
+        """Answer what a person at the bench was asked.
+
+        Raises
+        ------
+        LeaseError
+            Another session commands.
+        NotFoundError
+            This question doesn't wait (any more).
+        """
+        self.command(actor)
+        if not self._prompts.answer(number, done=done, who=actor.label):
+            raise NotFoundError(f"question {number} doesn't wait", "the question that waits")
+        self._note(actor, "answered a prompt", number=number, done=done)
+
+    def _commanded(self, actor: Actor, job_id: str) -> Job:
+        job = self._job(job_id)
+        self.command(actor)
+        if job.finished is not None:
+            raise BusyError(f"{job.title} has ended", "a job under way")
+        return job
+
+    @contextmanager
+    def standing(self) -> Iterator[None]:
+        """Let no job start until the block ends.
+
+        Raises
+        ------
+        BusyError
+            A job is under way.
+        """
+        with self._lock:
+            self._refuse_busy()
+            yield
+
+    def close(self) -> None:
+        """Abort what is under way and wait for its end; refuses further jobs.
+
+        A second call waits for the first one's work.
+        """
+        with self._lock:
+            self._closed = True
+            job, thread = self._current, self._thread
+            token, self._token = self._token, None
+        if job is not None:
+            self._abort(job, "the panel is being closed")
+        if thread is not None:
+            thread.join()
+        if token is not None:
+            self._station.engine.run_engine.unsubscribe(token)

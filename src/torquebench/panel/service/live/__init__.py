@@ -1,0 +1,1 @@
+"""Live values, alarms and the state of the bench at one moment."""

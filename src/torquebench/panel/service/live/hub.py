@@ -1,0 +1,371 @@
+"""The live hub: what the bench reads right now, for every watcher, at the price of one.
+
+One thread takes the blocks of acquisition and makes one row of each: for every signal the
+lowest, highest and mean value. Watchers ask for the rows since the last one that they have seen.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.samples import AcquiredBlock, Viewer
+from torquebench.errors import InputError
+from torquebench.panel.service.live.rings import TrendMemory, envelope, nan_mean
+from torquebench.units import DEGREE, RPM_PER_RAD_S
+
+__all__ = [
+    "SIGNALS",
+    "STALE_AFTER_S",
+    "Connection",
+    "LatestValue",
+    "LiveHub",
+    "LiveIncrement",
+    "LiveTrend",
+    "Signal",
+]
+
+Connection = Literal["live", "stale", "lost"]
+
+STALE_AFTER_S = 1.0
+"""A signal without a new number for longer is stale, s of wall time."""
+ROWS = 3600
+FACTORS = (10, 4)
+"""With blocks of 30 ms: 108 s of every block, 18 min of 0.3 s, 72 min of 1.2 s."""
+MAXIMUM_INCREMENT = 1000
+MEANINGFUL_SHARE = 0.02
+"""Below this share of range a torque says nothing about efficiency."""
+MEANINGFUL_SPEED_RPM = 1.0
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One live signal: its name in increments, what it is, and its unit."""
+
+    name: str
+    title: str
+    unit: str
+    side: Side | None = None
+
+
+def _signals() -> tuple[Signal, ...]:
+    found: list[Signal] = []
+    for side in SIDES:
+        found += [
+            Signal(f"{side}_raw_nm", f"{side} torque, raw", "N·m", side),
+            Signal(f"{side}_torque_nm", f"{side} torque, compensated", "N·m", side),
+            Signal(f"{side}_uncertainty_nm", f"{side} torque, expanded uncertainty", "N·m", side),
+            Signal(f"{side}_reference_nm", f"{side} torque by the standard", "N·m", side),
+            Signal(f"{side}_speed_rpm", f"{side} speed", "rpm", side),
+            Signal(f"{side}_angle_deg", f"{side} angle", "°", side),
+            Signal(f"{side}_temperature_c", f"{side} transducer temperature", "°C", side),
+        ]
+    found.append(Signal("efficiency_percent", "efficiency", "%"))
+    return tuple(found)
+
+
+SIGNALS: tuple[Signal, ...] = _signals()
+_INDEX = {signal.name: place for place, signal in enumerate(SIGNALS)}
+
+
+@dataclass(frozen=True, eq=False)
+class LiveIncrement:
+    """Rows that are new since a sequence number.
+
+    Parameters
+    ----------
+    sequence : int
+        Ask with this one next time.
+    missed : int
+        Rows that came since but are forgotten already: the watcher was too slow.
+    time_s : float64[n]
+        Bench time of each row's end, s.
+    values : mapping of signal name to float64[n]
+        Means; NaN where there is no number.
+    low, high : mapping of signal name to float64[n]
+        Extremes within each row.
+    """
+
+    sequence: int
+    missed: int
+    time_s: NDArray[np.float64]
+    values: Mapping[str, NDArray[np.float64]]
+    low: Mapping[str, NDArray[np.float64]]
+    high: Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False)
+class LiveTrend:
+    """A signal's past, reduced so that no extreme is lost.
+
+    Parameters
+    ----------
+    sequence : int
+        Go on with `LiveHub.since` from here.
+    time_s : float64[n]
+    values, low, high : mapping of signal name to float64[n]
+    """
+
+    sequence: int
+    time_s: NDArray[np.float64]
+    values: Mapping[str, NDArray[np.float64]]
+    low: Mapping[str, NDArray[np.float64]]
+    high: Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class LatestValue:
+    """The newest number of a signal, None before the first, and how old it is.
+
+    Parameters
+    ----------
+    value : float or None
+    age_s : float
+        Wall time since it came, s; infinite before the first.
+    fault : str
+        Why there is no newer one, in words; empty where there is.
+    """
+
+    value: float | None
+    age_s: float
+    fault: str = ""
+
+    @property
+    def stale(self) -> bool:
+        """Whether it is too old to be shown as what the bench reads now."""
+        return self.age_s > STALE_AFTER_S
+
+
+class LiveHub:
+    """Rows of all live signals, kept in bounded memory; safe to read from any thread.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    clock : BenchClock
+    viewer : Viewer
+        A viewer of the acquisition, which is drained here.
+    mounted : callable, optional
+        Tells what is between the flanges: efficiency needs a reducer.
+
+    Examples
+    --------
+    A page asks again and again::
+
+        increment = service.live.since(sequence)
+        sequence = increment.sequence
+        chart.append(increment.time_s, increment.values["output_torque_nm"])
+    """
+
+    def __init__(
+        self,
+        description: BenchDescription,
+        clock: BenchClock,
+        viewer: Viewer,
+        mounted: Callable[[], str] = lambda: "reducer",
+    ) -> None:
+        self._description = description
+        self._clock = clock
+        self._viewer = viewer
+        self._mounted = mounted
+        self._lock = threading.Lock()
+        self._memory = TrendMemory(len(SIGNALS), ROWS, FACTORS)
+        self._newest = np.full(len(SIGNALS), np.nan)
+        self._seen_at = np.full(len(SIGNALS), -np.inf)
+        self._faults: dict[str, str] = {}
+        self._block_at = time.monotonic()
+        self._bench_s = 0.0
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="torquebench-live", daemon=True)
+
+    def start(self) -> None:
+        """Begin to take blocks."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread. A second call does nothing."""
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    # -- taking blocks ----------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            block = self._viewer.get(timeout_s=0.2)
+            if block is not None:
+                self.take(block)
+
+    def take(self, block: AcquiredBlock) -> None:
+        """Make a row of a block."""
+        low, high, mean, faults = self._row(block)
+        now = time.monotonic()
+        with self._lock:
+            self._memory.append(block.stop_s, low, high, mean)
+            there = np.isfinite(mean)
+            self._newest[there] = mean[there]
+            self._seen_at[there] = now
+            self._faults = faults
+            self._block_at, self._bench_s = now, block.stop_s
+
+    def _row(
+        self, block: AcquiredBlock
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], dict[str, str]]:
+        low = np.full(len(SIGNALS), np.nan)
+        high, mean = low.copy(), low.copy()
+        faults: dict[str, str] = {}
+
+        def put(name: str, values: NDArray[np.float64] | float) -> None:
+            place = _INDEX[name]
+            found = np.atleast_1d(values)
+            if found.size:
+                low[place] = np.fmin.reduce(found)
+                high[place] = np.fmax.reduce(found)
+                mean[place] = nan_mean(found)
+
+        for side in SIDES:
+            for channel, name in (
+                (torque_channel(side), f"{side}_raw_nm"),
+                (reference_channel(side), f"{side}_reference_nm"),
+            ):
+                samples = block.channels.get(channel)
+                if samples is None:
+                    continue
+                put(name, samples.torque_nm)
+                if samples.fault.any():
+                    faults[name] = samples.fault_kind.description
+            compensated = block.compensated.get(side)
+            if compensated is not None:
+                put(f"{side}_torque_nm", compensated.torque_nm)
+                put(f"{side}_uncertainty_nm", 2.0 * compensated.standard_uncertainty_nm)
+            put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S)
+            angles = block.angles.get(side)
+            if angles is not None and angles.time_s.size:
+                put(f"{side}_angle_deg", float(angles.angle_rad[-1]) / DEGREE)
+            probe = self._description.module(side).temperature_probe
+            put(f"{side}_temperature_c", block.temperatures.get(probe, np.nan))
+        put("efficiency_percent", self._efficiency(mean))
+        return low, high, mean, faults
+
+    def _efficiency(self, mean: NDArray[np.float64]) -> float:
+        """Power out over power in, in either direction; NaN where that says nothing."""
+        if self._mounted() != "reducer":
+            return float("nan")
+        powers = []
+        for side in SIDES:
+            torque = mean[_INDEX[f"{side}_torque_nm"]]
+            if not np.isfinite(torque):
+                torque = mean[_INDEX[f"{side}_raw_nm"]]
+            speed = mean[_INDEX[f"{side}_speed_rpm"]]
+            if not abs(torque) > MEANINGFUL_SHARE * self._description.module(side).range_nm:
+                return float("nan")
+            powers.append(abs(float(torque * speed)))
+        if not abs(mean[_INDEX["input_speed_rpm"]]) > MEANINGFUL_SPEED_RPM:
+            return float("nan")
+        return 100.0 * min(powers) / max(powers) if max(powers) > 0.0 else float("nan")
+
+    # -- for watchers -----------------------------------------------------------------------
+
+    @property
+    def sequence(self) -> int:
+        """Number of rows so far."""
+        return self._memory.levels[0].count
+
+    @property
+    def bench_time_s(self) -> float:
+        """Bench time of the newest row, s."""
+        return self._bench_s
+
+    @property
+    def dropped(self) -> int:
+        """Blocks that came faster than the hub could take them."""
+        return self._viewer.dropped
+
+    @property
+    def age_s(self) -> float:
+        """Wall time since the last block, s."""
+        return time.monotonic() - self._block_at
+
+    def since(self, sequence: int, signals: Sequence[str] | None = None) -> LiveIncrement:
+        """Return the rows after a sequence number, at most the newest thousand.
+
+        Parameters
+        ----------
+        sequence : int
+            That of the increment before; 0 for everything that is still there.
+        signals : sequence of str, optional
+            Names out of `SIGNALS`; all by default.
+
+        Raises
+        ------
+        InputError
+            An unknown signal.
+        """
+        places = _places(signals)
+        with self._lock:
+            newest = self._memory.levels[0].count
+            new = newest - min(max(sequence, 0), newest)
+            rows = self._memory.levels[0].newest(min(new, MAXIMUM_INCREMENT))
+        return LiveIncrement(
+            newest,
+            new - rows.time_s.size,
+            rows.time_s,
+            {name: rows.mean[place] for name, place in places.items()},
+            {name: rows.low[place] for name, place in places.items()},
+            {name: rows.high[place] for name, place in places.items()},
+        )
+
+    def trend(
+        self, seconds: float, signals: Sequence[str] | None = None, points: int = 600
+    ) -> LiveTrend:
+        """Return the last seconds (up to an hour), reduced to at most `points` rows.
+
+        Raises
+        ------
+        InputError
+            An unknown signal.
+        """
+        places = _places(signals)
+        with self._lock:
+            sequence = self._memory.levels[0].count
+            rows = self._memory.last_s(min(max(seconds, 0.0), 3600.0))
+        rows = envelope(rows, max(1, min(points, 5000)))
+        return LiveTrend(
+            sequence,
+            rows.time_s,
+            {name: rows.mean[place] for name, place in places.items()},
+            {name: rows.low[place] for name, place in places.items()},
+            {name: rows.high[place] for name, place in places.items()},
+        )
+
+    def latest(self) -> dict[str, LatestValue]:
+        """Return the newest number of every signal with its age."""
+        now = time.monotonic()
+        with self._lock:
+            newest, seen, faults = self._newest.copy(), self._seen_at.copy(), self._faults
+        return {
+            signal.name: LatestValue(
+                float(newest[place]) if np.isfinite(newest[place]) else None,
+                float(now - seen[place]),
+                faults.get(signal.name, ""),
+            )
+            for place, signal in enumerate(SIGNALS)
+        }
+
+
+def _places(signals: Sequence[str] | None) -> dict[str, int]:
+    if signals is None:
+        return _INDEX
+    unknown = [name for name in signals if name not in _INDEX]
+    if unknown:
+        raise InputError(f"signal {unknown[0][:80]!r}", "one of " + ", ".join(_INDEX))
+    return {name: _INDEX[name] for name in signals}

@@ -1,0 +1,171 @@
+"""The bench at one moment, in values that a page or a client shows as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime
+
+from torquebench.bench.roles import SIDES, Side
+from torquebench.panel.service.live.hub import Connection, LatestValue, LiveHub
+from torquebench.records import Registry
+from torquebench.station import Station
+
+__all__ = ["BenchSnapshot", "CompensationState", "SideSnapshot", "compensation_state"]
+
+
+@dataclass(frozen=True)
+class CompensationState:
+    """Which model compensates a side.
+
+    Parameters
+    ----------
+    model_id, calibration_id : int
+    kind : str
+        Kind of the model.
+    made : datetime.datetime
+        When it was fitted, UTC.
+    due : datetime.date or None
+        Last day on which its calibration counts.
+    valid : bool
+        Whether that day hasn't passed.
+    """
+
+    model_id: int
+    calibration_id: int
+    kind: str
+    made: datetime
+    due: date | None
+    valid: bool
+
+
+@dataclass(frozen=True)
+class SideSnapshot:
+    """What one side reads.
+
+    Parameters
+    ----------
+    side : str
+    range_nm, limit_nm, limit_rpm : float
+    transducer_serial : str
+    compensation : CompensationState or None
+        None where the raw reading is all there is.
+    compensation_problem : str
+        Why there is none, in words.
+    torque : LatestValue
+        Compensated where `compensation` is, else the raw reading, N·m.
+    uncertainty : LatestValue
+        Expanded (k = 2), N·m; without value where nothing is compensated.
+    raw, reference, speed, angle, temperature : LatestValue
+        N·m, N·m, rpm, °, °C.
+    """
+
+    side: Side
+    range_nm: float
+    limit_nm: float
+    limit_rpm: float
+    transducer_serial: str
+    compensation: CompensationState | None
+    compensation_problem: str
+    torque: LatestValue
+    uncertainty: LatestValue
+    raw: LatestValue
+    reference: LatestValue
+    speed: LatestValue
+    angle: LatestValue
+    temperature: LatestValue
+
+
+@dataclass(frozen=True)
+class BenchSnapshot:
+    """The bench right now.
+
+    Parameters
+    ----------
+    bench_name : str
+    simulated : bool
+        Every figure then says so.
+    connection : {"live", "stale", "lost"}
+    connection_problem : str
+        Why it isn't live, in words.
+    bench_time_s, age_s : float
+        Bench time of the newest block, and how long ago it came, s.
+    sequence : int
+        Of the live hub's newest row.
+    mounted : str
+        Between the flanges.
+    sides : mapping of side to SideSnapshot
+    efficiency : LatestValue
+        %; without value where it means nothing.
+    alarms : int
+        Alarms that stand.
+    stopped : bool
+        Whether a critical alarm is latched: nothing moves until it is acknowledged.
+    job_id : str or None
+        The job under way.
+    commanded_by : str or None
+        Who holds the command lease.
+    """
+
+    bench_name: str
+    simulated: bool
+    connection: Connection
+    connection_problem: str
+    bench_time_s: float
+    age_s: float
+    sequence: int
+    mounted: str
+    sides: Mapping[Side, SideSnapshot]
+    efficiency: LatestValue
+    alarms: int
+    stopped: bool
+    job_id: str | None
+    commanded_by: str | None
+
+
+def compensation_state(registry: Registry, model_id: int, today: date) -> CompensationState:
+    """Return what the registry knows of a model in use."""
+    model = registry.model(model_id)
+    calibration = registry.calibration(model.calibration_id)
+    valid = calibration.due is None or today <= calibration.due
+    return CompensationState(
+        model.model_id,
+        calibration.calibration_id,
+        model.kind,
+        model.created,
+        calibration.due,
+        valid,
+    )
+
+
+def side_snapshots(
+    station: Station,
+    live: LiveHub,
+    states: Mapping[Side, tuple[CompensationState | None, str]],
+) -> dict[Side, SideSnapshot]:
+    """Return what both sides read."""
+    values = live.latest()
+    found: dict[Side, SideSnapshot] = {}
+    for side in SIDES:
+        module = station.description.module(side)
+        state, problem = states[side]
+        if state is not None and state.due is not None:  # its last day may have passed meanwhile
+            state = replace(state, valid=datetime.now(UTC).date() <= state.due)
+        raw = values[f"{side}_raw_nm"]
+        found[side] = SideSnapshot(
+            side=side,
+            range_nm=module.range_nm,
+            limit_nm=module.limits.torque_nm,
+            limit_rpm=module.limits.speed_rpm,
+            transducer_serial=module.transducer.serial,
+            compensation=state,
+            compensation_problem=problem,
+            torque=raw if state is None else values[f"{side}_torque_nm"],
+            uncertainty=values[f"{side}_uncertainty_nm"],
+            raw=raw,
+            reference=values[f"{side}_reference_nm"],
+            speed=values[f"{side}_speed_rpm"],
+            angle=values[f"{side}_angle_deg"],
+            temperature=values[f"{side}_temperature_c"],
+        )
+    return found

@@ -1,0 +1,1 @@
+"""Records for pages and clients, and the import of calibration tables."""

@@ -1,0 +1,367 @@
+"""Records for pages and clients: identifiers in, values out, never a path from a request."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import zipfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from sqlalchemy import func, select
+
+from torquebench.campaign.drifting import DriftSeries, drift_of
+from torquebench.compensation import load_model
+from torquebench.errors import InputError, RecordError
+from torquebench.panel.service.live.rings import Rows, envelope
+from torquebench.panel.service.problems import NotFoundError
+from torquebench.panel.service.records.views import (
+    CalibrationDetail,
+    CalibrationView,
+    CertificateView,
+    ErrorCurve,
+    ModelView,
+    RunDetail,
+    RunPage,
+    RunTable,
+    RunView,
+)
+from torquebench.records import Registry, RunFolder, RunSummary, folder_changes, sha256_of_file
+from torquebench.reports.certificate import archive_folder, run_data
+from torquebench.reports.export import export_run
+
+__all__ = ["RecordQueries"]
+
+RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+MEDIA = {".pdf": "application/pdf", ".xml": "application/xml", ".json": "application/json"}
+MOST_ROWS = 500
+
+
+class RecordQueries:
+    """The registry of the open bench, as far as it is looked at.
+
+    Parameters
+    ----------
+    registry : Registry
+    """
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+
+    # -- runs -------------------------------------------------------------------------------
+
+    def runs(
+        self,
+        text: str = "",
+        *,
+        kind: str | None = None,
+        side: str | None = None,
+        status: str | None = None,
+        since: datetime | None = None,
+        until: datetime | None = None,
+        limit: int = 50,
+        offset: int = 0,
+    ) -> RunPage:
+        """Search the runs, the newest first.
+
+        Parameters
+        ----------
+        text : str
+            Anywhere in identifier, kind, operator or profile.
+        kind, side, status : str, optional
+            Exactly this one; `kind` may also be a beginning, such as "calibrate".
+        since, until : datetime.datetime, optional
+            Of the start, with time zone.
+        limit, offset : int
+        """
+        query = self._registry.runs_query()
+        column = query.selected_columns
+        for word in text[:200].split():
+            like = [
+                column[name].icontains(word, autoescape=True)
+                for name in ("run_id", "kind", "operator", "profile_name")
+            ]
+            query = query.where(like[0] | like[1] | like[2] | like[3])
+        if kind is not None:
+            query = query.where(column.kind.startswith(kind[:64], autoescape=True))
+        if side is not None:
+            query = query.where(column.side == side[:16])
+        if status == "running":
+            query = query.where(column.status.is_(None))
+        elif status is not None:
+            query = query.where(column.status == status[:32])
+        if since is not None:
+            query = query.where(column.started >= since)
+        if until is not None:
+            query = query.where(column.started < until)
+        limit, offset = min(max(limit, 1), MOST_ROWS), min(max(offset, 0), 10**9)
+        with self._registry.session() as session:
+            counted = select(func.count()).select_from(query.order_by(None).subquery())
+            total = int(session.scalar(counted) or 0)
+            found = [row.run_id for row in session.execute(query.limit(limit).offset(offset))]
+        runs = tuple(RunView.of(self._registry.run(run_id)) for run_id in found)
+        return RunPage(runs, total, offset)
+
+    def run(self, run_id: str, *, check: bool = True) -> RunDetail:
+        """Return everything about one run.
+
+        Parameters
+        ----------
+        run_id : str
+        check : bool
+            Whether to compare its files with the hashes of when it was sealed.
+
+        Raises
+        ------
+        NotFoundError
+            There is none with this identifier.
+        RecordError
+            Its folder is missing.
+        """
+        summary = self._run(run_id)
+        folder = RunFolder.open(summary.folder)
+        metadata = {
+            key: value for key, value in folder.metadata.items() if key not in ("bench", "folder")
+        }
+        calibration = next(
+            (each for each in self._registry.calibrations() if each.run_id == summary.run_id), None
+        )
+        changes: list[str] = []
+        if check and summary.finished is not None:
+            changes = folder_changes(summary.folder, summary.manifest_sha256)
+        return RunDetail(
+            RunView.of(summary),
+            metadata,
+            folder.results if folder.sealed else None,
+            tuple(_tables(folder)),
+            None if calibration is None else calibration.calibration_id,
+            tuple(changes),
+        )
+
+    def _run(self, run_id: str) -> RunSummary:
+        if not RUN_ID.fullmatch(run_id):
+            raise NotFoundError(f"no run {run_id[:80]!r}", "an identifier of the list of runs")
+        try:
+            return self._registry.run(run_id)
+        except RecordError:
+            raise NotFoundError(f"no run {run_id}", "an identifier of the list of runs") from None
+
+    def run_columns(self, run_id: str) -> tuple[str, ...]:
+        """Return what the raw stream of a run holds beside the time."""
+        raw = RunFolder.open(self._run(run_id).folder).raw()
+        return tuple(name for name in raw.columns if name != "time_s")
+
+    def run_trend(self, run_id: str, columns: Sequence[str], points: int = 1000) -> Rows:
+        """Return raw samples of a run over time, reduced so that no extreme is lost.
+
+        Returns
+        -------
+        Rows
+            In the order of `columns`.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such run or column.
+        """
+        raw = RunFolder.open(self._run(run_id).folder).raw().columns
+        for name in columns:
+            if name not in raw or name == "time_s":
+                raise NotFoundError(f"no column {name[:80]!r} in {run_id}", ", ".join(raw))
+        if not columns or "time_s" not in raw:
+            raise InputError("no column", "one of the run's columns")
+        values = np.array([np.asarray(raw[name], dtype=np.float64) for name in columns])
+        rows = Rows(np.asarray(raw["time_s"], dtype=np.float64), values, values, values)
+        return envelope(rows, min(max(points, 1), 5000))
+
+    @contextmanager
+    def export_zip(self, run_id: str) -> Iterator[IO[bytes]]:
+        """Yield a run in open formats as a ZIP archive, open for reading.
+
+        Raises
+        ------
+        NotFoundError
+            There is none with this identifier.
+        RecordError
+            It isn't sealed.
+        """
+        summary = self._run(run_id)
+        with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
+            folder = Path(scratch) / summary.run_id
+            exported = export_run(self._registry, summary, folder)
+            archive = Path(scratch) / "export.zip"
+            with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
+                for name in exported.files:
+                    packed.write(folder / name, f"{summary.run_id}/{name}")
+            with archive.open("rb") as file:
+                yield file
+
+    # -- calibrations -----------------------------------------------------------------------
+
+    def calibrations(
+        self, transducer_serial: str | None = None, limit: int = 100
+    ) -> list[CalibrationView]:
+        """Return calibrations, the newest first."""
+        found = self._registry.calibrations(transducer_serial, limit=min(max(limit, 1), MOST_ROWS))
+        return [CalibrationView.of(entry) for entry in found]
+
+    def calibration(self, calibration_id: int) -> CalibrationDetail:
+        """Return a calibration with everything that came of it.
+
+        Raises
+        ------
+        NotFoundError
+            There is none with this number.
+        """
+        try:
+            entry = self._registry.calibration(calibration_id)
+        except RecordError:
+            raise NotFoundError(
+                f"no calibration {calibration_id}", "a number of the list of calibrations"
+            ) from None
+        models = tuple(
+            model
+            for model in self.models(entry.transducer_serial)
+            if model.calibration_id == calibration_id
+        )
+        return CalibrationDetail(
+            CalibrationView.of(entry),
+            models,
+            tuple(
+                found for model in models for found in self._registry.verifications(model.model_id)
+            ),
+            tuple(self._registry.reviews("calibrations", calibration_id)),
+            tuple(each for each in self.certificates() if each.calibration_id == calibration_id),
+            tuple(self._registry.activations(entry.transducer_serial)),
+        )
+
+    def models(self, transducer_serial: str | None = None) -> list[ModelView]:
+        """Return models, and which of them are in use."""
+        active: set[int] = set()
+        models = self._registry.models(transducer_serial)
+        for serial in {model.transducer_serial for model in models}:
+            latest = {
+                each.counter_identity: each.model_id for each in self._registry.activations(serial)
+            }
+            active |= {number for number in latest.values() if number is not None}
+        return [ModelView.of(model, active=model.model_id in active) for model in models]
+
+    def error_curve(self, calibration_id: int, model_id: int | None = None) -> ErrorCurve:
+        """Return the error of a chain over torque, raw and after a model.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such calibration, or it has no such model.
+        RecordError
+            Its run or the model's file was changed.
+        """
+        detail = self.calibration(calibration_id)
+        run_id = detail.calibration.run_id
+        if run_id is None:
+            raise NotFoundError(f"calibration {calibration_id} has no run", "one of this bench")
+        data = run_data(RunFolder.open(self._run(run_id).folder))
+        errors: Any = ()
+        if model_id is not None:
+            if model_id not in {model.model_id for model in detail.models}:
+                raise NotFoundError(
+                    f"calibration {calibration_id} has no model {model_id}", "one of its models"
+                )
+            model = load_model(self._registry.model(model_id).check_file()).model
+            torque = model.predict(data.features(model.n_features_in_))
+            errors = tuple((torque - data.standard_nm).tolist())
+        performed = detail.calibration.performed
+        return ErrorCurve(
+            calibration_id,
+            f"{detail.calibration.transducer_serial}, {performed:%Y-%m-%d %H:%M}",
+            tuple(data.standard_nm.tolist()),
+            tuple((data.reading_nm - data.standard_nm).tolist()),
+            tuple(int(branch) for branch in data.branch),
+            model_id,
+            errors,
+        )
+
+    def drift(
+        self, transducer_serial: str, tolerance_percent: float = 0.1
+    ) -> tuple[DriftSeries, ...]:
+        """Return span, zero and checks of a transducer over time, with control charts."""
+        known = {each.serial for each in self._registry.equipment("transducer")}
+        if transducer_serial not in known:
+            raise NotFoundError(f"no transducer {transducer_serial[:80]!r}", ", ".join(known))
+        return drift_of(self._registry, transducer_serial, tolerance_percent=tolerance_percent)
+
+    def transducers(self) -> list[str]:
+        """Return the serial numbers of all registered transducers."""
+        return [each.serial for each in self._registry.equipment("transducer")]
+
+    # -- certificates -----------------------------------------------------------------------
+
+    def certificates(self) -> list[CertificateView]:
+        """Return all certificates, the newest first."""
+        entries = self._registry.certificates()
+        newer = {entry.supersedes: entry.number for entry in entries if entry.supersedes}
+        return [CertificateView.of(entry, newer.get(entry.number, "")) for entry in entries]
+
+    def certificate_file(self, number: str, name: str) -> tuple[bytes, str]:
+        """Return one file of a certificate and its media type, checked by its registered hash.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such certificate, or it has no such file.
+        RecordError
+            The file is missing or was changed.
+        """
+        entries = [entry for entry in self._registry.certificates() if entry.number == number]
+        if not entries or name not in entries[0].files:
+            raise NotFoundError(
+                f"no file {name[:80]!r} of a certificate {number[:80]!r}",
+                "a file of the list of certificates",
+            )
+        path = archive_folder(self._registry, entries[0].number) / name
+        if not path.is_file() or sha256_of_file(path) != entries[0].files[name]:
+            raise RecordError(
+                f"{name} of certificate {number} is missing or was changed",
+                "the file as it was issued",
+                "restore it from a backup",
+            )
+        return path.read_bytes(), MEDIA.get(path.suffix, "application/octet-stream")
+
+
+def _tables(folder: RunFolder) -> Iterator[RunTable]:
+    streams: dict[str, dict[str, Any]] = {}
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for name, document in folder.documents():
+        if name == "descriptor":
+            streams[document["uid"]] = document
+            rows[document["uid"]] = []
+        elif name == "event" and document["descriptor"] in rows:
+            rows[document["descriptor"]].append(document["data"])
+    for uid, descriptor in streams.items():
+        keys = _short(list(descriptor["data_keys"]))
+        units = {
+            short: str(descriptor["data_keys"][key].get("units") or "")
+            for key, short in keys.items()
+        }
+        columns = {short: [row.get(key) for row in rows[uid]] for key, short in keys.items()}
+        yield RunTable(str(descriptor.get("name", "")), units, columns)
+
+
+def _short(keys: list[str]) -> dict[str, str]:
+    """Return column names without devices where that is unambiguous.
+
+    Examples
+    --------
+    >>> _short(["input-steady-speed_rpm", "output-steady-speed_rpm", "point-series"])
+    {'input-steady-speed_rpm': 'input_speed_rpm', 'output-steady-speed_rpm': 'output_speed_rpm',
+     'point-series': 'series'}
+    """
+    names = [key.rpartition("-")[2] for key in keys]
+    return {
+        key: name if names.count(name) == 1 else f"{key.partition('-')[0]}_{name}"
+        for key, name in zip(keys, names, strict=True)
+    }

@@ -1,0 +1,379 @@
+"""Tables of calibrations that were measured elsewhere: looked at, and entered as records.
+
+What is handed in is text. It is bounded before anything parses it, and nothing in it, nor the
+name that it goes by, is ever taken for a path.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from torquebench.calibration import (
+    CalibrationData,
+    CalibrationRecord,
+    Deviation,
+    ErrorSummary,
+    Profile,
+    ReferenceStandard,
+    assign_nominal,
+    calibration_results,
+    find_deviations,
+    ladder_points,
+    summarise_errors,
+)
+from torquebench.campaign.external_calibration import ExternalCalibration, register_table
+from torquebench.errors import InputError
+from torquebench.panel.service.access.actors import Actor, require
+from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
+from torquebench.panel.service.settings.store import SettingsStore
+from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
+from torquebench.validation import validated
+
+__all__ = [
+    "EnterTableRequest",
+    "EnteredTable",
+    "TableDirection",
+    "TableImport",
+    "TableRequest",
+    "TableView",
+    "read_table",
+]
+
+LONGEST_TABLE = 512 * 1024
+"""Of one table, characters."""
+MOST_LINES = 5000
+LONGEST_LINE = 2000
+LARGEST_NM = 1e9
+MOST_DEVIATIONS = 200
+"""That are shown: a table of another kind has one a line."""
+
+Request = TypeVar("Request", bound="TableRequest")
+
+Words = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f\x7f]*$")]
+Needed = Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
+class TableRequest(BaseModel):
+    """A calibration that was measured elsewhere, as CSV text, and what it is held against.
+
+    The columns are `reading_nm` and `standard_nm`, in measuring order, and `series`, `branch`,
+    `direction`, `nominal_nm`, `position_deg`, `temperature_c`, … where they are known.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    content: Annotated[str, Field(min_length=1, max_length=LONGEST_TABLE)]
+    profile: ProfileName = "staircase"
+    reference_uncertainty_percent: Annotated[
+        Number, Field(gt=0, le=10, description="Expanded (k = 2), of the standard, %.")
+    ]
+    resolution_nm: Annotated[
+        Number, Field(ge=0, le=1e6, description="Resolution of the indication, N·m.")
+    ]
+    performed: Annotated[Moment, Field(description="When it was measured.")]
+    range_nm: Annotated[Number, Field(gt=0, le=LARGEST_NM)] | None = Field(
+        default=None, description="Full scale, N·m; the table's own, or its largest torque."
+    )
+    reference_due: Day | None = Field(
+        default=None, description="Last day of the standard's certificate."
+    )
+
+
+class EnterTableRequest(TableRequest):
+    """A calibration that was measured elsewhere, with whatever its certificate has to name."""
+
+    called: Needed = Field(default="table.csv", description="What records call the table.")
+    transducer_serial: Needed
+    indicator: Needed = Field(description="Counter or amplifier that it was read with.")
+    measured_by: Needed
+    reference_serial: Needed
+    manufacturer: Words = ""
+    transducer_model: Words = ""
+    place: Words = ""
+    reference_model: Words = ""
+    reference_certificate: Words = ""
+    reference_laboratory: Words = ""
+
+
+@dataclass(frozen=True)
+class TableDirection:
+    """What was found in one direction, without compensation.
+
+    Parameters
+    ----------
+    name : str
+        "clockwise" or "counter-clockwise".
+    accuracy_class : float or None
+        Over the whole range; None where it keeps none.
+    remark : str
+        Why there is no class.
+    torque_nm : tuple of float
+        Steps, N·m.
+    uncertainty_percent : tuple of float
+        Expanded relative uncertainty W of each step, %.
+    """
+
+    name: str
+    accuracy_class: float | None
+    remark: str
+    torque_nm: tuple[float, ...]
+    uncertainty_percent: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class TableView:
+    """A table as it was read and judged; nothing is kept of it.
+
+    Parameters
+    ----------
+    points : int
+    range_nm : float
+    simulated : bool
+        Whether the table says that its points come from a simulated bench.
+    profile : str
+    standard_nm, error_nm : tuple of float
+        Of every point, in measuring order; the error is reading minus standard.
+    series, branch : tuple of int
+    raw : ErrorSummary
+        Of the readings against the standard.
+    deviations : tuple of Deviation
+        Where it departs from the profile: the first two hundred.
+    certifiable : bool
+        Whether the profile lets it have a certificate.
+    directions : tuple of TableDirection
+        Empty where series or steps are missing.
+    """
+
+    points: int
+    range_nm: float
+    simulated: bool
+    profile: str
+    standard_nm: tuple[float, ...]
+    error_nm: tuple[float, ...]
+    series: tuple[int, ...]
+    branch: tuple[int, ...]
+    raw: ErrorSummary
+    deviations: tuple[Deviation, ...]
+    certifiable: bool
+    directions: tuple[TableDirection, ...]
+
+
+@dataclass(frozen=True)
+class EnteredTable:
+    """What a table became: a calibration, and the sealed run that keeps it byte by byte."""
+
+    calibration_id: int
+    run_id: str
+
+
+def read_table(content: bytes) -> str:
+    """Return the text of an uploaded CSV file, for a `TableRequest`.
+
+    Raises
+    ------
+    InputError
+        Too large, or neither UTF-8 nor UTF-16.
+
+    Examples
+    --------
+    >>> read_table("reading_nm;standard_nm".encode("utf-16"))
+    'reading_nm;standard_nm'
+    """
+    if len(content) > LONGEST_TABLE:
+        raise InputError(
+            f"an upload of {len(content)} bytes", f"at most {LONGEST_TABLE} bytes of CSV"
+        )
+    return decode_csv(content, "the upload")
+
+
+class TableImport:
+    """Looks at tables and enters them.
+
+    Parameters
+    ----------
+    registry : callable
+        Returns the registry that is open.
+    settings : SettingsStore
+        Names the profiles.
+    note : callable
+        Called with an actor, what was done, and details.
+    """
+
+    def __init__(
+        self,
+        registry: Callable[[], Registry],
+        settings: SettingsStore,
+        note: Callable[..., None],
+    ) -> None:
+        self._registry = registry
+        self._settings = settings
+        self._note = note
+
+    def preview(self, request: Mapping[str, Any] | TableRequest) -> TableView:
+        """Read a table and hold it against its profile; nothing is kept.
+
+        Takes up to a second for a large table: call it beside an event loop.
+
+        Raises
+        ------
+        InputError
+            A wrong field, or what in the table can't be used, with line and column.
+        NotFoundError
+            There is no such profile.
+        """
+        asked = _validated(TableRequest, request)
+        points, profile = self._points(asked)
+        deviations = _deviations(points, profile, asked)
+        return TableView(
+            points=len(points),
+            range_nm=points.range_nm,
+            simulated=points.simulated,
+            profile=profile.name,
+            standard_nm=tuple(points.standard_nm.tolist()),
+            error_nm=tuple((points.reading_nm - points.standard_nm).tolist()),
+            series=tuple(points.series.tolist()),
+            branch=tuple(points.branch.tolist()),
+            raw=summarise_errors(points.reading_nm, points.standard_nm, points.range_nm),
+            deviations=deviations[:MOST_DEVIATIONS],
+            certifiable=not any(each.consequence == "refuse" for each in deviations),
+            directions=_directions(points, profile, deviations, asked),
+        )
+
+    def enter(self, actor: Actor, request: Mapping[str, Any] | EnterTableRequest) -> EnteredTable:
+        """Enter a table as a calibration; models are then fitted to it as to any other.
+
+        Raises
+        ------
+        PermissionDeniedError
+            Not a metrologist.
+        InputError, NotFoundError
+            As for `preview`, or these points are entered already.
+        RecordError
+            The records can't be written.
+        """
+        require(actor, "metrologist")
+        asked = _validated(EnterTableRequest, request)
+        points, profile = self._points(asked, asked.transducer_serial, asked.indicator)
+        with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
+            table = Path(scratch) / "table.csv"
+            table.write_text(asked.content, encoding="utf-8", newline="")
+            entered = register_table(
+                self._registry(),
+                table,
+                points,
+                profile,
+                _circumstances(asked, points),
+                operator=actor.label,
+                called=asked.called,
+            )
+        number = entered.calibration.calibration_id
+        self._note(actor, "entered a table", calibration_id=number, table=asked.called)
+        return EnteredTable(number, entered.run_id)
+
+    def _points(
+        self, asked: TableRequest, serial: str = "", indicator: str = ""
+    ) -> tuple[CalibrationData, Profile]:
+        _check_size(asked.content)
+        profile = self._settings.profile(asked.profile)
+        read = parse_calibration_csv(
+            asked.content,
+            "the table",
+            range_nm=asked.range_nm,
+            transducer_serial=serial,
+            counter_identity=indicator,
+        )
+        if read.range_nm > LARGEST_NM:
+            raise InputError(f"a range of {read.range_nm:g} N·m", f"at most {LARGEST_NM:g} N·m")
+        return assign_nominal(read, profile), profile
+
+
+def _validated(model: type[Request], request: Mapping[str, Any] | TableRequest) -> Request:
+    if isinstance(request, model):
+        return request
+    values = request.model_dump() if isinstance(request, BaseModel) else dict(request)
+    return validated(model, values, "the table's request")
+
+
+def _check_size(content: str) -> None:
+    """Refuse what would take long to parse, before anything does."""
+    lines = content.splitlines()
+    if len(lines) > MOST_LINES:
+        raise InputError(f"a table of {len(lines)} lines", f"at most {MOST_LINES}", "divide it")
+    longest = max(map(len, lines), default=0)
+    if longest > LONGEST_LINE:
+        raise InputError(f"a line of {longest} characters", f"at most {LONGEST_LINE}")
+
+
+def _deviations(
+    points: CalibrationData, profile: Profile, asked: TableRequest
+) -> tuple[Deviation, ...]:
+    standard = ReferenceStandard(
+        getattr(asked, "reference_serial", ""),
+        getattr(asked, "reference_certificate", ""),
+        asked.reference_due,
+        asked.reference_uncertainty_percent,
+    )
+    return find_deviations(CalibrationRecord(points, asked.performed, standard), profile)
+
+
+def _directions(
+    points: CalibrationData,
+    profile: Profile,
+    deviations: Sequence[Deviation],
+    asked: TableRequest,
+) -> tuple[TableDirection, ...]:
+    if any(each.kind in ("missing_series", "missing_step") for each in deviations):
+        return ()
+    results = calibration_results(
+        points.subset(ladder_points(points, profile)),
+        resolution_nm=asked.resolution_nm,
+        reference_uncertainty_percent=asked.reference_uncertainty_percent,
+    )
+    found = []
+    for direction in results.directions:
+        evaluation, kept = direction.before.evaluation, direction.before.classification
+        decreasing = evaluation.reversibility_percent is not None
+        degree = max(evaluation.interpolations)
+        uncertainty = evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)
+        found.append(
+            TableDirection(
+                direction.name,
+                None if kept is None else kept.whole_range,
+                direction.before.unclassified,
+                tuple(evaluation.torque_nm.tolist()),
+                tuple(uncertainty.tolist()),
+            )
+        )
+    return tuple(found)
+
+
+def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> ExternalCalibration:
+    return ExternalCalibration(
+        performed=asked.performed,
+        measured_by=asked.measured_by,
+        place=asked.place,
+        transducer=Equipment(
+            "transducer",
+            asked.transducer_serial,
+            asked.manufacturer,
+            asked.transducer_model,
+            points.range_nm,
+        ),
+        indicator=asked.indicator,
+        reference=Report(
+            "calibrator",
+            asked.reference_serial,
+            asked.reference_certificate,
+            laboratory=asked.reference_laboratory,
+            due=asked.reference_due,
+            expanded_uncertainty_percent=asked.reference_uncertainty_percent,
+        ),
+        reference_model=asked.reference_model,
+        resolution_nm=asked.resolution_nm,
+    )

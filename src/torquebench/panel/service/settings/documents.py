@@ -1,0 +1,160 @@
+"""What settings are made of: sections, their documents, and the changes made to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import BaseModel
+
+from torquebench.bench.description import BenchDescription
+from torquebench.calibration import Profile, available_profiles, load_profile
+from torquebench.errors import InputError
+from torquebench.panel.service.access.actors import Role
+from torquebench.panel.service.problems import NotFoundError
+from torquebench.panel.service.settings.differences import Difference
+from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
+from torquebench.validation import parse_toml
+
+__all__ = [
+    "BENCH",
+    "SECTIONS",
+    "Section",
+    "SectionName",
+    "SettingsChange",
+    "SettingsItem",
+    "builtin_names",
+    "find_section",
+    "load_builtin",
+    "read_upload",
+]
+
+LARGEST_UPLOAD = 64 * 1024
+BENCH = "bench"
+"""Name of the one document in the section of the bench."""
+
+SectionName = Literal["bench", "profiles", "reducers"]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A kind of settings: what its documents are, and who changes them."""
+
+    name: SectionName
+    title: str
+    role: Role
+    model: type[BaseModel]
+
+
+SECTIONS: Mapping[str, Section] = {
+    section.name: section
+    for section in (
+        Section("bench", "Channels and limits", "administrator", BenchDescription),
+        Section("profiles", "Calibration profiles", "metrologist", Profile),
+        Section("reducers", "Reducers", "metrologist", ReducerDescription),
+    )
+}
+
+
+@dataclass(frozen=True)
+class SettingsItem:
+    """One document of a section.
+
+    Parameters
+    ----------
+    section, name : str
+        The bench's name is "bench".
+    builtin : bool
+        It comes with the software; copy it under a new name to change it.
+    document : mapping
+        Its content as JSON.
+    version : int
+        Number of the last change; 0 where there is none.
+    """
+
+    section: str
+    name: str
+    builtin: bool
+    document: Mapping[str, Any]
+    version: int = 0
+
+
+@dataclass(frozen=True)
+class SettingsChange:
+    """A change that was made, or would be.
+
+    Parameters
+    ----------
+    number : int
+        0 for a preview.
+    at : datetime.datetime or None
+    who, section, name, reason : str
+    differences : tuple of Difference
+    undoes, undone_by : int or None
+        Number of the change that it takes back, or that has taken it back.
+    reopens : bool
+        Whether the bench has to be opened again for it to count.
+    """
+
+    number: int
+    at: datetime | None
+    who: str
+    section: str
+    name: str
+    reason: str
+    differences: tuple[Difference, ...]
+    undoes: int | None = None
+    undone_by: int | None = None
+    reopens: bool = False
+
+
+def read_upload(content: bytes) -> dict[str, Any]:
+    """Return the document of an uploaded TOML file.
+
+    Raises
+    ------
+    InputError
+        Too large, not UTF-8, or no TOML.
+
+    Examples
+    --------
+    >>> read_upload(b'name = "slow"')
+    {'name': 'slow'}
+    """
+    if len(content) > LARGEST_UPLOAD:
+        raise InputError(
+            f"an upload of {len(content)} bytes", f"at most {LARGEST_UPLOAD} bytes of TOML"
+        )
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"an upload that isn't UTF-8 at byte {error.start}", "UTF-8") from None
+    return parse_toml(text, "the upload")
+
+
+def find_section(name: str) -> Section:
+    """Return the section of that name.
+
+    Raises
+    ------
+    NotFoundError
+        There is none.
+    """
+    if name not in SECTIONS:
+        raise NotFoundError(f"no settings {name[:40]!r}", ", ".join(SECTIONS))
+    return SECTIONS[name]
+
+
+def builtin_names(section: SectionName) -> tuple[str, ...]:
+    """Return the names of the documents that come with the software."""
+    if section == "profiles":
+        return available_profiles()
+    return available_reducers() if section == "reducers" else ()
+
+
+def load_builtin(section: SectionName, name: str) -> BaseModel:
+    """Return a document that comes with the software."""
+    loader: Callable[[str], BaseModel] = load_profile if section == "profiles" else load_reducer
+    return loader(name)
