@@ -1,6 +1,6 @@
 """Drives, probes, read-outs, mode conversion and clamp over Modbus TCP (pymodbus).
 
-The register map is in `modbus_map` and in docs/reference/modbus-registers.md.
+The register map is in `modbus_map` and in docs/reference/device-protocols.md.
 """
 
 from __future__ import annotations

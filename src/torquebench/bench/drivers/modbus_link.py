@@ -70,7 +70,7 @@ class ModbusLink(Link[Any]):
                 raise BenchError(
                     f"{self.name} at {self.address} refuses: exception {answer.exception_code}",
                     "a register and a value that the instrument knows",
-                    "compare its register map with docs/reference/modbus-registers.md",
+                    "compare its register map with docs/reference/device-protocols.md",
                 )
             return answer
 

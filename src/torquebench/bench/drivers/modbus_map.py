@@ -1,4 +1,4 @@
-"""The register map that the Modbus drivers speak: see docs/reference/modbus-registers.md.
+"""The register map that the Modbus drivers speak: see docs/reference/device-protocols.md.
 
 Addresses count from 0 as on the wire, relative to the instrument's `base`. Numbers of two
 registers have the high word first. Every instrument can identify itself.

@@ -1,0 +1,173 @@
+"""A counter card behind the NI gRPC Device Server's service, by its own messages."""
+# ruff: noqa: ARG002, N802 - names and parameters are the service's
+
+import threading
+import time
+from concurrent import futures
+from itertools import pairwise
+from types import TracebackType
+from typing import Any, NoReturn, Self
+
+import grpc
+from nidaqmx._stubs import nidaqmx_pb2 as messages
+from nidaqmx._stubs import nidaqmx_pb2_grpc as services
+
+TIMEBASE_HZ = 100_000_000
+RESERVED, NO_TASK = -50103, -200088
+
+
+class _Task:
+    def __init__(self) -> None:
+        self.counter = ""
+        self.kind = ""
+        self.handed = 0
+        self.rate_hz = 1000.0
+        self.started = False
+
+
+class CounterCardPeer(services.NiDAQmxServicer):
+    """Edges of `frequency_hz` on every channel, encoders that turn at `counts_per_s`.
+
+    Edge n comes at n / f, counted from the clock's first pulse.
+    """
+
+    def __init__(self, serial: int, frequency_hz: float, counts_per_s: float) -> None:
+        self.serial = serial
+        self.frequency_hz = frequency_hz
+        self.counts_per_s = counts_per_s
+        self.tasks: dict[str, _Task] = {}
+        self._begun: float | None = None
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        self._pool = futures.ThreadPoolExecutor(4)
+        self._server = grpc.server(self._pool)
+        services.add_NiDAQmxServicer_to_server(self, self._server)
+        self.address = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        self._server.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._server.stop(0.0).wait()
+        self._pool.shutdown()
+
+    def _fail(self, context: Any, code: int) -> NoReturn:
+        context.set_trailing_metadata((("ni-error", str(code)),))
+        context.abort(grpc.StatusCode.UNKNOWN, "failed")
+        raise AssertionError
+
+    def _task(self, request: Any, context: Any) -> _Task:
+        task = self.tasks.get(request.task.name)
+        if task is None:
+            self._fail(context, NO_TASK)
+        return task
+
+    def _passed_s(self) -> float:
+        return 0.0 if self._begun is None else time.monotonic() - self._begun
+
+    def _there(self, task: _Task) -> int:
+        """Return how many samples there have been since the clock began."""
+        if task.kind == "period":
+            return int(self._passed_s() * self.frequency_hz)
+        return 0 if self._begun is None else int(self._passed_s() * task.rate_hz) + 1
+
+    def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:
+        return messages.GetSystemInfoAttributeUInt32Response(value=26)
+
+    def GetDeviceAttributeString(self, request: Any, context: Any) -> Any:
+        return messages.GetDeviceAttributeStringResponse(value="card of its own")
+
+    def GetDeviceAttributeUInt32(self, request: Any, context: Any) -> Any:
+        value = self.serial if request.attribute_raw == 0x632 else 0
+        return messages.GetDeviceAttributeUInt32Response(value=value)
+
+    def CreateTask(self, request: Any, context: Any) -> Any:
+        self.tasks[request.session_name] = _Task()
+        return messages.CreateTaskResponse(
+            task={"name": request.session_name}, new_session_initialized=True
+        )
+
+    def ClearTask(self, request: Any, context: Any) -> Any:
+        self.tasks.pop(request.task.name, None)
+        return messages.ClearTaskResponse()
+
+    def StopTask(self, request: Any, context: Any) -> Any:
+        self._task(request, context).started = False
+        return messages.StopTaskResponse()
+
+    def CreateCIPeriodChan(self, request: Any, context: Any) -> Any:
+        task = self._task(request, context)
+        task.counter, task.kind = request.counter, "period"
+        return messages.CreateCIPeriodChanResponse()
+
+    def CreateCIAngEncoderChan(self, request: Any, context: Any) -> Any:
+        task = self._task(request, context)
+        task.counter, task.kind = request.counter, "encoder"
+        return messages.CreateCIAngEncoderChanResponse()
+
+    def CreateCOPulseChanFreq(self, request: Any, context: Any) -> Any:
+        task = self._task(request, context)
+        task.counter, task.kind = request.counter, "clock"
+        return messages.CreateCOPulseChanFreqResponse()
+
+    def CfgImplicitTiming(self, request: Any, context: Any) -> Any:
+        self._task(request, context)
+        return messages.CfgImplicitTimingResponse()
+
+    def CfgSampClkTiming(self, request: Any, context: Any) -> Any:
+        self._task(request, context).rate_hz = request.rate
+        return messages.CfgSampClkTimingResponse()
+
+    def SetTrigAttributeInt32(self, request: Any, context: Any) -> Any:
+        return messages.SetTrigAttributeInt32Response()
+
+    def SetTrigAttributeString(self, request: Any, context: Any) -> Any:
+        return messages.SetTrigAttributeStringResponse()
+
+    def StartTask(self, request: Any, context: Any) -> Any:
+        task = self._task(request, context)
+        with self._lock:
+            others = [each for each in self.tasks.values() if each is not task and each.started]
+            if any(each.counter == task.counter for each in others):
+                self._fail(context, RESERVED)
+            task.started = True
+            if task.kind == "clock":
+                self._begun = time.monotonic()
+        return messages.StartTaskResponse()
+
+    def GetChanAttributeDouble(self, request: Any, context: Any) -> Any:
+        return messages.GetChanAttributeDoubleResponse(value=float(TIMEBASE_HZ))
+
+    def GetTaskAttributeString(self, request: Any, context: Any) -> Any:
+        value = self._task(request, context).counter
+        return messages.GetTaskAttributeStringResponse(value=value)
+
+    def GetTaskAttributeUInt32(self, request: Any, context: Any) -> Any:
+        return messages.GetTaskAttributeUInt32Response(value=1)
+
+    def GetReadAttributeUInt32(self, request: Any, context: Any) -> Any:
+        task = self._task(request, context)
+        return messages.GetReadAttributeUInt32Response(value=self._there(task) - task.handed)
+
+    def ReadCounterU32Ex(self, request: Any, context: Any) -> Any:
+        task, count = self._task(request, context), request.num_samps_per_chan
+        deadline = time.monotonic() + request.timeout
+        while self._there(task) - task.handed < count:
+            if time.monotonic() > deadline:
+                return messages.ReadCounterU32ExResponse(status=-200284)
+            time.sleep(0.001)
+        numbers = range(task.handed, task.handed + count)
+        task.handed += count
+        if task.kind == "period":
+            ticks = [round(n / self.frequency_hz * TIMEBASE_HZ) for n in (*numbers, numbers.stop)]
+            values = [after - before for before, after in pairwise(ticks)]
+        else:
+            values = [round(n / task.rate_hz * self.counts_per_s) % 2**32 for n in numbers]
+        return messages.ReadCounterU32ExResponse(
+            status=0, read_array=values, samps_per_chan_read=count
+        )

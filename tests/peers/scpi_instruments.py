@@ -1,0 +1,139 @@
+"""A frequency counter and a read-out that speak SCPI, over bare sockets."""
+
+import contextlib
+import socket
+import threading
+import time
+from types import TracebackType
+from typing import Self
+
+
+class _Peer:
+    """Lines on a port, a thread a client; the device is one, whoever asks."""
+
+    plate = ""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._errors: list[str] = []
+        self._lock = threading.Lock()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self._listener.getsockname()[1]}"
+        self._clients: list[tuple[threading.Thread, socket.socket]] = []
+
+    def __enter__(self) -> Self:
+        self._accepting = threading.Thread(target=self._accept, daemon=True)
+        self._accepting.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._accepting.join()
+        self._listener.close()
+        for thread, client in self._clients:
+            with contextlib.suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)
+            thread.join()
+            client.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                client, _ = self._listener.accept()
+                thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
+                self._clients.append((thread, client))
+                thread.start()
+
+    def _attend(self, client: socket.socket) -> None:
+        rest = b""
+        with contextlib.suppress(OSError):
+            while data := client.recv(4096):
+                *whole, rest = (rest + data).split(b"\n")
+                for line in whole:
+                    answer = self._answer(line.decode("ascii").strip())
+                    if answer is not None:
+                        client.sendall(answer.encode("ascii") + b"\n")
+
+    def _answer(self, line: str) -> str | None:
+        with self._lock:
+            self.lines.append(line)
+            if line == "*IDN?":
+                return self.plate
+            if line == "SYST:ERR?":
+                return self._errors.pop(0) if self._errors else '+0,"No error"'
+            if line == "*CLS":
+                self._errors.clear()
+                return None
+            answer = self.obey(line)
+            if answer == "?":
+                self._errors.append('-113,"Undefined header"')
+                return None
+            return answer
+
+    def obey(self, line: str) -> str | None:
+        """Obey or answer; "?" where the line is unknown."""
+        raise NotImplementedError
+
+
+class CounterPeer(_Peer):
+    """A counter on one channel, whose n-th window has `first_hz + n` Hz."""
+
+    def __init__(self, first_hz: float, serial: str) -> None:
+        super().__init__()
+        self.plate = f"peer works,counter of its own,{serial},0.9"
+        self.first_hz = first_hz
+        self.begun: float | None = None
+        self._gate_s = 1.0
+        self._clock = "INT"
+        self._handed = 0
+
+    def obey(self, line: str) -> str | None:
+        word, _, argument = line.partition(" ")
+        if word == "ABOR":
+            self.begun = None
+        elif word == "INIT":
+            self.begun, self._handed = time.monotonic(), 0
+        elif word == "SENS:FREQ:GATE:TIME":
+            self._gate_s = float(argument)
+        elif word == "SENS:ROSC:SOUR":
+            self._clock = argument
+        elif word == "SENS:ROSC:SOUR?":
+            return self._clock
+        elif word == "DATA:REM?" and self.begun is not None:
+            first, count = self._handed, int(argument.removesuffix(",WAIT"))
+            self._handed += count
+            over = self.begun + self._handed * self._gate_s
+            time.sleep(max(0.0, over - time.monotonic()))
+            windows = range(first, self._handed)
+            return ",".join(f"{self.first_hz + window:.6E}" for window in windows)
+        elif word not in ("CONF:FREQ", "SENS:FREQ:MODE", "SENS:FREQ:GATE:SOUR") and not (
+            word.endswith(":COUN")
+        ):
+            return "?"
+        return None
+
+
+class ReadoutPeer(_Peer):
+    """An amplifier of two channels, a sample each 10 ms: `torque_nm`, and its opposite on 2."""
+
+    plate = "peer works,amplifier of its own,SER-3,0.9"
+    torque_nm = 12.5
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._handed = {1: 0, 2: 0}
+        self._since = time.monotonic()
+
+    def obey(self, line: str) -> str | None:
+        if line not in ("FETC:ARR? (@1)", "FETC:ARR? (@2)"):
+            return "?"
+        channel = int(line[-2])
+        there = int((time.monotonic() - self._since) / 0.01)
+        new, self._handed[channel] = there - self._handed[channel], there
+        value = self.torque_nm if channel == 1 else -self.torque_nm
+        return ",".join([f"{value:.4E}"] * new)

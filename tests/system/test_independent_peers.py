@@ -1,0 +1,220 @@
+"""The drivers against devices that somebody wrote from docs/reference/device-protocols.md."""
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.peers.cia402_node import Cia402Peer
+from tests.peers.daqmx_server import CounterCardPeer
+from tests.peers.modbus_drive import ModbusDrivePeer
+from tests.peers.motor import Motor
+from tests.peers.scpi_instruments import CounterPeer, ReadoutPeer
+from tests.system.networked import CAN_BUS, canopen, daqmx, described, modbus, scpi
+
+from torquebench.bench.drivers.base import CounterCard, Drive, Identified
+from torquebench.bench.drivers.instruments import open_role
+from torquebench.errors import BenchError, LimitError
+
+PEERS = Path(__file__).resolve().parents[1] / "peers"
+WATCHDOG_S = 0.5  # as described
+LONGEST_S = 10.0
+
+
+def test_they_know_nothing_of_torquebench() -> None:
+    for file in PEERS.glob("*.py"):
+        assert not re.search(r"^\s*(from|import) torquebench", file.read_text(), re.MULTILINE)
+
+
+def wait_for(reached: Callable[[], bool], drive: Drive | None = None) -> None:
+    """Wait, and feed a drive meanwhile."""
+    deadline = time.monotonic() + LONGEST_S
+    while not reached():
+        assert time.monotonic() < deadline
+        if drive is not None:
+            drive.feed_watchdog()
+        time.sleep(0.01)
+
+
+# -- drives -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["modbus", "canopen", "canopen, slow"])
+def motor_and_drive(request: pytest.FixtureRequest) -> Iterator[tuple[Motor, Drive]]:
+    with ExitStack() as open_:
+        if request.param == "modbus":
+            peer = open_.enter_context(ModbusDrivePeer("OWN-1"))
+            section = modbus(address=peer.address)
+            drive = open_role(described(input_drive=section), "input_drive")
+            motor = peer.motor
+        else:
+            slowness_s = 0.15 if "slow" in request.param else 0.0
+            node = open_.enter_context(Cia402Peer(9, 1234567, slowness_s))
+            section = canopen() | {"node": 9, "bus": CAN_BUS | {"port": node.port}}
+            drive = open_role(described(output_drive=section), "output_drive")
+            motor = node.motor
+        open_.callback(drive.close)
+        yield motor, drive
+
+
+def test_a_drive_says_who_it_is(motor_and_drive: tuple[Motor, Drive]) -> None:
+    identity = motor_and_drive[1].identity()
+    assert identity.model == "drive of its own"
+    assert identity.serial in ("OWN-1", "1234567")
+
+
+def test_a_drive_follows_torque_and_speed(motor_and_drive: tuple[Motor, Drive]) -> None:
+    motor, drive = motor_and_drive
+    assert not drive.state().enabled
+    drive.enable()
+    assert motor.on
+    assert motor.watchdog_s == WATCHDOG_S
+    drive.command_torque(20.0, 400.0)
+    wait_for(lambda: motor.torque.present == motor.torque.target, drive)
+    assert drive.state().torque_nm == pytest.approx(20.0, abs=0.2)
+    drive.command_torque(-10.0, 400.0)
+    wait_for(lambda: motor.torque.present == motor.torque.target, drive)
+    assert drive.state().torque_nm == pytest.approx(-10.0, abs=0.2)
+    drive.ramp_to_zero(0.1)
+    wait_for(lambda: drive.state().torque_nm == 0.0, drive)
+    drive.command_speed(1.5, 20.0)
+    wait_for(lambda: motor.speed.present == motor.speed.target, drive)
+    assert drive.state().speed_rad_s == pytest.approx(1.5, rel=1e-3)
+    drive.ramp_to_zero(0.1)
+    wait_for(lambda: drive.state().speed_rad_s == 0.0, drive)
+    drive.disable()
+    assert not motor.on
+    assert not drive.state().enabled
+    assert drive.state().fault == ""
+
+
+def test_a_drive_that_is_not_fed_goes_off_and_comes_back(
+    motor_and_drive: tuple[Motor, Drive],
+) -> None:
+    motor, drive = motor_and_drive
+    drive.enable()
+    drive.command_torque(5.0, 100.0)
+    wait_for(lambda: not drive.state().enabled)
+    assert not motor.on
+    assert "watchdog" in drive.state().fault
+    for _ in range(2):
+        drive.enable()
+        assert drive.state().enabled
+        assert drive.state().fault == ""
+        assert motor.torque.present == 0.0
+
+
+def test_a_drive_gets_nothing_beyond_its_own_limits(motor_and_drive: tuple[Motor, Drive]) -> None:
+    motor, drive = motor_and_drive
+    drive.enable()
+    for value in (1e5, float("nan"), float("inf")):
+        with pytest.raises(LimitError):
+            drive.command_torque(value, 100.0)
+        with pytest.raises(LimitError):
+            drive.command_speed(value, 100.0)
+    assert motor.largest_torque == 0.0
+
+
+# -- counters and read-out --------------------------------------------------------------------
+
+
+def read_blocks(counter: CounterCard, count: int) -> list[Any]:
+    counter.select(frozenset({"input_torque", "output_torque"}))
+    return [counter.read_block(0.05) for _ in range(count)]
+
+
+def test_frequency_counters_deliver_every_window_once() -> None:
+    with CounterPeer(60e3, "SER-1") as one, CounterPeer(90e3, "SER-2") as two:
+        channels = {"input_torque": one.address, "output_torque": two.address}
+        section = {"protocol": "scpi", "channels": channels}
+        counter = open_role(described(counter=section), "counter")
+        try:
+            assert counter.identity().serial == "SER-1"
+            blocks = read_blocks(counter, 4)
+            for name, first_hz in (("input_torque", 60e3), ("output_torque", 90e3)):
+                counted = np.concatenate([each.frequencies[name].frequency_hz for each in blocks])
+                np.testing.assert_allclose(counted, first_hz + np.arange(20.0), rtol=1e-6)
+            assert blocks[-1].stop_s == pytest.approx(0.2)
+            counter.select(frozenset({"input_torque"}))
+            assert two.begun is None, "a channel that nobody needs is stopped"
+            counter.select(frozenset({"input_torque", "output_torque"}))
+        finally:
+            counter.close()
+        commands = [line for line in one.lines if "?" not in line and line != "*CLS"]
+        asked = [
+            after for line, after in zip(one.lines, one.lines[1:], strict=False) if line in commands
+        ]
+        assert commands
+        assert set(asked) == {"SYST:ERR?"}, "the question after every command"
+
+
+def test_a_command_that_a_counter_does_not_know_is_an_error() -> None:
+    with CounterPeer(60e3, "SER-1") as peer:
+        channels = {"input_torque": peer.address, "output_torque": peer.address}
+        section = {"protocol": "scpi", "channels": channels, "setup": ["ABOR", "OWN:INV 1"]}
+        counter = open_role(described(counter=section), "counter")
+        try:
+            with pytest.raises(BenchError, match="OWN:INV 1"):
+                counter.select(frozenset({"input_torque"}))
+        finally:
+            counter.close()
+
+
+def test_a_read_out_states_every_sample_once() -> None:
+    with ReadoutPeer() as peer:
+        readout = open_role(described(reference=scpi(address=peer.address)), "reference")
+        try:
+            assert isinstance(readout, Identified)
+            assert readout.identity().model == "amplifier of its own"
+            begun = time.monotonic()
+            parts = {"input": [], "output": []}  # type: ignore[var-annotated]
+            for block in range(1, 9):
+                time.sleep(0.05)
+                for side in ("input", "output"):
+                    parts[side].append(readout.read(side, 0.05 * block))
+            passed = (time.monotonic() - begun) / 0.01
+        finally:
+            readout.close()
+    for side, sign in (("input", 1.0), ("output", -1.0)):
+        torque = np.concatenate([part.torque_nm for part in parts[side]])
+        time_s = np.concatenate([part.time_s for part in parts[side]])
+        np.testing.assert_allclose(torque, sign * 12.5)
+        assert 0.8 * passed - 3 <= torque.size <= passed + 3
+        assert np.all(np.diff(time_s) > 0.0)
+
+
+def test_a_counter_card_delivers_every_edge_and_angle() -> None:
+    with CounterCardPeer(0x0A1B2C3D, 61_234.5, 36_000.0) as peer:
+        section = daqmx() | {"address": peer.address}
+        counter = open_role(described(counter=section), "counter")
+        try:
+            assert counter.identity().serial == "0A1B2C3D"
+            blocks = read_blocks(counter, 6)
+        finally:
+            counter.close()
+        assert peer.tasks == {}, "every task is cleared"
+    edges = np.concatenate([block.edges["output_torque"].ticks for block in blocks])
+    assert edges.size == int(0.3 * 61_234.5)
+    np.testing.assert_array_equal(
+        edges, np.rint(np.arange(1, edges.size + 1) / 61_234.5 * 1e8).astype(np.int64)
+    )
+    counts = np.concatenate([block.angles["input"].counts for block in blocks])
+    np.testing.assert_array_equal(counts, np.arange(300) * 36)
+
+
+def test_a_counter_that_another_client_has_is_named() -> None:
+    with CounterCardPeer(0x0A1B2C3D, 60_000.0, 0.0) as peer:
+        section = daqmx() | {"address": peer.address}
+        first = open_role(described(counter=section), "counter")
+        second = open_role(described(counter=section), "counter")
+        try:
+            read_blocks(first, 1)
+            with pytest.raises(BenchError, match=r"reserved|-50103"):
+                read_blocks(second, 1)
+        finally:
+            first.close()
+            second.close()
