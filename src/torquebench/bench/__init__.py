@@ -4,6 +4,6 @@ Instruments sit behind narrow roles (`drivers`); acquisition turns their edges i
 thread of its own, and the supervisor judges every block below any procedure.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,6 +3,6 @@
 Arrays in, frozen values out; no device and no file except the packaged profiles.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

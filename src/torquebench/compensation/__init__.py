@@ -5,9 +5,9 @@ cross-validation, stores them as JSON, compiles them to tables that run live or 
 hysteresis, budgets the uncertainty of a reading and proposes where to calibrate next.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 RECOMMENDED = "hybrid"
 """Kind of model that a calibration puts into use when nobody chooses another."""

@@ -4,6 +4,6 @@ Every plan takes the bench's devices and settings, checks limits first, stops at
 its own before each point, and leaves the bench without torque however it ends.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

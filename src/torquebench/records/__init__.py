@@ -4,6 +4,6 @@ Outputs are written whole or not at all, and nothing is overwritten or filled in
 imported when somebody asks for it, so that a list of records doesn't wait for numerics.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,6 +4,6 @@ Pure: torque-angle loops, no-load and break-away torque, transmission error and 
 value a `Budget` with its contributions; descriptions of reducers, verdicts and comparisons.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,6 +5,6 @@ uncertainty, torque by measured zero and per-direction sensitivity, and the stea
 step. What isn't a valid signal is a typed fault, never a number.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

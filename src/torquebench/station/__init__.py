@@ -3,6 +3,6 @@
 Both doors (commands and panel) talk to a `Station` and to nothing below it.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

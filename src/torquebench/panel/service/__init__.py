@@ -78,6 +78,6 @@ Settings (`settings`): sections "bench", "profiles", "reducers"
       `service.station` and `service.records`: keep no reference to them.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
