@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench import __version__
+from torquebench.atomic_write import atomic_write
 from torquebench.calibration import CalibrationData, Profile, propose_due_date
 from torquebench.compensation import load_model
 from torquebench.errors import InputError
@@ -24,7 +25,6 @@ from torquebench.records import (
     RunSummary,
     json_text,
     sha256_of_file,
-    write_atomically,
 )
 
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
@@ -159,7 +159,7 @@ def register_table(
         if stored is not None and model is not None:
             path = registry.root / "models" / f"{folder.run_id}-{stored.kind}.json"
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, model.read_bytes())
+            atomic_write(path, model.read_bytes())
             kept = registry.add_model(entry, kind=stored.kind, file=path, side=data.side)
     return RegisteredTable(folder.run_id, entry, kept)
 

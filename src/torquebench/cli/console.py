@@ -11,15 +11,33 @@ from rich.text import Text
 
 from torquebench.errors import TorquebenchError
 
-__all__ = ["narrow_table", "note", "out", "say", "stderr_console", "warn", "write_error"]
+__all__ = [
+    "leave_standard_output",
+    "narrow_table",
+    "note",
+    "out",
+    "say",
+    "stderr_console",
+    "warn",
+    "write_error",
+]
 
 PLAIN_WIDTH = 80
 """Columns where nobody looks: pipes, files and logs stay readable on any terminal."""
 
 
+_standard_output_is_a_file = False
+
+
+def leave_standard_output() -> None:
+    """Print results to standard error from now on: a file is written to standard output."""
+    global _standard_output_is_a_file
+    _standard_output_is_a_file = True
+
+
 def out() -> Console:
     """Return the console of results (standard output); plain where it isn't a terminal."""
-    return _console(stderr=False)
+    return _console(stderr=_standard_output_is_a_file)
 
 
 def stderr_console() -> Console:

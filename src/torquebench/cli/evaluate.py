@@ -157,8 +157,9 @@ def _evaluate(
     model: Path | None,
     result: Path | None,
 ) -> None:
+    from torquebench.atomic_write import atomic_write
     from torquebench.calibration import calibration_results, ladder_points
-    from torquebench.records import json_text, write_atomically
+    from torquebench.records import json_text
 
     stepped = points.subset(ladder_points(points, profile))
     results = calibration_results(
@@ -175,7 +176,7 @@ def _evaluate(
             "deviations": deviations,
             "results": results,
         }
-        write_atomically(result, json_text(content, indent=2) + "\n")
+        atomic_write(result, json_text(content, indent=2) + "\n")
         say(f"Every number: {result}")
 
 

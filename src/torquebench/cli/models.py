@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from torquebench.atomic_write import is_standard_output
 from torquebench.cli.console import out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import RangeOption, check_output
@@ -71,9 +72,10 @@ def fit(
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv
 
-    page = report or result.with_suffix(".html")
     check_output(result, data)
-    check_output(page, data, result)
+    page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
+    if page is not None:
+        check_output(page, data, result)
     if model is not None:
         check_kind(model)
     points = read_calibration_csv(
@@ -107,8 +109,10 @@ def fit(
             "noise_nm": fitted.model.scatter_nm,
         },
     )
-    write_page(fit_page(fitted), page)
-    say(f"Model: {result}   Report: {page}")
+    say(f"Model: {result}")
+    if page is not None:
+        write_page(fit_page(fitted), page)
+        say(f"Report: {page}")
 
 
 def _print_fit(fitted: FitResult) -> None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from torquebench.atomic_write import is_standard_output
+from torquebench.cli.console import leave_standard_output
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -120,15 +122,23 @@ def check_output(path: Path, *inputs: Path) -> Path:
     Parameters
     ----------
     path : pathlib.Path
-        The file that will be written.
+        The file that will be written; where it is standard output, results are printed to
+        standard error.
     *inputs : pathlib.Path
-        Files that must not be overwritten by it.
+        Other files of the command, which must not be overwritten by it.
 
     Raises
     ------
     InputError
         Where its folder doesn't exist, it is a folder, or it is one of the inputs.
     """
+    if is_standard_output(path):
+        if any(is_standard_output(other) for other in inputs):
+            raise InputError(
+                "two files for standard output", "one", "name another file for one of them"
+            )
+        leave_standard_output()
+        return path
     if path.is_dir():
         raise InputError(f"{path} is a folder", "a file name", "name a file in it")
     if not path.resolve().parent.is_dir():
@@ -136,7 +146,7 @@ def check_output(path: Path, *inputs: Path) -> Path:
             f"{path}: there is no folder {path.parent}", "a folder that exists", "create it first"
         )
     for source in inputs:
-        if path.resolve() == source.resolve():
+        if str(source) != "-" and path.resolve() == source.resolve():
             raise InputError(
                 f"{path} is both input and output", "two different files", "name another --out"
             )

@@ -110,8 +110,9 @@ def _write(
     import hashlib
 
     from torquebench import __version__
+    from torquebench.atomic_write import atomic_write
     from torquebench.campaign.reducer_results import plain_budget
-    from torquebench.records import json_text, write_atomically
+    from torquebench.records import json_text
 
     if output.exists() and not output.is_dir():
         raise InputError(f"{output} is a file", "a folder", "name another --output")
@@ -138,7 +139,7 @@ def _write(
         ],
         "findings": list(findings),
     }
-    write_atomically(output / "result.json", json_text(content, indent=2) + "\n")
+    atomic_write(output / "result.json", json_text(content, indent=2) + "\n")
     _write_curves(output, result)
 
 
@@ -146,7 +147,7 @@ def _write_curves(output: Path, result: Any) -> None:
     """Write what a figure needs as CSV: loops, error curves."""
     import numpy as np
 
-    from torquebench.records import write_atomically
+    from torquebench.atomic_write import atomic_write
 
     rows: list[str] = []
     if hasattr(result, "loops"):
@@ -167,4 +168,4 @@ def _write_curves(output: Path, result: Any) -> None:
                 for angle, error in zip(np.degrees(each.angle_rad), each.error_arcsec, strict=True)
             ]
     if rows:
-        write_atomically(output / "curves.csv", "\n".join(rows) + "\n")
+        atomic_write(output / "curves.csv", "\n".join(rows) + "\n")

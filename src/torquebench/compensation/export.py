@@ -73,9 +73,7 @@ def export_table(
     Raises
     ------
     InputError
-        With another ending, or where the extra isn't installed.
-    RecordError
-        When the file can't be written.
+        With another ending, where the extra isn't installed, or the file can't be written.
     """
     target = Path(path)
     check_export(target, decimal_comma=decimal_comma)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.atomic_write import atomic_write
 from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,7 +80,8 @@ def export_csv(
     lines.append(separator.join(columns))
     numbers = (separator.join(map(repr, row)) for row in rows)
     lines.extend(row.replace(".", ",") if decimal_comma else row for row in numbers)
-    return write_whole(path, ("\r\n".join(lines) + "\r\n").encode("ascii"))
+    atomic_write(path, ("\r\n".join(lines) + "\r\n").encode("ascii"))
+    return path
 
 
 def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:

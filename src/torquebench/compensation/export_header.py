@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from torquebench.atomic_write import atomic_write
 from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.whole_files import write_whole
 
 if TYPE_CHECKING:
     from torquebench.compensation.piecewise import PiecewisePolynomial
@@ -36,7 +36,8 @@ def export_header(path: Path, table: CompensationTable, provenance: Provenance) 
     prefix = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     if not prefix or prefix[0].isdigit():
         prefix = f"table_{prefix}"
-    return write_whole(path, header_text(table, provenance, prefix).encode("ascii"))
+    atomic_write(path, header_text(table, provenance, prefix).encode("ascii"))
+    return path
 
 
 def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -> str:

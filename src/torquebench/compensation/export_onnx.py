@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from torquebench.atomic_write import atomic_write
 from torquebench.compensation.export_shared import provenance_lines
 from torquebench.compensation.model_file import Provenance
-from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -89,7 +89,8 @@ def export_onnx(path: Path, table: CompensationTable, provenance: Provenance) ->
         },
     )
     onnx.checker.check_model(model, full_check=True)
-    return write_whole(path, model.SerializeToString(deterministic=True))
+    atomic_write(path, model.SerializeToString(deterministic=True))
+    return path
 
 
 class _Graph:

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from torquebench.atomic_write import atomic_write
 from torquebench.compensation.state import decode_value, encode_value
-from torquebench.compensation.whole_files import write_whole
 from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
@@ -127,14 +127,15 @@ def save_model(path: str | Path, stored: StoredModel) -> Path:
 
     Raises
     ------
-    RecordError
+    InputError
         When the file can't be written.
     """
     target = Path(path)
     content = _content(stored)
     document = {**content, "checksum": _checksum(content)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    return write_whole(target, text.encode("utf-8"), "model file")
+    atomic_write(target, text.encode("utf-8"))
+    return target
 
 
 def load_model(path: str | Path) -> StoredModel:

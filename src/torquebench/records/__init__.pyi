@@ -28,7 +28,6 @@ from .entries import (
 from .files import (
     json_text as json_text,
     sha256_of_file as sha256_of_file,
-    write_atomically as write_atomically,
 )
 from .integrity import (
     Finding as Finding,

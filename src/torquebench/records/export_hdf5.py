@@ -15,7 +15,7 @@ CHUNK = 65_536
 
 def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
     """Write a data set a column into the group `samples`."""
-    with h5py.File(path, "x") as file:
+    with h5py.File(path, "w") as file:
         file.attrs.update(attributes)
         group = file.create_group("samples")
         for column in columns:
@@ -25,7 +25,7 @@ def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> 
 
 def write_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:
     """Write a data set of ticks a channel and edge, such as `edges/output_torque/rising`."""
-    with h5py.File(path, "x") as file:
+    with h5py.File(path, "w") as file:
         file.attrs.update(attributes)
         for piece in pieces:
             data = _data_set(file, piece)

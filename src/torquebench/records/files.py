@@ -1,10 +1,8 @@
-"""Files that are either written whole or not at all, and their hashes."""
+"""Content of files: JSON of values, and hashes."""
 
 import hashlib
 import json
 import math
-import os
-import secrets
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -13,54 +11,9 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from torquebench.errors import InputError, RecordError
+from torquebench.errors import RecordError
 
-__all__ = ["json_text", "read_json", "sha256_of_file", "sync_folder", "write_atomically"]
-
-
-def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file so that it holds either its old content or all of the new one.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        Where to write; its folder must exist.
-    content : str or bytes
-        Text is written as UTF-8 with the line ends that it has.
-
-    Raises
-    ------
-    InputError
-        Where the folder doesn't exist or can't be written to.
-    """
-    data = content.encode() if isinstance(content, str) else content
-    part = path.parent / f".{path.name}.{secrets.token_hex(4)}.part"
-    try:
-        try:
-            with part.open("xb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-        sync_folder(path.parent)
-    except OSError as error:
-        raise InputError(
-            f"can't write {path}: {error.strerror}",
-            "a file in an existing folder with write permission and space",
-        ) from error
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder survive a power cut, where the platform can."""
-    if os.name == "nt":  # Windows has no handle on a folder
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+__all__ = ["json_text", "read_json", "sha256_of_file"]
 
 
 def sha256_of_file(path: Path) -> str:

@@ -17,6 +17,7 @@ from typing import Any, Literal, Self
 from numpy.typing import ArrayLike
 
 import torquebench
+from torquebench.atomic_write import atomic_write, sync_folder
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.records.edge_archive import read_edges, seal_edges
 from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, RecordedEdges, damage_to
@@ -31,8 +32,6 @@ from torquebench.records.files import (
     json_text,
     read_json,
     sha256_of_file,
-    sync_folder,
-    write_atomically,
 )
 from torquebench.records.raw_stream import RawReading, RawStream, read_raw, seal_raw
 from torquebench.signals import EdgeBlock
@@ -149,7 +148,7 @@ class RunWriter:
         }
         self._lines = 0
         try:
-            write_atomically(path / _METADATA, _checked_json(content))
+            atomic_write(path / _METADATA, _checked_json(content))
             sync_folder(path.parent)
             self._events = (path / _EVENTS).open("xb", buffering=0)
             self._copies = (path / _COPIES).open("xb", buffering=0)
@@ -265,7 +264,7 @@ class RunWriter:
             raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
         with self._lock:
             self._require_open()
-            write_atomically(self.path / name, text)
+            atomic_write(self.path / name, text)
         return self.path / name
 
     def seal(self, status: RunStatus = "completed", reason: str = "") -> "RunFolder":
@@ -549,7 +548,7 @@ class RunFolder:
         if read.damages:
             damaged += _kept_aside(self.path / _EVENTS)
         if documents != _content(self.path / _EVENTS):
-            write_atomically(self.path / _EVENTS, documents)
+            atomic_write(self.path / _EVENTS, documents)
         for leftover in self.path.glob(".*.part"):
             leftover.unlink()
         last = max((line.number for line in read.lines), default=0)
@@ -576,7 +575,7 @@ class RunFolder:
         except RecordError:
             damaged += _kept_aside(self.path / EDGE_STREAM, move=True)
         report = replace(report, damaged_files=tuple(damaged))
-        write_atomically(self.path / _RECOVERY, json_text(report, indent=2) + "\n")
+        atomic_write(self.path / _RECOVERY, json_text(report, indent=2) + "\n")
         _seal(self.path, "interrupted", "the run was left open and recovered")
         return report
 
@@ -591,7 +590,7 @@ class RunFolder:
             yield _METADATA
             return
         yield from _kept_aside(path)
-        write_atomically(path, _checked_json(content))
+        atomic_write(path, _checked_json(content))
 
 
 def _append(file: Any, line: bytes) -> None:
@@ -612,7 +611,7 @@ def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
     if move:
         path.replace(kept)
     elif not kept.exists():
-        write_atomically(kept, path.read_bytes())
+        atomic_write(kept, path.read_bytes())
     yield path.name
 
 
@@ -656,4 +655,4 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         "software_version": torquebench.__version__,
         "files": files,
     }
-    write_atomically(folder / MANIFEST, json_text(manifest, indent=2) + "\n")
+    atomic_write(folder / MANIFEST, json_text(manifest, indent=2) + "\n")

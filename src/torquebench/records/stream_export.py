@@ -1,6 +1,5 @@
 """Writes a run's streams for other programs: CSV, Parquet, HDF5, TDMS and MDF4."""
 
-import secrets
 from collections.abc import Callable, Iterable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +10,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
+from torquebench.atomic_write import atomic_path
 from torquebench.errors import InputError
 from torquebench.records.run_folder import RunFolder
 from torquebench.records.run_streams import (
@@ -68,20 +68,11 @@ def export_streams(
     write_samples, write_edges = _writers(file_format)
     attributes = {**run_attributes(folder), "stream": stream}
     ending = _ENDINGS.get(file_format, f".{file_format}")
-    part = path.parent / f".{path.name}.{secrets.token_hex(4)}.part{ending}"
-    try:
+    with atomic_path(path, ending) as part:
         if stream == "samples":
             write_samples(part, sample_columns(folder), attributes)
         else:
             write_edges(part, edge_pieces(folder), attributes)
-        part.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"can't write {path}: {error.strerror or error}",
-            "a file in an existing folder with write permission and space",
-        ) from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 SampleWriter = Callable[[Path, list[Column], Attributes], None]

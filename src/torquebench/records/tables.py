@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.atomic_write import atomic_write
 from torquebench.calibration import RANGE_MARGIN, CalibrationData, infer_branch
 from torquebench.compensation import FEATURES, features
 from torquebench.errors import InputError
@@ -20,7 +21,6 @@ from torquebench.records.columns import (
     series,
 )
 from torquebench.records.csv_text import CsvTable, parse_csv, read_csv
-from torquebench.records.files import write_atomically
 
 __all__ = [
     "ReadingsTable",
@@ -311,7 +311,7 @@ def write_torque_csv(
             numbers = [number.replace(".", ",") for number in numbers]
         lines.append(_line((*cells, *numbers), table.separator))
     remarks = [f"# {key} = {value}\n" for key, value in table.remarks.items()]
-    write_atomically(path, "".join(remarks + lines))
+    atomic_write(path, "".join(remarks + lines))
 
 
 def write_calibration_csv(
@@ -333,7 +333,7 @@ def write_calibration_csv(
     InputError
         Where the file can't be written.
     """
-    write_atomically(path, calibration_csv(data, remarks))
+    atomic_write(path, calibration_csv(data, remarks))
 
 
 def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = None) -> str:

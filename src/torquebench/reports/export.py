@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench import __version__
+from torquebench.atomic_write import atomic_write
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.records import (
     CalibrationEntry,
@@ -20,7 +21,6 @@ from torquebench.records import (
     folder_changes,
     json_text,
     sha256_of_file,
-    write_atomically,
 )
 from torquebench.reports.certificate import (
     Issue,
@@ -60,7 +60,7 @@ class _Export:
     remarks: list[str] = field(default_factory=list)
 
     def write(self, name: str, content: str | bytes) -> None:
-        write_atomically(self.folder / name, content)
+        atomic_write(self.folder / name, content)
 
     def table(self, name: str, columns: Mapping[str, str], rows: Iterator[list[Any]]) -> None:
         """Write a CSV file whose columns are given with their units."""

@@ -1,7 +1,5 @@
 """One self-contained HTML page: headings, facts, tables and figures, no script, no network."""
 
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -11,6 +9,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from torquebench import __version__
+from torquebench.atomic_write import atomic_write
 
 __all__ = ["Facts", "Figure", "Page", "Section", "Table", "render_page", "write_page"]
 
@@ -151,13 +150,5 @@ def write_page(page: Page, path: Path) -> Path:
         The file written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(render_page(page))
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    atomic_write(path, render_page(page))
     return path

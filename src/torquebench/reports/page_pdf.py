@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from collections.abc import Iterator
 from importlib import resources
@@ -13,6 +12,7 @@ from typing import Any
 import typst
 
 from torquebench import __version__
+from torquebench.atomic_write import atomic_write, is_standard_output
 from torquebench.errors import InputError
 from torquebench.reports.certificate.fonts import fonts_for
 from torquebench.reports.page import Facts, Figure, Page, Table, write_page
@@ -102,7 +102,7 @@ def write_report(page: Page, path: Path) -> Path:
     ----------
     page : Page
     path : pathlib.Path
-        Ends in ``.html`` or ``.pdf``.
+        Ends in ``.html`` or ``.pdf``; standard output takes HTML.
 
     Raises
     ------
@@ -116,19 +116,10 @@ def write_report(page: Page, path: Path) -> Path:
     torquebench.errors.InputError: report.docx; allowed: a file that ends in .html or .pdf
     """
     check_suffix(path)
-    if path.suffix.lower() == ".html":
+    if path.suffix.lower() != ".pdf":
         return write_page(page, path)
-    document = page_pdf(page)
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(document)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    atomic_write(path, page_pdf(page))
     return path
 
 
@@ -139,5 +130,5 @@ def check_suffix(path: Path) -> None:
     ------
     InputError
     """
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in SUFFIXES and not is_standard_output(path):
         raise InputError(str(path), f"a file that ends in {' or '.join(SUFFIXES)}")

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from torquebench.atomic_write import atomic_write
 from torquebench.errors import InputError, RecordError
-from torquebench.records import CertificateEntry, Registry, write_atomically
+from torquebench.records import CertificateEntry, Registry
 from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.record import CertificateRecord
 from torquebench.reports.certificate.typesetting import certificate_pdf
@@ -84,7 +85,7 @@ def issue_certificate(
     for place in folders:
         place.mkdir(parents=True, exist_ok=True)
         for name, content in contents.items():
-            write_atomically(place / name, content)
+            atomic_write(place / name, content)
     files = tuple(folders[-1] / name for name in contents)
     conformity = record.conformity
     entry = registry.add_certificate(

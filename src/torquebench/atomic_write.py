@@ -1,0 +1,187 @@
+"""Files that hold either their old content or all of the new one.
+
+Only regular files are replaced. Links are followed, devices and pipes are written to, and ``-`` is
+standard output.
+"""
+
+import contextlib
+import errno
+import io
+import os
+import re
+import secrets
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from torquebench.errors import InputError, RecordError, TorquebenchError
+
+__all__ = ["atomic_file", "atomic_path", "atomic_write", "is_standard_output", "sync_folder"]
+
+_STANDARD_OUTPUT = 1
+_STANDARD_STREAMS = {"/dev/stdout": _STANDARD_OUTPUT, "/dev/stderr": 2}
+_DESCRIPTOR = re.compile(r"(?:/dev/fd|/proc/(self|thread-self|[0-9]+)/fd)/([0-9]+)")
+_MOST_LINKS = 40
+_DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+
+
+def atomic_write(path: Path, content: str | bytes) -> None:
+    """Write a file so that it holds either its old content or all of the new one.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Where to write; its folder must exist. A link is followed, a device or pipe is written to,
+        and ``-`` is standard output.
+    content : str or bytes
+        Text is written as UTF-8 with the line ends that it has.
+
+    Raises
+    ------
+    InputError
+        Where the path can't be written to.
+    RecordError
+        Where the disk is full or fails.
+    """
+    with atomic_file(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextlib.contextmanager
+def atomic_file(path: Path) -> Iterator[IO[bytes]]:
+    """Yield a binary file whose content replaces that of a path when the block ends without error.
+
+    Parameters and errors are those of `atomic_write`. What is written to a device, a pipe or
+    standard output goes there at once.
+    """
+    with _worded(path):
+        target = _target(path)
+        if isinstance(target, int):
+            with _stream(target) as file:
+                yield file
+        elif _is_special(target):
+            with target.open("wb") as file:
+                yield file
+        else:
+            with _replacing(target) as part, part.open("r+b") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
+    """Yield the name of an empty file whose content replaces that of a path when the block ends.
+
+    For libraries that open files themselves. Parameters and errors are those of `atomic_write`.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    ending : str, optional
+        What the yielded name ends in, for libraries that look at it.
+    """
+    with _worded(path):
+        target = _target(path)
+        if isinstance(target, Path) and not _is_special(target):
+            with _replacing(target, ending) as part:
+                yield part
+                with part.open("rb") as file:
+                    os.fsync(file.fileno())
+            return
+    with tempfile.TemporaryDirectory() as folder:
+        part = Path(folder, f"part{ending}")
+        yield part
+        with part.open("rb") as source, atomic_file(path) as file:
+            shutil.copyfileobj(source, file)
+
+
+def is_standard_output(path: Path) -> bool:
+    """Return whether a path leads to standard output, so that nothing else may be printed there."""
+    return _target(path) == _STANDARD_OUTPUT
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder survive a power cut, where the platform can."""
+    if os.name == "nt":  # Windows has no handle on a folder
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _target(path: Path) -> Path | int:
+    """Return the file that a path leads to, or the number of an open descriptor of ours."""
+    if str(path) == "-":
+        return _STANDARD_OUTPUT
+    current = path.absolute()
+    for _ in range(_MOST_LINKS):
+        for each in map(str, (current, current.parent.resolve() / current.name)):
+            if each in _STANDARD_STREAMS:
+                return _STANDARD_STREAMS[each]
+            found = _DESCRIPTOR.fullmatch(each)
+            if found and found[1] in (None, "self", "thread-self", str(os.getpid())):
+                return int(found[2])
+        if str(current).startswith("/proc/") or not current.is_symlink():
+            return current
+        current = current.parent / current.readlink()
+    raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+
+
+def _is_special(target: Path) -> bool:
+    """Return whether a path is a device, a pipe or a socket, which nothing may replace."""
+    try:
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return False
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+    return not stat.S_ISREG(mode)
+
+
+@contextlib.contextmanager
+def _stream(descriptor: int) -> Iterator[IO[bytes]]:
+    if descriptor == _STANDARD_OUTPUT:
+        sys.stdout.flush()
+        if isinstance(getattr(sys.stdout, "buffer", None), io.BufferedIOBase):
+            yield sys.stdout.buffer
+            sys.stdout.buffer.flush()
+            return
+    with os.fdopen(os.dup(descriptor), "wb") as file:
+        yield file
+
+
+@contextlib.contextmanager
+def _replacing(target: Path, ending: str = "") -> Iterator[Path]:
+    """Yield an empty file beside a target; it takes the target's place and its permissions."""
+    part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
+    try:
+        part.touch(exist_ok=False)
+        yield part
+        if target.exists():
+            part.chmod(stat.S_IMODE(target.stat().st_mode))
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+    sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def _worded(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:  # whoever reads has seen enough
+        raise
+    except OSError as error:
+        kind: type[TorquebenchError] = RecordError if error.errno in _DISK_FAILED else InputError
+        raise kind(
+            f"can't write {path}: {error.strerror or error}",
+            "a file in an existing folder with write permission and space",
+            "name another file, or make room on the disk",
+        ) from error
