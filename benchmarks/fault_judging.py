@@ -12,9 +12,9 @@ from benchmarks.fault_procedures import REDUCER
 from torquebench.bench.audit import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
-from torquebench.campaign.reducer_results import ReducerTestRecord
+from torquebench.campaign.reducers.results import ReducerTestRecord
 from torquebench.errors import RecordError, TorquebenchError
-from torquebench.procedures.reducer_turning import TransmissionRecording
+from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.records import RunFolder
 from torquebench.station import Station
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.reducer_settings import ReducerTestSettings, reducer_limits
-from torquebench.campaign.reducer_tests import rehearse_reducer_test, run_reducer_test
+from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
+from torquebench.campaign.reducers.tests import rehearse_reducer_test, run_reducer_test
 from torquebench.procedures import (
     FrictionSettings,
     calibrate,
@@ -20,21 +20,21 @@ from torquebench.procedures import (
     verify,
     zero_modules,
 )
-from torquebench.procedures.reducer_breakaway import BreakawaySettings, breakaway
-from torquebench.procedures.reducer_loop import (
+from torquebench.procedures.reducers.first_motion import BreakawaySettings, breakaway
+from torquebench.procedures.reducers.loop import (
     BenchTwistSettings,
     HysteresisSettings,
     bench_twist,
     hysteresis_loops,
 )
-from torquebench.procedures.reducer_running import (
+from torquebench.procedures.reducers.running import (
     EfficiencySettings,
     NoLoadSettings,
     efficiency_map,
     no_load_running,
 )
-from torquebench.procedures.reducer_setup import WarmUp
-from torquebench.procedures.reducer_turning import TransmissionSettings, transmission_error
+from torquebench.procedures.reducers.setup import WarmUp
+from torquebench.procedures.reducers.turning import TransmissionSettings, transmission_error
 from torquebench.reducers import load_reducer
 from torquebench.station import Station
 

@@ -50,10 +50,10 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import SIDES
 from torquebench.bench.safety import Alarm
-from torquebench.campaign.reducer_results import ReducerTestRecord
+from torquebench.campaign.reducers.results import ReducerTestRecord
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.procedures import zero_modules
-from torquebench.procedures.reducer_turning import TransmissionRecording
+from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station import Station, recover_unfinished
 

@@ -32,8 +32,8 @@ from benchmarks.faults import TRIES
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
-from torquebench.campaign.reducer_results import ReducerTestRecord
-from torquebench.procedures.reducer_turning import TransmissionRecording
+from torquebench.campaign.reducers.results import ReducerTestRecord
+from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.simulators import MisbehaviourKind, Simulators
 from torquebench.station import Station
 from torquebench.validation import validated

@@ -33,16 +33,16 @@ from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.fitting import ModelChoice, fit_models
 from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.modules import register_calibration
-from torquebench.campaign.reducer_results import ReducerTestOutcome
-from torquebench.campaign.reducer_settings import ReducerTestSettings
-from torquebench.campaign.reducer_tests import run_reducer_test
+from torquebench.campaign.reducers.results import ReducerTestOutcome
+from torquebench.campaign.reducers.settings import ReducerTestSettings
+from torquebench.campaign.reducers.tests import run_reducer_test
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
-from torquebench.procedures.friction import FrictionSettings
-from torquebench.procedures.reducer_breakaway import BreakawaySettings
-from torquebench.procedures.reducer_loop import BenchTwistSettings, HysteresisSettings
-from torquebench.procedures.reducer_running import EfficiencySettings, NoLoadSettings
-from torquebench.procedures.reducer_setup import WarmUp
+from torquebench.procedures.reducers.first_motion import BreakawaySettings
+from torquebench.procedures.reducers.friction import FrictionSettings
+from torquebench.procedures.reducers.loop import BenchTwistSettings, HysteresisSettings
+from torquebench.procedures.reducers.running import EfficiencySettings, NoLoadSettings
+from torquebench.procedures.reducers.setup import WarmUp
 from torquebench.reducers import LOST_MOTION_RULES, ReducerDescription, load_reducer
 from torquebench.station import Station
 from torquebench.twin.reducer import ReducerConstants

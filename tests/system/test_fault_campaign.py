@@ -20,7 +20,7 @@ from benchmarks.network_faults import (
     wire_faults,
 )
 
-from torquebench.campaign.reducer_results import ReducerTestQuantity
+from torquebench.campaign.reducers.results import ReducerTestQuantity
 
 SAMPLE = (
     "transducer silent",

@@ -14,7 +14,7 @@ from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.reducer_tables import check_reports
 
 if TYPE_CHECKING:
-    from torquebench.campaign.reducer_comparison import ReducerComparison
+    from torquebench.campaign.reducers.comparison import ReducerComparison
 
 __all__ = ["compare"]
 
@@ -36,7 +36,7 @@ def compare(
 
     What both runs have in common on one bench with the same models cancels in a change.
     """
-    from torquebench.campaign.reducer_comparison import compared, tested_specimen
+    from torquebench.campaign.reducers.comparison import compared, tested_specimen
     from torquebench.records import Registry
 
     check_reports(report or [])

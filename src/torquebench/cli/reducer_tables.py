@@ -111,7 +111,7 @@ def _write(
 
     from torquebench import __version__
     from torquebench.atomic_write import atomic_write
-    from torquebench.campaign.reducer_results import plain_budget
+    from torquebench.campaign.reducers.results import plain_budget
     from torquebench.records import json_text
 
     if output.exists() and not output.is_dir():

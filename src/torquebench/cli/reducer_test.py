@@ -31,8 +31,8 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.description import BenchDescription
-    from torquebench.campaign.reducer_results import ReducerTestRecord
-    from torquebench.campaign.reducer_settings import ReducerTestSettings
+    from torquebench.campaign.reducers.results import ReducerTestRecord
+    from torquebench.campaign.reducers.settings import ReducerTestSettings
     from torquebench.reducers import ReducerDescription
 
 __all__ = ["ABOUT", "register"]
@@ -195,7 +195,7 @@ class _Wanted:
 def _settings(
     short: bool, twist: float | None, no_twist: bool, tare: bool, repeats: int | None
 ) -> ReducerTestSettings:
-    from torquebench.campaign.reducer_settings import ReducerTestSettings
+    from torquebench.campaign.reducers.settings import ReducerTestSettings
 
     settings = ReducerTestSettings.short() if short else ReducerTestSettings()
     if repeats is not None:
@@ -272,7 +272,7 @@ def _confirm(described: BenchDescription, reducer: ReducerDescription, yes: bool
 def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
     import tempfile
 
-    from torquebench.campaign.reducer_tests import rehearse_reducer_test
+    from torquebench.campaign.reducers.tests import rehearse_reducer_test
     from torquebench.cli.reducer_test_tables import rehearsal_table
     from torquebench.station import Station
 
@@ -291,7 +291,7 @@ def _run(
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.bench.roles import SIDES
     from torquebench.campaign.measuring import RunAbortedError
-    from torquebench.campaign.reducer_tests import run_reducer_test
+    from torquebench.campaign.reducers.tests import run_reducer_test
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.measure import compensated
     from torquebench.cli.presence import attending

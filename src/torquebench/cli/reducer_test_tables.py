@@ -11,7 +11,7 @@ from rich.table import Table
 from torquebench.cli.console import narrow_table, out, say
 
 if TYPE_CHECKING:
-    from torquebench.campaign.reducer_results import (
+    from torquebench.campaign.reducers.results import (
         ReducerTestOutcome,
         ReducerTestRecord,
         ReducerTestRehearsal,

@@ -3,7 +3,7 @@ from .calibrating import (
     calibrate as calibrate,
     verify as verify,
 )
-from .friction import (
+from .reducers.friction import (
     FrictionPoint as FrictionPoint,
     FrictionSettings as FrictionSettings,
     FrictionSweep as FrictionSweep,

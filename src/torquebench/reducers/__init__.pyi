@@ -1,4 +1,4 @@
-from .breakaway import (
+from .breakaway.evaluation import (
     BreakawayResult as BreakawayResult,
     BreakawayRun as BreakawayRun,
     evaluate_breakaway as evaluate_breakaway,
@@ -18,52 +18,52 @@ from .description import (
     available_reducers as available_reducers,
     load_reducer as load_reducer,
 )
-from .efficiency import (
+from .efficiencies.evaluation import (
     EfficiencyMap as EfficiencyMap,
     EfficiencyPoint as EfficiencyPoint,
     evaluate_efficiency as evaluate_efficiency,
 )
-from .flange_torque import (
+from .loops.flange_torque import (
     FlangeInertia as FlangeInertia,
     torque_at_flange as torque_at_flange,
 )
-from .friction import (
+from .running.friction import (
     FrictionCurve as FrictionCurve,
     FrictionResult as FrictionResult,
     evaluate_friction as evaluate_friction,
     friction_curve as friction_curve,
 )
-from .friction_fit import (
+from .running.friction_fit import (
     FORMS as FORMS,
     Estimate as Estimate,
     FrictionFit as FrictionFit,
     fit_friction as fit_friction,
 )
-from .hysteresis import (
+from .loops.evaluation import (
     evaluate_hysteresis as evaluate_hysteresis,
 )
-from .loop_results import (
+from .loops.results import (
     HysteresisResult as HysteresisResult,
     KeyPoint as KeyPoint,
     LoopCurve as LoopCurve,
     LoopFeatures as LoopFeatures,
     StiffnessRegions as StiffnessRegions,
 )
-from .loop_rules import (
+from .loops.rules import (
     LOST_MOTION_RULES as LOST_MOTION_RULES,
     LoopSettings as LoopSettings,
     LoopUncertainty as LoopUncertainty,
     LostMotionRule as LostMotionRule,
 )
-from .motion import (
+from .breakaway.change_point import (
     FirstMotion as FirstMotion,
     first_motion as first_motion,
 )
-from .no_load import (
+from .running.no_load import (
     NoLoadResult as NoLoadResult,
     evaluate_no_load as evaluate_no_load,
 )
-from .no_load_points import (
+from .running.no_load_points import (
     NoLoadPoint as NoLoadPoint,
 )
 from .quantities import (
@@ -78,7 +78,7 @@ from .quantity_verdicts import (
     QuantityVerdict as QuantityVerdict,
     verdicts as verdicts,
 )
-from .tare import (
+from .running.tare import (
     Tare as Tare,
     TareValue as TareValue,
     fit_tare as fit_tare,
@@ -86,7 +86,7 @@ from .tare import (
 from .torque_uncertainty import (
     TorqueUncertainty as TorqueUncertainty,
 )
-from .transmission_error import (
+from .transmission.evaluation import (
     AngleUncertainty as AngleUncertainty,
     DirectionError as DirectionError,
     ErrorOrder as ErrorOrder,

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from torquebench.errors import InputError
-from torquebench.reducers.breakaway import BreakawayResult
+from torquebench.reducers.breakaway.evaluation import BreakawayResult
 from torquebench.reducers.description import ReducerDescription
-from torquebench.reducers.efficiency import EfficiencyMap
-from torquebench.reducers.loop_results import HysteresisResult
-from torquebench.reducers.no_load import NoLoadResult
-from torquebench.reducers.transmission_error import TransmissionErrorResult
+from torquebench.reducers.efficiencies.evaluation import EfficiencyMap
+from torquebench.reducers.loops.results import HysteresisResult
+from torquebench.reducers.running.no_load import NoLoadResult
+from torquebench.reducers.transmission.evaluation import TransmissionErrorResult
 from torquebench.uncertainty import Budget, Decision, Tolerance, decide
 
 __all__ = ["AnyResult", "QuantityVerdict", "verdicts"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isnan
 
-from torquebench.campaign.reducer_comparison import ReducerComparison, SpecimenResults
+from torquebench.campaign.reducers.comparison import ReducerComparison, SpecimenResults
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducer_comparison_figures import difference_figure, values_figure

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from torquebench.campaign.reducer_comparison import ReducerComparison
+from torquebench.campaign.reducers.comparison import ReducerComparison
 from torquebench.reducers import change_between
 from torquebench.reports.figures import _COLOURS, _RAW_COLOUR, _STYLE, _legend_above, _new, _svg
 

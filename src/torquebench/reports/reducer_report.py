@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from torquebench.campaign.reducer_results import (
+from torquebench.campaign.reducers.results import (
     ReducerTestFailure,
     ReducerTestOutcome,
     ReducerTestRecord,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from torquebench.bench.description import default_bench
-from torquebench.campaign.reducer_evaluation import EVALUATIONS
-from torquebench.campaign.reducer_settings import ReducerTestSettings
-from torquebench.campaign.reducer_tests import run_reducer_test
-from torquebench.campaign.reducer_uncertainty import Bench
+from torquebench.campaign.reducers.evaluation import EVALUATIONS
+from torquebench.campaign.reducers.settings import ReducerTestSettings
+from torquebench.campaign.reducers.tests import run_reducer_test
+from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.errors import BenchError, InputError, SignalFault
-from torquebench.procedures.reducer_loop import HysteresisSettings
-from torquebench.procedures.reducer_turning import TransmissionSettings
+from torquebench.procedures.reducers.loop import HysteresisSettings
+from torquebench.procedures.reducers.turning import TransmissionSettings
 from torquebench.reducers import load_reducer
 from torquebench.station import Station
 

@@ -8,10 +8,10 @@ import pytest
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import SynchronousRecording
-from torquebench.campaign.reducer_evaluation import evaluate_loops
-from torquebench.campaign.reducer_twist import twist_compliances
-from torquebench.campaign.reducer_uncertainty import Bench
-from torquebench.procedures.reducer_loop import BenchTwistRecording, Loop, LoopRecording
+from torquebench.campaign.reducers.evaluation import evaluate_loops
+from torquebench.campaign.reducers.twist import twist_compliances
+from torquebench.campaign.reducers.uncertainty import Bench
+from torquebench.procedures.reducers.loop import BenchTwistRecording, Loop, LoopRecording
 from torquebench.reducers import load_reducer
 
 REDUCER = load_reducer("standard")

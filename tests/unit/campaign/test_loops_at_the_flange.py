@@ -6,9 +6,9 @@ from tests.swinging_flange import RATED_NM, swinging_loop
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import SynchronousRecording
-from torquebench.campaign.reducer_evaluation import evaluate_loops
-from torquebench.campaign.reducer_uncertainty import Bench
-from torquebench.procedures.reducer_loop import Loop, LoopRecording
+from torquebench.campaign.reducers.evaluation import evaluate_loops
+from torquebench.campaign.reducers.uncertainty import Bench
+from torquebench.procedures.reducers.loop import Loop, LoopRecording
 from torquebench.reducers import load_reducer
 
 REDUCER = load_reducer("harmonic-20")

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from torquebench.bench.description import BenchDescription, default_bench
-from torquebench.campaign.reducer_results import budget_from_plain
-from torquebench.campaign.reducer_settings import ReducerTestSettings
-from torquebench.campaign.reducer_tests import TESTS, rehearse_reducer_test, run_reducer_test
+from torquebench.campaign.reducers.results import budget_from_plain
+from torquebench.campaign.reducers.settings import ReducerTestSettings
+from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
 from torquebench.cli.reducer_test import ABOUT
 from torquebench.errors import InputError
 from torquebench.records import RunFolder

@@ -8,16 +8,16 @@ import pytest
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.drivers.simulated import SimulatedOptions
-from torquebench.campaign import reducer_tests
-from torquebench.campaign.reducer_catalogue import TESTS
-from torquebench.campaign.reducer_settings import ReducerTestSettings
-from torquebench.campaign.reducer_tests import run_reducer_test
+from torquebench.campaign.reducers import tests as reducer_tests
+from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.campaign.reducers.settings import ReducerTestSettings
+from torquebench.campaign.reducers.tests import run_reducer_test
 from torquebench.errors import BenchError, TorquebenchError
-from torquebench.procedures.friction import FrictionSettings
-from torquebench.procedures.reducer_breakaway import BreakawaySettings
-from torquebench.procedures.reducer_empty import EmptyRunSettings
-from torquebench.procedures.reducer_running import NoLoadSettings
-from torquebench.procedures.reducer_setup import WarmUp
+from torquebench.procedures.reducers.empty_run import EmptyRunSettings
+from torquebench.procedures.reducers.first_motion import BreakawaySettings
+from torquebench.procedures.reducers.friction import FrictionSettings
+from torquebench.procedures.reducers.running import NoLoadSettings
+from torquebench.procedures.reducers.setup import WarmUp
 from torquebench.reducers import load_reducer
 from torquebench.reports.page_pdf import page_pdf
 from torquebench.reports.reducer_report import reducer_page

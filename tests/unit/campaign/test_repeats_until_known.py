@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.campaign.reducer_settings import ReducerTestSettings
+from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.errors import InputError
-from torquebench.procedures.friction import FrictionSettings
-from torquebench.procedures.reducer_running import (
+from torquebench.procedures.reducers.friction import FrictionSettings
+from torquebench.procedures.reducers.running import (
     EfficiencySettings,
     NoLoadSettings,
     _more_sweeps,
     _open_shares,
 )
-from torquebench.procedures.reducer_setup import ReducerLimits
+from torquebench.procedures.reducers.setup import ReducerLimits
 from torquebench.reducers.repeatability import errors_of_means
 
 LIMITS = ReducerLimits(100.0, 400.0, 800.0, 2000.0)

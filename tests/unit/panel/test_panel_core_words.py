@@ -11,7 +11,7 @@ import torquebench
 from torquebench.bench.safety import AlarmKind
 from torquebench.calibration import load_profile
 from torquebench.campaign.fitting import model_title
-from torquebench.campaign.reducer_tests import TESTS
+from torquebench.campaign.reducers.tests import TESTS
 from torquebench.compensation import MODELS
 from torquebench.panel.service import SIGNALS
 from torquebench.panel.text.core import HOLE, WORDY, core_templates, translated
@@ -49,14 +49,14 @@ OPERATORS_ROOMS = (
 )
 """Where what an operator meets every day is said."""
 FINDERS = (
-    "reducers/breakaway.py",
-    "reducers/efficiency.py",
-    "reducers/hysteresis.py",
-    "reducers/loop_findings.py",
-    "reducers/loop_ripple.py",
-    "reducers/no_load.py",
-    "reducers/no_load_points.py",
-    "reducers/transmission_error.py",
+    "reducers/breakaway/evaluation.py",
+    "reducers/efficiencies/evaluation.py",
+    "reducers/loops/evaluation.py",
+    "reducers/loops/findings.py",
+    "reducers/loops/ripple.py",
+    "reducers/running/no_load.py",
+    "reducers/running/no_load_points.py",
+    "reducers/transmission/evaluation.py",
 )
 """Where a reducer test says what it found odd."""
 SAID_BY = re.compile(r"(Error|Fault|Violation|_violated|trip|ask|start)$")

@@ -5,7 +5,7 @@ import pytest
 
 from torquebench.errors import InputError
 from torquebench.procedures import FrictionSettings, Plan, friction_sweep, rehearse
-from torquebench.procedures.reducer_setup import turn_at
+from torquebench.procedures.reducers.setup import turn_at
 from torquebench.procedures.setup import Setup, power_on, set_up
 from torquebench.station import Progress, Station
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.procedures.reducer_loop import HysteresisSettings, _near, even_positions
+from torquebench.procedures.reducers.loop import HysteresisSettings, _near, even_positions
 
 
 def slope_left(order: int, ratio: float, positions: tuple[float, ...]) -> float:

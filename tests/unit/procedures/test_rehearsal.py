@@ -7,7 +7,7 @@ import pytest
 from torquebench.calibration import Step, load_profile
 from torquebench.errors import InterlockError, LimitError
 from torquebench.procedures import calibrate, friction_sweep, rehearse, verify
-from torquebench.procedures.friction import FrictionSettings
+from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.station import Station
 
 COARSE = load_profile("rapid-in-situ").with_options(step_percent=25.0)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torquebench.reducers import LoopSettings, evaluate_hysteresis
-from torquebench.reducers.loop_ripple import Record, find_ripple, outermost, without_ripple
+from torquebench.reducers.loops.ripple import Record, find_ripple, outermost, without_ripple
 
 RATED = 400.0
 STIFFNESS = 4e5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from torquebench.campaign.reducer_tests import TESTS
+from torquebench.campaign.reducers.tests import TESTS
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from torquebench.campaign.reducer_results import ReducerTestOutcome, ReducerTestRehearsal, TestName
-from torquebench.campaign.reducer_settings import ReducerTestSettings
-from torquebench.campaign.reducer_tests import TESTS, rehearse_reducer_test, run_reducer_test
+from torquebench.campaign.reducers.results import ReducerTestOutcome, ReducerTestRehearsal, TestName
+from torquebench.campaign.reducers.settings import ReducerTestSettings
+from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
 from torquebench.panel.service.fields import WHOLE, Flag, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, limits
 from torquebench.panel.service.jobs.results import as_details

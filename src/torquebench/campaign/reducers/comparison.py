@@ -1,0 +1,194 @@
+"""Runs of one reducer test side by side: specimens of a type, or one before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from torquebench.campaign.reducers.results import budget_from_plain
+from torquebench.errors import InputError
+from torquebench.records import RunFolder, RunSummary
+from torquebench.reducers import Change, SpecimenComparison, change_between, compare_specimens
+from torquebench.uncertainty import Budget
+
+__all__ = [
+    "ReducerComparison",
+    "SpecimenQuantity",
+    "SpecimenResults",
+    "compared",
+    "tested_specimen",
+]
+
+
+@dataclass(frozen=True)
+class SpecimenQuantity:
+    """One value of a run.
+
+    Parameters
+    ----------
+    title : str
+    estimate : Budget
+    limit, verdict : str
+        Of the data sheet; empty where nothing was judged.
+    """
+
+    title: str
+    estimate: Budget
+    limit: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class SpecimenResults:
+    """What a run of a reducer test found.
+
+    Parameters
+    ----------
+    run_id, test, reducer, serial, bench : str
+    chain : mapping or None
+        Active models at that time.
+    simulated : bool
+    quantities : mapping of str to SpecimenQuantity
+        By key.
+    """
+
+    run_id: str
+    test: str
+    reducer: str
+    serial: str
+    bench: str
+    chain: Any
+    simulated: bool
+    quantities: Mapping[str, SpecimenQuantity]
+
+    @property
+    def name(self) -> str:
+        """Serial number, or the run's id without one."""
+        return self.serial or self.run_id
+
+
+@dataclass(frozen=True)
+class ReducerComparison:
+    """Runs of one test of one type.
+
+    Parameters
+    ----------
+    specimens : tuple of SpecimenResults
+        Two where they are one specimen before and after.
+    changes : mapping of str to Change
+        Empty for several specimens.
+    values : mapping of str to SpecimenComparison
+        Empty for before and after.
+    same_chain : bool
+        Whether all runs are of one bench with the same models, so that common parts cancel.
+    left_out : int
+        Values that aren't in every run.
+    """
+
+    specimens: tuple[SpecimenResults, ...]
+    changes: Mapping[str, Change]
+    values: Mapping[str, SpecimenComparison]
+    same_chain: bool
+    left_out: int
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the values that every run has, as the first run lists them."""
+        return tuple(self.changes or self.values)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any run comes from a simulated bench."""
+        return any(each.simulated for each in self.specimens)
+
+    def title(self, key: str) -> str:
+        """Return the words for a value."""
+        return self.specimens[0].quantities[key].title
+
+
+def tested_specimen(run: RunSummary) -> SpecimenResults:
+    """Read what a run of a reducer test found.
+
+    Raises
+    ------
+    InputError
+        It is a run of something else, or wasn't completed.
+    """
+    folder = RunFolder.open(run.folder)
+    results = folder.results
+    if not (isinstance(results, dict) and run.kind.startswith("test-") and "quantities" in results):
+        raise InputError(
+            f"run {run.run_id} ({run.kind}, {run.status})",
+            "a completed reducer test",
+            "look for runs of the kind test-… in `torquebench records list`",
+        )
+    return SpecimenResults(
+        run_id=run.run_id,
+        test=str(results["test"]),
+        reducer=str(results["reducer"]["name"]),
+        serial=str(results["serial"]),
+        bench=run.bench,
+        chain=folder.metadata.get("compensation"),
+        simulated=run.simulated,
+        quantities={
+            row["key"]: SpecimenQuantity(
+                title=row["title"],
+                estimate=budget_from_plain(row["budget"]),
+                limit=row.get("limit", ""),
+                verdict=row.get("verdict", ""),
+            )
+            for row in results["quantities"]
+        },
+    )
+
+
+def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> ReducerComparison:
+    """Compare specimens of one type, or with `change` one specimen before and after.
+
+    Raises
+    ------
+    InputError
+        Runs of different tests or types, several of one specimen, or nothing in common.
+    """
+    _check(specimens, change)
+    first = specimens[0]
+    keys = [key for key in first.quantities if all(key in each.quantities for each in specimens)]
+    if not keys:
+        raise InputError("runs that hold no value in common", "runs with the same settings")
+    same = all(each.bench == first.bench and each.chain == first.chain for each in specimens)
+    changes: dict[str, Change] = {}
+    values: dict[str, SpecimenComparison] = {}
+    for key in keys:
+        estimates = {each.name: each.quantities[key].estimate for each in specimens}
+        if change:
+            before, after = (each.quantities[key].estimate for each in specimens)
+            changes[key] = change_between(key, before, after, same_bench=same)
+        else:
+            values[key] = compare_specimens(key, estimates)
+    every = {key for each in specimens for key in each.quantities}
+    return ReducerComparison(tuple(specimens), changes, values, same, len(every) - len(keys))
+
+
+def _check(found: Sequence[SpecimenResults], change: bool) -> None:
+    different = len({each.run_id for each in found})
+    if different < max(2, len(found)):
+        raise InputError(f"{len(found)} runs, {different} of them different", "two runs or more")
+    for what in ("test", "reducer"):
+        names = sorted({getattr(each, what) for each in found})
+        if len(names) > 1:
+            raise InputError(f"runs of {' and '.join(names)}", f"one {what}")
+    serials = [each.serial for each in found]
+    said = ", ".join(each or "no serial" for each in serials)
+    if change and (len(found) != 2 or len(set(serials)) > 1):
+        raise InputError(
+            f"{len(found)} runs of {said}",
+            "two runs of one specimen for --change",
+            "name the run before and the run after, or leave --change out",
+        )
+    if not change and len(set(serials)) < len(serials):
+        raise InputError(
+            f"several runs of one specimen: {said}",
+            "one run a specimen",
+            "give --serial when testing, or --change for before and after",
+        )

@@ -1,0 +1,172 @@
+"""One reducer on one bench: every test of it a run of its own, evaluated, judged, registered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from torquebench import __version__
+from torquebench.campaign.measuring import OnPause, measure, operator_name
+from torquebench.campaign.progress import Progress
+from torquebench.campaign.reducers.catalogue import ReducerTest, plan_of
+from torquebench.campaign.reducers.evaluation import EVALUATIONS, Evaluated
+from torquebench.campaign.reducers.preparation import Known, Preparation
+from torquebench.campaign.reducers.results import (
+    ReducerTestOutcome,
+    ReducerTestQuantity,
+    plain_budget,
+)
+from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
+from torquebench.campaign.reducers.uncertainty import Bench
+from torquebench.procedures import Plan
+from torquebench.records import Equipment
+from torquebench.reducers import AnyResult, QuantityVerdict, ReducerDescription, verdicts
+from torquebench.station import RunRecord, Station
+from torquebench.uncertainty import Verdict
+
+__all__ = ["Specimen"]
+
+
+@dataclass
+class Specimen:
+    """One reducer on one bench, tested once or several times."""
+
+    station: Station
+    reducer: ReducerDescription
+    settings: ReducerTestSettings
+    serial: str
+    progress: Progress
+    on_pause: OnPause | None
+    known: Known = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.known = Known.stated(self.settings)
+
+    def register(self) -> None:
+        """Enter the specimen among the equipment, where it has a serial number."""
+        if not self.serial:
+            return
+        reducer = self.reducer
+        self.station.registry.add_equipment(
+            Equipment(
+                "reducer",
+                self.serial,
+                model=reducer.name,
+                range_nm=reducer.rated_torque_nm,
+                details={
+                    "kind": reducer.kind,
+                    "ratio": reducer.signed_ratio,
+                    "simulated": self.station.description.simulated,
+                },
+            )
+        )
+
+    def prepare(self, preparation: Preparation) -> None:
+        """Measure something of the bench itself."""
+
+        def plan() -> Plan[Any]:
+            return preparation.plan(self.station.devices)
+
+        record = self._run(preparation.name, preparation.title, plan, plan)
+        preparation.learn(self.known, record.result)
+
+    def test(self, test: ReducerTest) -> ReducerTestOutcome:
+        """Run a test and return what it found."""
+        bench = Bench(self.station.description, self.known.twists, self.known.tares)
+        evaluation = EVALUATIONS[test.name]
+        kept: list[tuple[Any, Evaluated, tuple[QuantityVerdict, ...]]] = []
+
+        def plan() -> Plan[Any]:
+            limits = reducer_limits(self.reducer)
+            return plan_of(test, self.station.devices, limits, self.settings)
+
+        def evaluated() -> Plan[Any]:
+            recording = yield from plan()
+            found = evaluation(bench, self.reducer, recording)
+            judged = verdicts(found.result, self.reducer)
+            kept.append((recording, found, judged))
+            return self._results(test, found, judged)
+
+        # What a rehearsal records can't be evaluated.
+        run = self._run(f"test-{test.name}", test.title, evaluated, plan)
+        recording, found, judged = kept[-1]
+        quantities = _quantities(found.result, judged)
+        return ReducerTestOutcome(
+            name=test.name,
+            title=test.title,
+            quantities=quantities,
+            verdict=Verdict.worst(each.verdict for each in quantities),
+            remarks=found.remarks,
+            findings=tuple(getattr(found.result, "findings", ())),
+            recording=recording,
+            result=found.result,
+            run=run,
+        )
+
+    def _run(
+        self,
+        kind: str,
+        title: str,
+        plan: Callable[[], Plan[Any]],
+        rehearsed: Callable[[], Plan[Any]],
+    ) -> RunRecord:
+        return measure(
+            self.station,
+            plan,
+            rehearsed=rehearsed,
+            kind=kind,
+            title=title,
+            metadata={
+                "side": "output",
+                "reducer_name": self.reducer.name,
+                "serial": self.serial,
+                "profile_name": self.reducer.name,
+                "operator": operator_name(),
+            },
+            progress=self.progress,
+            on_pause=self.on_pause,
+        ).record
+
+    def _results(
+        self, test: ReducerTest, found: Evaluated, judged: tuple[QuantityVerdict, ...]
+    ) -> dict[str, Any]:
+        """Return what stands in the run's ``results.json``."""
+        budgets = {each.key: plain_budget(each.estimate) for each in found.result.quantities()}
+        return {
+            "test": test.name,
+            "reducer": self.reducer.model_dump(mode="json"),
+            "serial": self.serial,
+            "simulated": self.station.description.simulated,
+            "software_version": __version__,
+            "quantities": [
+                {**vars(each), "budget": budgets[each.key]}
+                for each in _quantities(found.result, judged)
+            ],
+            "findings": list(getattr(found.result, "findings", ())),
+            "remarks": list(found.remarks),
+            "empty_run": dict(self.known.tares),
+            "evaluation": found.result,
+        }
+
+
+def _quantities(
+    result: AnyResult, judged: tuple[QuantityVerdict, ...]
+) -> tuple[ReducerTestQuantity, ...]:
+    limits = {each.key: each for each in judged}
+    rows = []
+    for each in result.quantities():
+        verdict = limits.get(each.key)
+        rows.append(
+            ReducerTestQuantity(
+                key=each.key,
+                title=each.title,
+                value=each.estimate.value,
+                expanded_uncertainty=each.estimate.expanded_uncertainty(),
+                unit=each.estimate.unit,
+                limit="" if verdict is None else verdict.limit,
+                verdict=Verdict.NONE if verdict is None else verdict.decision.verdict,
+                rule=each.rule,
+            )
+        )
+    return tuple(rows)

@@ -1,0 +1,218 @@
+"""Tests of a mounted reducer: rehearsed, measured, evaluated, judged, recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import partial
+from typing import Any
+
+from torquebench import __version__
+from torquebench.bench.roles import SIDES
+from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests, plan_of
+from torquebench.campaign.reducers.preparation import preparations
+from torquebench.campaign.reducers.results import (
+    ReducerTestFailure,
+    ReducerTestOutcome,
+    ReducerTestRecord,
+    ReducerTestRehearsal,
+)
+from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
+from torquebench.campaign.reducers.specimen import Specimen
+from torquebench.errors import ModelMismatchError, TorquebenchError
+from torquebench.procedures import Rehearsal, rehearse
+from torquebench.reducers import ReducerDescription
+from torquebench.station import Station
+from torquebench.units import RPM_PER_RAD_S
+
+__all__ = ["TESTS", "ReducerTest", "rehearse_reducer_test", "run_reducer_test"]
+
+LOADED = frozenset({"hysteresis", "efficiency"})
+"""Tests that load the output as far as their plans say."""
+
+
+def rehearse_reducer_test(
+    station: Station,
+    name: str,
+    reducer: ReducerDescription,
+    settings: ReducerTestSettings | None = None,
+) -> tuple[ReducerTestRehearsal, ...]:
+    """Go through the plans of a test without moving anything.
+
+    What the bench measures of itself before (its twist, an empty run) comes first. A test that
+    repeats until its means are known is gone through with the fewest repeats and with the most.
+
+    Raises
+    ------
+    InputError
+        There is no test of this name.
+    LimitError, InterlockError
+        The data sheet or the bench doesn't allow it.
+    ModelMismatchError
+        The output would be loaded beyond what its active model was calibrated to.
+    """
+    settings, limits = settings or ReducerTestSettings(), reducer_limits(reducer)
+    tests, devices = chosen_tests(name), station.devices
+    before = preparations([test.name for test in tests], limits, settings)
+    parts = [
+        _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices))) for each in before
+    ]
+    for test in tests:
+        found = rehearse(devices, plan_of(test, devices, limits, settings))
+        longest = found
+        if test.repeats_on:
+            longest = rehearse(devices, plan_of(test, devices, limits, settings.longest()))
+        part = _rehearsed(test.name, test.title, found, longest.duration_s, test.warm_up(settings))
+        _check_calibrated(station, part)
+        parts.append(part)
+    return tuple(parts)
+
+
+def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
+    """Refuse a test that loads the output beyond what its model was calibrated to."""
+    active = station.devices.context.acquisition.compensation("output")
+    if active is None or part.name not in LOADED:
+        return
+    model, torque = active.model, part.largest_torque_nm["output"]
+    reached = min(-model.reading_low_nm_, model.reading_high_nm_)
+    if torque > reached:
+        raise ModelMismatchError(
+            f"{part.title.lower()} to {torque:.4g} N·m with model-{active.model_id}, which was "
+            f"calibrated to {reached:.4g} N·m",
+            "torques that the active model was calibrated to",
+            "calibrate the output further, or put another model into use",
+        )
+
+
+def _rehearsed(
+    name: str,
+    title: str,
+    found: Rehearsal[Any],
+    longest_s: float = 0.0,
+    warm_up_s: float = 0.0,
+) -> ReducerTestRehearsal:
+    torque: dict[str, float] = dict.fromkeys(SIDES, 0.0)
+    speed: dict[str, float] = dict.fromkeys(SIDES, 0.0)
+    modes: dict[str, list[str]] = {side: [] for side in SIDES}
+    for move in found.moves:
+        side, _, what = move.device.partition(" ")
+        if side not in modes:
+            continue
+        value = move.value
+        if what == "mode" and modes[side][-1:] != [str(value)]:
+            modes[side].append(str(value))
+        elif what == "speed" and isinstance(value, int | float):
+            speed[side] = max(speed[side], abs(value) * RPM_PER_RAD_S)
+        elif what == "torque" and isinstance(value, int | float):
+            torque[side] = max(torque[side], abs(value))
+    return ReducerTestRehearsal(
+        name=name,
+        title=title,
+        duration_s=found.duration_s,
+        longest_s=max(found.duration_s, longest_s),
+        longest_warm_up_s=warm_up_s,
+        points=found.points,
+        largest_torque_nm=torque,
+        largest_speed_rpm=speed,
+        modes={side: tuple(seen) for side, seen in modes.items()},
+    )
+
+
+def run_reducer_test(
+    station: Station,
+    name: str,
+    reducer: ReducerDescription,
+    settings: ReducerTestSettings | None = None,
+    *,
+    serial: str = "",
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> ReducerTestRecord:
+    """Put the reducer to a test; every part is a run of its own, named ``test-NAME``.
+
+    All parts are rehearsed before the first of them moves anything. A part of the full test that
+    fails is kept as a failure, and the others go on.
+
+    Parameters
+    ----------
+    station : Station
+    name : str
+        One of `TESTS`.
+    reducer : ReducerDescription
+        Its type: ratio, limits, data sheet.
+    settings : ReducerTestSettings, optional
+    serial : str
+        Of the specimen.
+    progress, on_pause
+        As in `measure_calibration`.
+
+    Raises
+    ------
+    InputError
+        There is no test of this name, or what was recorded can't be evaluated.
+    LimitError, InterlockError, ModelMismatchError
+        Before anything moves.
+    RunAbortedError
+        Somebody ended the run.
+    SignalFault, BenchError
+        Something failed meanwhile; the bench is without torque.
+    """
+    settings, started, began_s = (
+        settings or ReducerTestSettings(),
+        datetime.now(UTC),
+        station.clock.now(),
+    )
+    rehearse_reducer_test(station, name, reducer, settings)
+    specimen = Specimen(station, reducer, settings, serial, progress, on_pause)
+    specimen.register()
+    outcomes, failures = _all_parts(specimen, name)
+    return ReducerTestRecord(
+        name=TESTS[name].name,
+        reducer_name=reducer.name,
+        serial=serial,
+        reducer=reducer.model_dump(mode="json"),
+        outcomes=outcomes,
+        failures=failures,
+        simulated=station.description.simulated,
+        started=started,
+        bench_name=station.description.name,
+        operator=operator_name(),
+        software_version=__version__,
+        bench_seconds=station.clock.now() - began_s,
+    )
+
+
+def _all_parts(
+    specimen: Specimen, name: str
+) -> tuple[tuple[ReducerTestOutcome, ...], tuple[ReducerTestFailure, ...]]:
+    """Go through all parts; of several, one that fails doesn't take the others' results along."""
+    tests, station = chosen_tests(name), specimen.station
+    outcomes: list[ReducerTestOutcome] = []
+    failures: list[ReducerTestFailure] = []
+    limits = reducer_limits(specimen.reducer)
+    names = [test.name for test in tests]
+    parts: list[tuple[str, str, Callable[[], ReducerTestOutcome | None]]] = [
+        (each.name, each.title, partial(specimen.prepare, each))
+        for each in preparations(names, limits, specimen.settings)
+    ]
+    parts += [(test.name, test.title, partial(specimen.test, test)) for test in tests]
+    for part, title, action in parts:
+        alarm = station.supervisor.alarm
+        if alarm is not None:
+            why = f"not begun: an alarm is latched ({alarm.found})"
+            failures.append(ReducerTestFailure(part, title, why, "acknowledge it and test again"))
+            continue
+        try:
+            outcome = action()
+        except RunAbortedError:
+            raise
+        except TorquebenchError as error:
+            if len(tests) == 1:
+                raise
+            failures.append(ReducerTestFailure(part, title, str(error)))
+            continue
+        if outcome is not None:
+            outcomes.append(outcome)
+    return tuple(outcomes), tuple(failures)

@@ -1,0 +1,112 @@
+"""The bench's own twist: from cycles against the held calibrator to what loops do without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.bench.roles import Side
+from torquebench.procedures.reducers.loop import BenchTwistRecording
+from torquebench.reducers.loops.branches import turning_points
+
+__all__ = ["TwistCompliance", "twist_compliance", "twist_compliances"]
+
+FloatArray = NDArray[np.float64]
+
+TWIST_LEVELS = 40
+"""Levels of torque on each side of zero between which the twist is taken for straight."""
+
+
+@dataclass(frozen=True)
+class TwistCompliance:
+    """How far the bench itself twists between an encoder and the flange beside it.
+
+    The twist is that of what the transducer feels, while the torque counts what bearings and
+    splines take beside it: over the torque it is no straight line.
+
+    Parameters
+    ----------
+    rad_per_nm : float
+        Slope over the whole range of torque.
+    standard_uncertainty_rad_per_nm : float
+    source : str
+        Where it comes from, for the record.
+    level_nm, bend_rad : tuple of float
+        Torques, increasing, and the twist beside the straight line there; none where only a
+        slope is known.
+
+    Examples
+    --------
+    >>> bent = TwistCompliance(1e-6, level_nm=(-100.0, 0.0, 100.0), bend_rad=(0.0, 0.0, 2e-6))
+    >>> bent.at([-100.0, 50.0, 100.0]).round(9).tolist()
+    [-0.0001, 5.1e-05, 0.000102]
+    """
+
+    rad_per_nm: float = 0.0
+    standard_uncertainty_rad_per_nm: float = 0.0
+    source: str = ""
+    level_nm: tuple[float, ...] = ()
+    bend_rad: tuple[float, ...] = ()
+
+    def at(self, torque_nm: ArrayLike) -> FloatArray:
+        """Return the twist at torques, rad; beyond the levels it goes on with the slope."""
+        torque = np.asarray(torque_nm, dtype=np.float64)
+        straight = self.rad_per_nm * torque
+        if not self.level_nm:
+            return np.asarray(straight)
+        return np.asarray(straight + np.interp(torque, self.level_nm, self.bend_rad))
+
+
+def twist_compliances(recording: BenchTwistRecording) -> dict[Side, TwistCompliance]:
+    """Return the twist of every side that was loaded against the held calibrator."""
+    source = f"measured against {recording.standard_serial}"
+    return {
+        side: twist_compliance(each.torque_nm(side), each.angle_rad(side), source)
+        for side, each in recording.recordings.items()
+    }
+
+
+def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) -> TwistCompliance:
+    """Return a side's twist from cycles 0 → +T → −T → 0 against the held calibrator.
+
+    The slope of angle over torque by least squares, and the mean beside it at levels of torque;
+    rising and falling legs count alike, so that what the shaft holds back by its own hysteresis
+    cancels. The uncertainty is half of what the legs differ by, in slope and level by level.
+
+    Parameters
+    ----------
+    torque_nm, angle_rad : array of float, shape (n,)
+        In the order of measurement.
+    source : str
+        Where they come from.
+    """
+    slope, offset = (float(each) for each in np.polyfit(torque_nm, angle_rad, 1))
+    largest = float(np.max(np.abs(torque_nm)))
+    rising = _rising(torque_nm)
+    singles = [
+        float(np.polyfit(torque_nm[leg], angle_rad[leg], 1)[0])
+        for leg in (rising, ~rising)
+        if np.count_nonzero(leg) > 8
+    ]
+    spread = float(np.ptp(singles)) / np.sqrt(12.0) if len(singles) == 2 else 0.05 * abs(slope)
+    beside = angle_rad - slope * torque_nm - offset
+    level = np.round(torque_nm / largest * TWIST_LEVELS).astype(np.int64) + TWIST_LEVELS
+    count = np.bincount(level)
+    there = count > 0
+    torque = np.bincount(level, weights=torque_nm)[there] / count[there]
+    bend = np.bincount(level, weights=beside)[there] / count[there]
+    left = beside - np.interp(torque_nm, torque, bend)
+    lag = np.bincount(level, weights=np.where(rising, left, -left))[there] / count[there]
+    spread = float(np.hypot(spread, lag.std() / (0.5 * largest)))
+    return TwistCompliance(slope, spread, source, tuple(torque.tolist()), tuple(bend.tolist()))
+
+
+def _rising(torque_nm: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples belong to legs on which the torque rises, whatever its noise does."""
+    rising = np.zeros(torque_nm.size, dtype=np.bool_)
+    for start, stop in pairwise(turning_points(torque_nm).tolist()):
+        rising[start : stop + 1] = torque_nm[stop] > torque_nm[start]
+    return rising

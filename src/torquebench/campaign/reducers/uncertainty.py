@@ -1,0 +1,153 @@
+"""What a bench adds to the uncertainty of a reducer test, and what is taken off for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.reducers.twist import TwistCompliance
+from torquebench.procedures.reducers.running_table import RunningRecording
+from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
+
+__all__ = [
+    "UNCOMPENSATED_SHARE",
+    "Bench",
+    "bench_remarks",
+    "nominal_nm",
+    "root_mean_square",
+    "standard_relative",
+    "tares_of",
+    "torque_uncertainty",
+    "without_tare",
+]
+
+FloatArray = NDArray[np.float64]
+
+UNCOMPENSATED_SHARE = 0.005
+"""Half width of what a chain without compensation may be off, as a share of full scale: the
+0.5 % that such benches are reported with (Measurement and Control, 2022, introduction)."""
+REPEATABILITY_SHARE = 2e-4
+"""Standard deviation by which a chain gives another torque for the same one after its load has
+changed, as a share of full scale: 0.01-0.03 % is what transducers of this class are sold with.
+It stays as long as the torque does, so that only repeats average it; where there are some, what
+they show counts instead."""
+TURNING_SHARE = 1e-4
+"""Half width of what 1000 rpm move the zero by, as a share of full scale; the zero is taken, and
+the chain calibrated, at standstill. An empty run takes its place."""
+DRAG_SHARE = 1e-4
+"""Half width of what bearings between transducer and flange drag by, as a share of full scale; a
+calibration at standstill doesn't see it. An empty run takes its place."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What an evaluation has to know of the bench.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    twists : mapping of side to TwistCompliance
+        Between each encoder and its flange; nothing where it isn't known.
+    tares : mapping of side to Tare
+        Of an empty run; nothing without one.
+    """
+
+    description: BenchDescription
+    twists: dict[Side, TwistCompliance]
+    tares: dict[Side, Tare]
+
+
+def standard_relative(bench: Bench) -> float:
+    """Return the standard uncertainty that the calibrator passes on, as a share of the torque."""
+    return bench.description.calibrator.expanded_uncertainty_percent / 200.0
+
+
+def nominal_nm(bench: Bench, side: Side) -> float:
+    """Return the standard uncertainty of a torque without compensation, N·m."""
+    range_nm = bench.description.module(side).range_nm
+    return float(UNCOMPENSATED_SHARE * range_nm / np.sqrt(3.0))
+
+
+def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[Side]) -> list[str]:
+    """Say which torque isn't compensated."""
+    return [
+        f"the {side} torque is not compensated: its uncertainty is the {UNCOMPENSATED_SHARE:.1%} "
+        f"of {bench.description.module(side).range_nm:g} N·m that such chains are reported with"
+        for side in sides
+        if not compensated[side]
+    ]
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the root of the mean square; 0 of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
+
+
+# -- empty run ------------------------------------------------------------------------------
+
+
+def tares_of(recording: RunningRecording, ratio: float) -> dict[Side, Tare]:
+    """Fit what both shafts have read by themselves.
+
+    Parameters
+    ----------
+    recording : RunningRecording
+        Of an empty run.
+    ratio : float
+        Input turns for one output turn, negative where reversed.
+    """
+    speed: dict[Side, FloatArray] = {
+        "input": recording.nominal_rpm,
+        "output": recording.nominal_rpm / ratio,
+    }
+    return {
+        side: fit_tare(
+            speed[side],
+            recording.torque_nm[side],
+            repeat=recording.repeat,
+            zero_nm=recording.zero_uncertainty_nm[side],
+        )
+        for side in SIDES
+    }
+
+
+def without_tare(
+    bench: Bench, torque_nm: FloatArray, speed_rpm: FloatArray, side: Side, known: TorqueUncertainty
+) -> tuple[FloatArray, TorqueUncertainty]:
+    """Take an empty run off torques, and put its uncertainty in the place of what it shows."""
+    tare = bench.tares.get(side)
+    if tare is None:
+        return torque_nm, known
+    taken = [tare.at(float(speed)) for speed in speed_rpm]
+    own = np.array([np.hypot(each.scatter_nm, each.transfer_nm) for each in taken])
+    zero = float(np.hypot(known.zero_nm, tare.zero_nm))
+    left = replace(known, zero_nm=zero, drag_nm=root_mean_square(own), speed_nm_per_rpm=0.0)
+    return torque_nm - np.array([each.torque_nm for each in taken]), left
+
+
+# -- torque of a running test ---------------------------------------------------------------
+
+
+def torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
+    """Return what is known of a side's torque beside what the test's repeats show."""
+    range_nm = bench.description.module(side).range_nm
+    known = TorqueUncertainty(
+        relative=standard_relative(bench),
+        zero_nm=recording.zero_uncertainty_nm[side],
+        model_nm=nominal_nm(bench, side),
+        speed_nm_per_rpm=TURNING_SHARE * range_nm / 1000.0 / np.sqrt(3.0),
+        drag_nm=DRAG_SHARE * range_nm / np.sqrt(3.0),
+        repeatability_nm=REPEATABILITY_SHARE * range_nm,
+    )
+    if not recording.compensated[side]:
+        return known
+    model, torque = recording.model_uncertainty_nm[side], np.abs(recording.torque_nm[side])
+    growing = float(np.min(model / np.maximum(torque, 1e-9)))
+    rest = np.sqrt(np.maximum(model**2 - (growing * torque) ** 2, 0.0))
+    relative = float(np.hypot(growing, standard_relative(bench)))
+    return replace(known, relative=relative, model_nm=root_mean_square(rest))

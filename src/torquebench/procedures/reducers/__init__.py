@@ -1,0 +1,1 @@
+"""Plans of the tests of a reducer."""

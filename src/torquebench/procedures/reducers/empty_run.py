@@ -1,0 +1,180 @@
+"""The empty run: both shafts turn alone, so that what they read then can be taken off a test."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+
+from torquebench import __version__
+from torquebench.bench.devices import BenchDevices, SteadySettings
+from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.procedures.guarding import guarded, turning_limits
+from torquebench.procedures.messages import checkpoint, progress
+from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
+from torquebench.procedures.reducers.setup import (
+    GENTLE_RPM_PER_S,
+    ReducerLimits,
+    check_speeds,
+    speed_ramp,
+    stamp,
+)
+from torquebench.procedures.setup import REST_S, Plan, power_off, set_mode, unloaded_after
+
+__all__ = ["EmptyRunSettings", "empty_run"]
+
+
+@dataclass(frozen=True)
+class EmptyRunSettings:
+    """How the empty run is made.
+
+    Parameters
+    ----------
+    speeds_rpm : tuple of float
+        Rising input speeds above 0, 1/min; each in both directions. The output turns by as much
+        less as it does through the reducer.
+    repeats : int
+        How often all speeds are driven. What is taken off scatters as the test itself does, so
+        that few repeats here would spoil many there.
+    settle_s, window_s : float
+        Time after a speed is reached, and the shortest window; it is lengthened to whole input
+        turns, s.
+    zero_s : float
+        Length of the zeros before every series and after the last, s.
+    rate_rpm_per_s : float
+        How fast the input's speed changes, (1/min)/s, and the output's through the ratio: as in
+        the test.
+    """
+
+    speeds_rpm: tuple[float, ...] = (100.0, 400.0, 700.0, 1000.0, 1200.0)
+    repeats: int = 8
+    settle_s: float = 0.5
+    window_s: float = 1.0
+    zero_s: float = 1.0
+    rate_rpm_per_s: float = GENTLE_RPM_PER_S
+
+    def __post_init__(self) -> None:
+        check_speeds(self.speeds_rpm, self.repeats, self.rate_rpm_per_s)
+
+    def within(self, limits: ReducerLimits) -> EmptyRunSettings:
+        """Return the settings without speeds at which the reducer isn't driven."""
+        speeds = tuple(s for s in self.speeds_rpm if s <= limits.largest_input_rpm)
+        return replace(self, speeds_rpm=speeds)
+
+    def points(self) -> list[Asked]:
+        """Return all points in the order in which they are driven.
+
+        Examples
+        --------
+        >>> settings = EmptyRunSettings(speeds_rpm=(100.0, 200.0), repeats=1)
+        >>> [point.speed_rpm for point in settings.points()]
+        [100.0, 200.0, -100.0, -200.0]
+        """
+        return [
+            Asked(sign * speed, 0.0, 1, repeat)
+            for repeat in range(1, self.repeats + 1)
+            for sign in (1.0, -1.0)
+            for speed in self.speeds_rpm
+        ]
+
+
+def empty_run(
+    devices: BenchDevices, limits: ReducerLimits, settings: EmptyRunSettings | None = None
+) -> Plan[RunningRecording]:
+    """Turn both shafts with nothing mounted, and read what they read at each speed.
+
+    What a transducer's zero does with speed, and the drag of the bearings between transducer and
+    flange, stand in these readings as they stand in those of a test.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    limits : ReducerLimits
+        Of the reducer that is tested afterwards: its ratio gives the output's speeds.
+    settings : EmptyRunSettings, optional
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a speed exceeds the bench.
+    SignalFault
+        A drive doesn't reach its speed.
+    """
+    settings = settings or EmptyRunSettings()
+    points = settings.points()
+    table = RunningTable(devices, ("output", "input"))
+    metadata = {
+        "plan_name": "empty_run",
+        "settings": asdict(settings),
+        "num_points": len(points),
+        "simulated": devices.context.drivers.truth is not None,
+        "software_version": __version__,
+    }
+
+    def in_bench() -> Plan[None]:
+        yield from _with_nothing_mounted(devices)
+        yield from bpp.run_wrapper(_turned(devices, limits, settings, points, table), md=metadata)
+
+    fastest = settings.speeds_rpm[-1]
+    speeds: dict[Side, float] = {"input": fastest, "output": fastest / abs(limits.ratio)}
+    yield from guarded(
+        lambda: unloaded_after(devices, in_bench),
+        *(turning_limits(devices, side, speeds[side]) for side in SIDES),
+    )
+    return table.recording()
+
+
+def _with_nothing_mounted(devices: BenchDevices) -> Plan[None]:
+    yield from power_off(devices)
+    mounted = yield from bps.rd(devices.mounting.mounted)
+    if mounted != "nothing":
+        yield from bps.mv(devices.clamp, False)
+        yield from bps.mv(devices.mounting, "nothing")
+    for side in SIDES:
+        yield from set_mode(devices, side, "driven")
+
+
+def _turned(
+    devices: BenchDevices,
+    limits: ReducerLimits,
+    settings: EmptyRunSettings,
+    points: list[Asked],
+    table: RunningTable,
+) -> Plan[None]:
+    def turn(speed_rpm: float) -> Plan[None]:
+        yield from _turn(devices, limits.ratio, speed_rpm, settings.rate_rpm_per_s)
+
+    series = present = None
+    for number, point in enumerate(points):
+        yield from progress(number, len(points), f"empty run, {point.speed_rpm:g} rpm")
+        yield from checkpoint()
+        if (point.repeat, np.sign(point.speed_rpm)) != series:
+            series = (point.repeat, np.sign(point.speed_rpm))
+            if present is not None:
+                yield from turn(0.0)
+            yield from bps.sleep(REST_S)
+            yield from table.zero(settings.zero_s)
+        yield from stamp(devices, series=point.repeat, step=number, branch=1)
+        present = point.speed_rpm
+        yield from turn(present)
+        period_s = 60.0 / abs(point.speed_rpm)
+        window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
+        yield from table.take(point, SteadySettings(settings.settle_s, window_s, 0.0, period_s))
+    yield from turn(0.0)
+    yield from bps.sleep(REST_S)
+    yield from table.zero(settings.zero_s)
+    yield from progress(len(points), len(points), "done")
+
+
+def _turn(
+    devices: BenchDevices, ratio: float, speed_rpm: float, rate_rpm_per_s: float
+) -> Plan[None]:
+    """Bring both shafts to a speed together, the output's as it is through the reducer."""
+    towards: list[Any] = []
+    for module, part in ((devices.input, 1.0), (devices.output, ratio)):
+        ramp = speed_ramp(speed_rpm / part, rate_rpm_per_s / abs(part))
+        towards += [module.drive.speed_ramp, ramp]
+    yield from bps.mv(*towards)

@@ -1,0 +1,309 @@
+"""Starting and back-driving torque: one side's torque rises slowly until the reducer moves."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import asdict, dataclass, field
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky.utils import Msg
+
+from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
+from torquebench.bench.drivers.base import Side
+from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.procedures.guarding import StepLimits, guarded, loading_limits
+from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.reducers.setup import (
+    ReducerLimits,
+    angle_rad,
+    run_metadata,
+    stamp,
+    temperature_c,
+    turn_output,
+)
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    Setup,
+    other_side,
+    power_off,
+    power_on,
+    set_mode,
+    set_up,
+    unloaded_after,
+)
+from torquebench.procedures.zeroing import zero
+
+__all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
+
+STEP_S = 0.1
+"""Bench time between two looks for the first motion, s."""
+LOOKS = 6
+"""Looks over which a side that moves gets on by a fifth of what counts as motion."""
+
+
+@dataclass(frozen=True)
+class BreakawaySettings:
+    """How the first motion is looked for.
+
+    Parameters
+    ----------
+    positions : int
+        Output positions, evenly over a revolution.
+    clockwise, counter_clockwise : bool
+        Directions in which the torque rises.
+    ramp_s : float
+        Time in which the torque rises to what is expected, s.
+    expected_nm : float or None
+        Torque at which motion is expected; by default from the data sheet or the reducer's size.
+    largest_nm : float or None
+        The ramp ends here without motion; by default five times what is expected.
+    motion_deg : float or None
+        The driven side has moved for certain after so many degrees, a fifth of them within half a
+        second; by default 5° of the input and 0.2° of the output.
+    zero_s : float
+        Length of the zero before each position, s.
+    """
+
+    positions: int = 6
+    clockwise: bool = True
+    counter_clockwise: bool = True
+    ramp_s: float = 5.0
+    expected_nm: float | None = None
+    largest_nm: float | None = None
+    motion_deg: float | None = None
+    zero_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.positions < 1 or self.ramp_s <= 0.0:
+            raise InputError(
+                f"{self.positions} positions, a ramp of {self.ramp_s:g} s",
+                "at least one position and a ramp above 0 s",
+            )
+        if not (self.clockwise or self.counter_clockwise):
+            raise InputError("no direction", "clockwise, counter-clockwise or both")
+
+    def expected(self, side: Side, limits: ReducerLimits) -> float:
+        """Torque at which motion is expected, N·m.
+
+        Examples
+        --------
+        >>> limits = ReducerLimits(100.0, 50.0, 100.0, 3000.0)
+        >>> BreakawaySettings().expected("input", limits)
+        0.02
+        """
+        if self.expected_nm is not None:
+            return self.expected_nm
+        return (0.04 / abs(limits.ratio) if side == "input" else 0.04) * limits.rated_torque_nm
+
+    def largest(self, side: Side, limits: ReducerLimits) -> float:
+        """Torque at which the ramp ends without motion, N·m."""
+        return self.largest_nm or 5.0 * self.expected(side, limits)
+
+    def motion_rad(self, side: Side) -> float:
+        """Angle after which the driven side has moved for certain, rad."""
+        degrees = 5.0 if side == "input" else 0.2
+        return float(np.radians(degrees if self.motion_deg is None else self.motion_deg))
+
+
+@dataclass(frozen=True, eq=False)
+class Breakaway:
+    """One ramp until the first motion.
+
+    Parameters
+    ----------
+    position_deg : float
+        Output position, degrees.
+    direction : int
+        +1 clockwise.
+    recording : SynchronousRecording
+        From before the ramp until after the motion.
+    standing_nm : float
+        Compensated torque of a reading of 0, to be taken off, N·m.
+    """
+
+    position_deg: float
+    direction: int
+    recording: SynchronousRecording
+    standing_nm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class BreakawayRecording:
+    """All ramps of one side.
+
+    Parameters
+    ----------
+    side : {"input", "output"}
+        The driven side: input for the starting torque, output for the back-driving torque.
+    ramps : tuple of Breakaway
+    compensated : bool
+        Whether the side's active model was applied.
+    temperature_c : float
+        Of the reducer; NaN without a probe.
+    """
+
+    side: Side
+    ramps: tuple[Breakaway, ...]
+    compensated: bool
+    temperature_c: float
+
+
+def breakaway(
+    devices: BenchDevices,
+    limits: ReducerLimits,
+    side: Side,
+    settings: BreakawaySettings | None = None,
+) -> Plan[BreakawayRecording]:
+    """Raise the torque of one side slowly, the other free, until it turns; at several positions.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    limits : ReducerLimits
+    side : {"input", "output"}
+        Input: starting torque. Output: back-driving torque.
+    settings : BreakawaySettings, optional
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where the largest torque exceeds the data sheet or the bench.
+    BenchError
+        Nothing moves up to the largest torque, or the output doesn't turn by the ratio.
+    """
+    settings = settings or BreakawaySettings()
+    largest = settings.largest(side, limits)
+    _check(limits, side, largest)
+    finder = _Finder(devices, limits, side, settings)
+    count = settings.positions * (settings.clockwise + settings.counter_clockwise)
+    metadata = run_metadata(
+        devices, f"breakaway_{side}", limits, count, settings=asdict(settings), side=side
+    )
+    warm: list[float] = []
+
+    def measured() -> Plan[None]:
+        step = 360.0 / settings.positions
+        for number in range(settings.positions):
+            yield from checkpoint()
+            yield from set_mode(devices, "output", "free")
+            yield from set_mode(devices, "input", "driven")
+            yield from turn_output(devices, limits, step if number else 2.0)
+            yield from power_off(devices)
+            yield from set_mode(devices, other_side(side), "free")
+            yield from finder.at(number * step, number, count)
+        warm.append((yield from temperature_c(devices)))
+        yield from progress(count, count, "done")
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    torque = loading_limits(devices, side, largest).torque_nm
+    yield from guarded(
+        lambda: unloaded_after(devices, in_bench), StepLimits(side, torque_nm=torque)
+    )
+    compensated = devices.context.acquisition.compensation(side) is not None
+    return BreakawayRecording(side, tuple(finder.found), compensated, float(np.mean(warm)))
+
+
+def _check(limits: ReducerLimits, side: Side, largest_nm: float) -> None:
+    """Refuse a ramp beyond the data sheet, whichever side it is on."""
+    at_output = largest_nm * (abs(limits.ratio) if side == "input" else 1.0)
+    if at_output > limits.largest_torque_nm:
+        raise LimitError(
+            f"a ramp up to {largest_nm:g} N·m at the {side}",
+            f"at most {limits.largest_torque_nm:g} N·m at the reducer's output",
+            "lower the torque at which motion is expected",
+        )
+
+
+@dataclass
+class _Finder:
+    """Ramps one side's torque until it moves."""
+
+    devices: BenchDevices
+    limits: ReducerLimits
+    side: Side
+    settings: BreakawaySettings
+    found: list[Breakaway] = field(default_factory=list)
+
+    def at(self, position_deg: float, index: int, total: int) -> Plan[None]:
+        """Find the first motion in each direction at one position; ends with the drive off."""
+        signs = [1] * self.settings.clockwise + [-1] * self.settings.counter_clockwise
+        for number, sign in enumerate(signs):
+            done = index * len(signs) + number
+            yield from progress(done, total, f"{position_deg:g}°, {'+' if sign > 0 else '-'}")
+            recording = None
+            while recording is None:
+                yield from checkpoint()
+                yield from zero(self.devices, self.side, duration_s=self.settings.zero_s)
+                standing = self._standing()
+                yield from stamp(
+                    self.devices, series=sign, step=index, branch=sign, position_deg=position_deg
+                )
+                recording = yield from self._ramp(sign)
+            self.found.append(Breakaway(position_deg, sign, recording, standing))
+        yield from power_off(self.devices)
+
+    def _standing(self) -> float:
+        """Return the compensated torque at the zero that was just taken, N·m."""
+        context = self.devices.context
+        active = context.acquisition.compensation(self.side)
+        if active is None:
+            return 0.0
+        probe = context.description.module(self.side).temperature_probe
+        return active.value(0.0, 0.0, context.acquisition.temperature_c(probe))[0]
+
+    def _ramp(self, sign: int) -> Plan[SynchronousRecording | None]:
+        """Ramp up, look for motion, unload; None where a pause came in between."""
+        devices, before = self.devices, self.devices.interruptions
+        largest = self.settings.largest(self.side, self.limits)
+        rate = self.settings.expected(self.side, self.limits) / self.settings.ramp_s
+        yield from power_on(devices, self.side)
+        yield from move(devices.recorder, "mark")
+        yield from bps.sleep(REST_S)
+        moved = yield from self._until_motion(sign * largest, rate)
+        yield from move(devices.module(self.side).drive.torque, 0.0)
+        yield from bps.sleep(REST_S)
+        yield from self._record()
+        yield from power_off(devices)  # it brakes by its own friction
+        yield from bps.sleep(REST_S)
+        if devices.interruptions != before:
+            return None
+        if not moved:
+            raise BenchError(
+                f"nothing moved up to {largest:g} N·m at the {self.side}",
+                "motion below the largest torque of the ramp",
+                "check that the reducer is mounted and the other side free, or raise the "
+                "expected torque",
+            )
+        return devices.recorder.taken or SynchronousRecording.joined([])
+
+    def _until_motion(self, target_nm: float, rate: float) -> Plan[bool]:
+        """Raise the torque in one uniform ramp, cut into looks for motion; tell whether it came."""
+        devices, module = self.devices, self.devices.module(self.side)
+        start = yield from angle_rad(devices, self.side)
+        enough = self.settings.motion_rad(self.side)
+        steps = int(np.ceil(abs(target_nm) / (rate * STEP_S)))
+        seen: deque[float] = deque(maxlen=LOOKS)
+        for step in range(1, steps + 1):
+            yield from move(module.drive.torque_ramp, RampTo(target_nm * step / steps, rate))
+            present = yield from angle_rad(devices, self.side)
+            if start is None or present is None:  # a rehearsal goes all the way
+                continue
+            # A contact creeps under its torque, and gets as far in time: only what is fast moves.
+            seen.append(present)
+            if abs(present - start) > enough and abs(present - seen[0]) > 0.2 * enough:
+                return True
+        return start is None
+
+    def _record(self) -> Plan[None]:
+        yield Msg("trigger", self.devices.recorder, group="torquebench-recorder")
+        yield Msg("wait", None, group="torquebench-recorder")
+        yield Msg("create", None, name="points")
+        yield Msg("read", self.devices.recorder)
+        yield Msg("read", self.devices.point)
+        yield Msg("save")

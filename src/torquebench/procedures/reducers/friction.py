@@ -1,0 +1,248 @@
+"""No-load friction of a mounted reducer against its input speed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench import __version__
+from torquebench.bench.devices import BenchDevices, Point, SteadySettings
+from torquebench.errors import InputError, LimitError
+from torquebench.procedures.guarding import guarded, turning_limits
+from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.reducers.setup import GENTLE_RPM_PER_S, check_speeds, turn_at
+from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
+from torquebench.procedures.zeroing import zero
+
+__all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
+
+
+@dataclass(frozen=True)
+class FrictionSettings:
+    """Which speeds are driven, how often and for how long.
+
+    Parameters
+    ----------
+    speeds_rpm : tuple of float
+        Rising input speeds above 0, 1/min; driven up, then down without repeating the last.
+    repeats : int
+        How often the sweep is repeated.
+    clockwise, counter_clockwise : bool
+        Directions that are driven.
+    settle_s : float
+        Time from a speed command until the window may begin, s.
+    window_s : float
+        Shortest averaging window, s; it is lengthened to whole revolutions.
+    limit_s : float
+        How much longer to wait for a settled reading, s.
+    zero_s : float
+        Length of the zero before the first point, s.
+    rate_rpm_per_s : float
+        How fast the speed changes from point to point, (1/min)/s, at most as the drive can.
+    """
+
+    speeds_rpm: tuple[float, ...] = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
+    repeats: int = 3
+    clockwise: bool = True
+    counter_clockwise: bool = True
+    settle_s: float = 0.4
+    window_s: float = 0.4
+    limit_s: float = 1.0
+    zero_s: float = 1.0
+    rate_rpm_per_s: float = GENTLE_RPM_PER_S
+
+    def __post_init__(self) -> None:
+        check_speeds(self.speeds_rpm, self.repeats, self.rate_rpm_per_s)
+        if not (self.clockwise or self.counter_clockwise):
+            raise InputError("no direction", "clockwise, counter-clockwise or both")
+
+    def points(self) -> Iterator[FrictionPoint]:
+        """Return all points in the order in which they are driven.
+
+        Examples
+        --------
+        >>> settings = FrictionSettings(speeds_rpm=(100.0, 200.0), repeats=1)
+        >>> [(point.speed_rpm, point.branch) for point in settings.points()]
+        [(100.0, 1), (200.0, 1), (100.0, -1), (-100.0, 1), (-200.0, 1), (-100.0, -1)]
+        """
+        for repeat in range(1, self.repeats + 1):
+            yield from self.repeat(repeat)
+
+    def repeat(self, number: int) -> Iterator[FrictionPoint]:
+        """Return the points of one repeat: each direction a series, speeds up and down."""
+        path = [(speed, 1) for speed in self.speeds_rpm]
+        path += [(speed, -1) for speed in self.speeds_rpm[-2::-1]]
+        signs = [1] * self.clockwise + [-1] * self.counter_clockwise
+        for series, sign in enumerate(signs, start=1):
+            for place, (speed, branch) in enumerate(path):
+                yield FrictionPoint(number, series, place, sign * speed, branch)
+
+    def steady(self, speed_rpm: float) -> SteadySettings:
+        """Return how the torque at one speed is averaged: over whole revolutions.
+
+        Examples
+        --------
+        >>> FrictionSettings().steady(-200.0).window_s
+        0.6
+        """
+        period_s = 60.0 / abs(speed_rpm)
+        window_s = round(period_s * float(np.ceil(self.window_s / period_s - 1e-9)), 9)
+        return SteadySettings(self.settle_s, window_s, self.limit_s, period_s)
+
+
+@dataclass(frozen=True)
+class FrictionPoint:
+    """One point of the sweep."""
+
+    repeat: int
+    series: int
+    number: int
+    speed_rpm: float
+    branch: int
+
+
+@dataclass(frozen=True)
+class FrictionSweep:
+    """No-load friction torque of a mounted reducer against its input speed.
+
+    Parameters
+    ----------
+    speed_rpm : float64[n]
+        Mean input speed of each point, clockwise positive, 1/min.
+    nominal_rpm : float64[n]
+        The speed that was asked for.
+    torque_nm : float64[n]
+        Input torque, compensated where `compensated`, N·m.
+    standard_error_nm : float64[n]
+        Standard error of the mean reading, N·m.
+    true_torque_nm : float64[n] or None
+        The twin's true input torque, N·m; None on a real bench.
+    repeat : int64[n]
+        1, 2, 3.
+    branch : int8[n]
+        +1 while the speed's magnitude rises, -1 while it falls.
+    temperature_c : float64[n]
+        Of the input transducer, °C.
+    compensated : bool
+        Whether the module's active model was applied.
+    unsettled : int
+        Points that were taken although their reading still drifted.
+    """
+
+    speed_rpm: NDArray[np.float64]
+    nominal_rpm: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+    standard_error_nm: NDArray[np.float64]
+    true_torque_nm: NDArray[np.float64] | None
+    repeat: NDArray[np.int64]
+    branch: NDArray[np.int8]
+    temperature_c: NDArray[np.float64]
+    compensated: bool
+    unsettled: int
+
+
+def friction_sweep(
+    devices: BenchDevices, settings: FrictionSettings | None = None
+) -> Plan[FrictionSweep]:
+    """Drive a mounted reducer at its input, output free, and read the friction at each speed.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    settings : FrictionSettings, optional
+        By default 20 to 1200 rpm up and down in both directions, three repeats.
+
+    Returns
+    -------
+    FrictionSweep
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a speed exceeds the drive's limit.
+    """
+    settings = settings or FrictionSettings()
+    limit_rpm = devices.context.description.module("input").limits.speed_rpm
+    if settings.speeds_rpm[-1] > limit_rpm * (1 + 1e-9):
+        raise LimitError(
+            f"a sweep to {settings.speeds_rpm[-1]:g} rpm",
+            f"at most {limit_rpm:.6g} rpm at the input",
+            "lower the speeds or raise the limit of the bench description",
+        )
+    points = list(settings.points())
+    rows: list[Mapping[str, Any]] = []
+    transducer = devices.context.description.module("input").transducer
+    metadata = {
+        "plan_name": "friction_sweep",
+        "side": "input",
+        "transducer_serial": transducer.serial,
+        "counter_identity": devices.context.drivers.counter.clock_identity,
+        "speeds_rpm": list(settings.speeds_rpm),
+        "repeats": settings.repeats,
+        "num_points": len(points),
+        "simulated": devices.context.drivers.truth is not None,
+        "software_version": __version__,
+    }
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from bpp.run_wrapper(_sweep(devices, settings, points, rows), md=metadata)
+
+    limits = turning_limits(devices, "input", settings.speeds_rpm[-1])
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    return _result(points, rows)
+
+
+def _sweep(
+    devices: BenchDevices,
+    settings: FrictionSettings,
+    points: list[FrictionPoint],
+    rows: list[Mapping[str, Any]],
+) -> Plan[None]:
+    yield from progress(0, len(points), "zero")
+    yield from bps.mv(devices.point, Point())
+    yield from zero(devices, "input", duration_s=settings.zero_s)
+    for number, point in enumerate(points):
+        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm"
+        yield from progress(number, len(points), text)
+        yield from checkpoint()
+        rows.append((yield from _point(devices, settings, point)))
+    yield from progress(len(points), len(points), "done")
+
+
+def _point(
+    devices: BenchDevices, settings: FrictionSettings, point: FrictionPoint
+) -> Plan[Mapping[str, Any]]:
+    module = devices.input
+    yield from bps.prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
+    stamp = Point(series=point.series, step=point.number, branch=point.branch, group=point.repeat)
+    yield from move(devices.point, stamp)
+    yield from turn_at(devices, "input", point.speed_rpm, settings.rate_rpm_per_s)
+    return (yield from take(module.steady, devices.point, stream="points"))
+
+
+def _result(points: list[FrictionPoint], rows: list[Mapping[str, Any]]) -> FrictionSweep:
+    compensated = all("torque_nm" in row for row in rows)
+    known = all("true_torque_nm" in row for row in rows)
+
+    def column(name: str) -> NDArray[np.float64]:
+        return np.array([row[name] for row in rows], dtype=np.float64)
+
+    return FrictionSweep(
+        speed_rpm=column("speed_rpm"),
+        nominal_rpm=np.array([point.speed_rpm for point in points]),
+        torque_nm=column("torque_nm" if compensated else "reading_nm"),
+        standard_error_nm=column("reading_standard_error_nm"),
+        true_torque_nm=column("true_torque_nm") if known else None,
+        repeat=np.array([point.repeat for point in points], dtype=np.int64),
+        branch=np.array([point.branch for point in points], dtype=np.int8),
+        temperature_c=column("temperature_c"),
+        compensated=compensated,
+        unsettled=sum(not row["settled"] for row in rows),
+    )

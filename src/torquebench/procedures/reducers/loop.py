@@ -1,0 +1,437 @@
+"""Torque-angle loops: input locked, output loaded in uniform ramps; and the bench's own twist."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from typing import Literal
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky.utils import Msg
+
+from torquebench import __version__
+from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
+from torquebench.bench.drivers.base import Side
+from torquebench.errors import BenchError, InputError
+from torquebench.procedures.guarding import guarded, loading_limits
+from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.reducers.setup import (
+    TURN_RPM,
+    ReducerLimits,
+    angle_rad,
+    run_metadata,
+    stamp,
+    temperature_c,
+    turn_output,
+)
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    Setup,
+    power_off,
+    power_on,
+    set_mode,
+    set_up,
+    unloaded_after,
+)
+from torquebench.procedures.zeroing import measure_zero, zero
+
+__all__ = [
+    "BenchTwistRecording",
+    "BenchTwistSettings",
+    "HysteresisSettings",
+    "Loop",
+    "LoopRecording",
+    "bench_twist",
+    "even_positions",
+    "hysteresis_loops",
+]
+
+LOADING_SHARE = 0.0015
+"""Share of its range by which a drive may miss a torque that it is asked for."""
+TURNS = 4
+PHASE_DEG = 10.0
+"""So near to its phase the input is turned."""
+
+
+def even_positions(count: int) -> tuple[float, ...]:
+    """Return so many positions that share out one output turn, degrees.
+
+    Examples
+    --------
+    >>> even_positions(5)
+    (0.0, 72.0, 144.0, 216.0, 288.0)
+    """
+    return tuple(360.0 * place / count for place in range(count))
+
+
+@dataclass(frozen=True)
+class HysteresisSettings:
+    """How the torque-angle loops are driven.
+
+    Parameters
+    ----------
+    loops : int
+        Loops at each position after the preload.
+    positions_deg : tuple of float
+        Output positions, degrees. They share out one turn of the input, too, so that errors of
+        the input's orders cancel but for multiples of their number: five of them by default, as
+        harmonic reducers err two and four times a turn.
+    torque_share : float
+        Largest torque of the loop, as a share of the rated torque.
+    loop_s : float
+        Time of one loop at a uniform rate of torque, s.
+    steps : int
+        0 for a uniform ramp; otherwise so many torque steps from zero to the largest torque,
+        each held for its share of the loop's time.
+    zero_s : float
+        Length of the zero before the loops of a position, s.
+    """
+
+    loops: int = 3
+    positions_deg: tuple[float, ...] = even_positions(5)
+    torque_share: float = 1.0
+    loop_s: float = 40.0
+    steps: int = 0
+    zero_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.loops < 1 or not self.positions_deg:
+            raise InputError(
+                f"{self.loops} loops at {len(self.positions_deg)} positions", "at least one of each"
+            )
+        if not (self.torque_share > 0.0 and 1.0 <= self.loop_s <= 240.0 and self.steps >= 0):
+            raise InputError(
+                f"loops of {self.torque_share:g} T_N in {self.loop_s:g} s, {self.steps} steps",
+                "a share above 0, 1 to 240 s, no negative number of steps",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """One closed loop −T → 0 → +T → 0 → −T at one output position.
+
+    Parameters
+    ----------
+    position_deg : float
+        Output position, degrees.
+    number : int
+        1, 2, … at this position.
+    recording : SynchronousRecording
+    """
+
+    position_deg: float
+    number: int
+    recording: SynchronousRecording
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRecording:
+    """What the torque-angle loops recorded.
+
+    Parameters
+    ----------
+    loops : tuple of Loop
+    torque_nm : float
+        Largest torque that was asked for, N·m.
+    compensated : mapping of side to bool
+        Whether the side's active model was applied.
+    temperature_c : float
+        Of the reducer; NaN without a probe.
+    """
+
+    loops: tuple[Loop, ...]
+    torque_nm: float
+    compensated: dict[Side, bool]
+    temperature_c: float
+
+
+def hysteresis_loops(
+    devices: BenchDevices, limits: ReducerLimits, settings: HysteresisSettings | None = None
+) -> Plan[LoopRecording]:
+    """Lock the input and drive torque-angle loops at the output, at several output positions.
+
+    Before the loops of each position the output is turned there, both torques are zeroed, and
+    the output is preloaded to +T and −T, which isn't part of any loop. The torque goes beyond T
+    by as much as a drive may stay below what it is asked for, where the reducer allows it. The
+    positions share out one turn of the input too, as the transmission error of the input's
+    orders makes a reducer stiffer at one of its phases than at another. A loop that a pause
+    interrupts is preloaded and driven again.
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where the torque exceeds the data sheet or the bench.
+    BenchError
+        The output doesn't turn by the reducer's ratio.
+    """
+    settings = settings or HysteresisSettings()
+    torque = settings.torque_share * limits.rated_torque_nm
+    limits.check_output_torque(torque)
+    beyond = torque + LOADING_SHARE * devices.context.description.output.range_nm
+    torque = max(torque, min(beyond, limits.largest_torque_nm))
+    driver = _LoopDriver(devices, settings, torque)
+    total = settings.loops * len(settings.positions_deg)
+    metadata = run_metadata(
+        devices, "hysteresis_loops", limits, total, settings=asdict(settings), side="output"
+    )
+    loading = loading_limits(devices, "output", torque)
+    temperature: list[float] = []
+
+    def measured() -> Plan[None]:
+        start = yield from angle_rad(devices, "input")
+        for index, position in enumerate(settings.positions_deg):
+            yield from progress(index * settings.loops, total, f"output to {position:g}°")
+            yield from checkpoint()
+            yield from set_mode(devices, "output", "free")
+            yield from set_mode(devices, "input", "driven")
+            phase = index / len(settings.positions_deg)
+            yield from _turn_to(devices, limits, _near(position, limits.ratio, phase), start)
+            yield from power_off(devices)
+            yield from measure_zero(devices, "input", duration_s=settings.zero_s)
+            yield from set_mode(devices, "input", "locked")
+            yield from guarded(partial(driver.run, position, index, total), loading)
+            temperature.append((yield from temperature_c(devices)))
+        yield from progress(total, total, "done")
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    yield from unloaded_after(devices, in_bench)
+    compensation = devices.context.acquisition.compensation
+    sides: tuple[Side, Side] = ("input", "output")
+    return LoopRecording(
+        loops=tuple(driver.found),
+        torque_nm=torque,
+        compensated={side: compensation(side) is not None for side in sides},
+        temperature_c=float(np.mean(temperature)),
+    )
+
+
+def _near(position_deg: float, ratio: float, phase: float) -> float:
+    """Return the output angle next to a position at which the input has turned to a phase.
+
+    Examples
+    --------
+    >>> round(_near(90.0, 121.0, 0.5), 4), round(_near(90.0, 121.0, 0.25), 4)
+    (90.7438, 90.0)
+    """
+    off = phase - position_deg * ratio / 360.0
+    return position_deg + (off - float(np.round(off))) * 360.0 / ratio
+
+
+def _turn_to(
+    devices: BenchDevices, limits: ReducerLimits, output_deg: float, start_rad: float | None
+) -> Plan[None]:
+    """Turn the output to an angle from the start by the input's encoder, slower and slower."""
+    seconds = 0.0
+    for _ in range(TURNS):
+        present = yield from angle_rad(devices, "input")
+        turned = 0.0  # in a rehearsal nothing has an angle
+        if present is not None and start_rad is not None:
+            turned = float(np.degrees(present - start_rad)) / limits.ratio
+        left = output_deg - turned
+        if abs(left * limits.ratio) < PHASE_DEG:
+            return
+        slow_rpm = abs(left * limits.ratio) / 6.0 / seconds if seconds else TURN_RPM
+        yield from turn_output(devices, limits, left, speed_rpm=min(slow_rpm, TURN_RPM))
+        if present is None:
+            return
+        seconds = 4.0
+
+
+@dataclass
+class _LoopDriver:
+    """Drives the loops of one position after the other with the output's drive."""
+
+    devices: BenchDevices
+    settings: HysteresisSettings
+    torque_nm: float
+    found: list[Loop] = field(default_factory=list)
+
+    def run(self, position_deg: float, index: int, total: int) -> Plan[None]:
+        """Zero, preload, drive all loops; ends without torque, drive off."""
+        yield from zero(self.devices, "output", duration_s=self.settings.zero_s)
+        yield from move(self.devices.recorder, "fine")  # so that short windows are there in time
+        seen, preloaded, number = self.devices.interruptions, False, 1
+        while number <= self.settings.loops:
+            yield from checkpoint()
+            if self.devices.interruptions != seen:
+                seen, preloaded = self.devices.interruptions, False
+            if not preloaded:
+                yield from progress(index * self.settings.loops + number - 1, total, "preload")
+                yield from self._preload()
+                preloaded = True
+            recording = yield from self._loop(position_deg, number, index, total)
+            if self.devices.interruptions == seen:
+                self.found.append(Loop(position_deg, number, recording))
+                number += 1
+        yield from self._ramp(0.0)
+        yield from power_off(self.devices)
+
+    def _preload(self) -> Plan[None]:
+        for target in (self.torque_nm, 0.0, -self.torque_nm):
+            yield from self._ramp(target)
+
+    def _loop(
+        self, position_deg: float, number: int, index: int, total: int
+    ) -> Plan[SynchronousRecording]:
+        """Drive one loop; it is worthless where a pause came in between."""
+        before = self.devices.interruptions
+        done = index * self.settings.loops + number - 1
+        yield from progress(done, total, f"{position_deg:g}°, loop {number}")
+        yield from stamp(
+            self.devices, series=index, step=number, position_deg=position_deg, group=number
+        )
+        yield from move(self.devices.recorder, "fine")
+        parts: list[SynchronousRecording] = []
+        for target in (0.0, self.torque_nm, 0.0, -self.torque_nm):
+            yield from checkpoint()
+            if self.devices.interruptions != before:
+                break
+            yield from self._leg(target)
+            yield from _take(self.devices, parts)
+        return SynchronousRecording.joined(parts)
+
+    def _leg(self, target_nm: float) -> Plan[None]:
+        """Go to a torque by one uniform ramp, or in steps that are held."""
+        steps = self.settings.steps
+        if not steps:
+            yield from self._ramp(target_nm)
+            return
+        start = yield from bps.rd(self.devices.output.drive.torque.setpoint)
+        hold_s = self.settings.loop_s / (4 * steps)
+        for level in np.linspace(float(start), target_nm, steps + 1)[1:]:
+            yield from move(self.devices.output.drive.torque, float(level))
+            yield from bps.sleep(hold_s)
+
+    def _ramp(self, target_nm: float) -> Plan[None]:
+        rate = 4.0 * self.torque_nm / self.settings.loop_s
+        yield from move(self.devices.output.drive.torque_ramp, RampTo(target_nm, rate))
+
+
+def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None]:
+    """End the present stretch of the recorder and keep it."""
+    recorder = devices.recorder
+    yield Msg("trigger", recorder, group="torquebench-recorder")
+    yield Msg("wait", None, group="torquebench-recorder")
+    yield Msg("create", None, name="points")
+    yield Msg("read", recorder)
+    yield Msg("read", devices.point)
+    yield Msg("save")
+    if recorder.taken is not None:
+        parts.append(recorder.taken)
+
+
+# -- the bench's own twist ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BenchTwistSettings:
+    """How the bench's own twist is measured: cycles against the mounted calibrator.
+
+    Parameters
+    ----------
+    torque_share : float or None
+        Largest torque as a share of the module's range; None: that of the loops that follow, as
+        what a chain adds to the torque counts differently at other torques.
+    cycles : int
+        Cycles 0 → +T → −T → 0.
+    cycle_s : float
+        Time of one cycle, s.
+    """
+
+    torque_share: float | None = None
+    cycles: int = 2
+    cycle_s: float = 20.0
+
+    def __post_init__(self) -> None:
+        share = 1.0 if self.torque_share is None else self.torque_share
+        if not (0.0 < share <= 1.0 and self.cycles >= 1 and self.cycle_s >= 1.0):
+            raise InputError(f"a bench twist by {self}", "a share up to 1, a cycle, 1 s or more")
+
+
+@dataclass(frozen=True, eq=False)
+class BenchTwistRecording:
+    """Torque and angle of each side against the held flange.
+
+    Parameters
+    ----------
+    recordings : mapping of side to SynchronousRecording
+    standard_serial : str
+        What held the flanges.
+    """
+
+    recordings: dict[Side, SynchronousRecording]
+    standard_serial: str
+
+
+def bench_twist(
+    devices: BenchDevices,
+    settings: BenchTwistSettings | None = None,
+    sides: Sequence[Side] = ("output", "input"),
+    *,
+    loops_nm: Mapping[Side, float] | None = None,
+) -> Plan[BenchTwistRecording]:
+    """Load each side against the clamped calibrator, which holds its flange, and record the angle.
+
+    What the encoder sees then is the twist of shaft, coupling and transducer between it and the
+    flange: what torque-angle loops have to do without, of the loaded output and of the locked
+    input. `loops_nm` is the largest torque of those loops at each side, where the settings leave
+    it to them.
+    """
+    settings = settings or BenchTwistSettings()
+    found: dict[Side, SynchronousRecording] = {}
+    metadata = {
+        "plan_name": "bench_twist",
+        "settings": asdict(settings),
+        "num_points": len(sides) * settings.cycles,
+        "simulated": devices.context.drivers.truth is not None,
+        "software_version": __version__,
+    }
+    serial = ""
+
+    def side_of(side: Side) -> Plan[None]:
+        range_nm = devices.context.description.module(side).range_nm
+        torque = range_nm if loops_nm is None else min(loops_nm[side], range_nm)
+        if settings.torque_share is not None:
+            torque = settings.torque_share * range_nm
+        kind: Literal["calibration"] = "calibration"
+        yield from set_up(devices, Setup(kind, side, "calibrator", "locked"))
+        yield from zero(devices, side)
+        yield from power_on(devices, side)
+        parts: list[SynchronousRecording] = []
+        rate = 4.0 * torque / settings.cycle_s
+        ramp = devices.module(side).drive.torque_ramp
+        for cycle in range(settings.cycles):
+            yield from checkpoint()
+            yield from stamp(devices, series=cycle, step=cycle, position_deg=0.0)
+            yield from move(devices.recorder, "mark")
+            for target in (torque, -torque, 0.0):
+                yield from move(ramp, RampTo(target, rate))
+            yield from _take(devices, parts)
+        yield from bps.sleep(REST_S)
+        yield from power_off(devices)
+        found[side] = SynchronousRecording.joined(parts)
+
+    def measured() -> Plan[None]:
+        for number, side in enumerate(sides):
+            yield from progress(number, len(sides), f"twist of the {side} side")
+            yield from side_of(side)
+        yield from progress(len(sides), len(sides), "done")
+
+    def in_bench() -> Plan[None]:
+        nonlocal serial
+        first = sides[0]
+        yield from set_up(devices, Setup("calibration", first, "calibrator", "locked"))
+        serial = devices.context.interlocks.standard_serial()
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    yield from unloaded_after(devices, in_bench)
+    if set(found) != set(sides):
+        raise BenchError("a bench twist without recordings", f"both of {', '.join(sides)}")
+    return BenchTwistRecording(found, serial)

@@ -1,0 +1,433 @@
+"""Steady running: no-load torque against speed, and efficiency over torque and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.devices import BenchDevices, SteadySettings
+from torquebench.errors import InputError
+from torquebench.procedures.guarding import (
+    StepLimits,
+    guarded,
+    loading_limits,
+    turning_limits,
+)
+from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.reducers.friction import FrictionSettings
+from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
+from torquebench.procedures.reducers.setup import (
+    TURN_RPM,
+    ReducerLimits,
+    WarmUp,
+    run_metadata,
+    stamp,
+    turn_at,
+    turn_output,
+    warm_up,
+)
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    Setup,
+    power_off,
+    set_up,
+    unloaded_after,
+)
+from torquebench.reducers.repeatability import errors_of_means
+from torquebench.units import RAD_S_PER_RPM
+
+__all__ = [
+    "EfficiencySettings",
+    "NoLoadSettings",
+    "efficiency_map",
+    "no_load_running",
+]
+
+FloatArray = NDArray[np.float64]
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class NoLoadSettings:
+    """How the no-load running torque is measured.
+
+    Parameters
+    ----------
+    sweep : FrictionSettings
+        Speeds, repeats, directions and windows; the mean of both directions is free of the zero.
+        What a free output still swings after a change of speed is over after a second.
+    warm_up : WarmUp
+        Before the first point.
+    target_percent : float or None
+        Further repeats follow until twice the standard error of every mean over directions and
+        repeats is at most this share of it, %; None for the repeats of the sweep alone. A torque
+        without compensation isn't repeated further: repeats don't make it better known.
+    most_repeats : int
+        After so many repeats it ends in any case.
+    """
+
+    sweep: FrictionSettings = field(
+        default_factory=lambda: FrictionSettings(settle_s=1.0, window_s=1.0)
+    )
+    warm_up: WarmUp = field(default_factory=WarmUp)
+    target_percent: float | None = 0.5
+    most_repeats: int = 12
+
+    def __post_init__(self) -> None:
+        _check_target("target_percent", self.target_percent, "%")
+
+    def longest(self) -> NoLoadSettings:
+        """Return the settings with all repeats that there may be."""
+        if not _repeats_on(self.target_percent, self.sweep.repeats):
+            return self
+        repeats = max(self.sweep.repeats, self.most_repeats)
+        return replace(self, sweep=replace(self.sweep, repeats=repeats), target_percent=None)
+
+    def within(self, limits: ReducerLimits) -> NoLoadSettings:
+        """Return the settings without the speeds that the reducer's data sheet doesn't allow."""
+        speeds = tuple(s for s in self.sweep.speeds_rpm if s <= limits.largest_input_rpm)
+        return replace(self, sweep=replace(self.sweep, speeds_rpm=speeds))
+
+
+@dataclass(frozen=True)
+class EfficiencySettings:
+    """Which torques and speeds the efficiency map has, and how long each point takes.
+
+    Parameters
+    ----------
+    torque_shares : tuple of float
+        Shares of the rated torque.
+    speeds_rpm : tuple of float
+        Input speeds, 1/min.
+    clockwise, counter_clockwise : bool
+        Directions that are driven; in the mean of both an error of the zeros cancels.
+    repeats : int
+        How often the map is gone through, each time after new zeros without load: what a chain
+        gives differently after every loading averages over these only.
+    target_points : float or None
+        Further repeats follow at the torques where twice the standard error of a mean over
+        directions and repeats exceeds this, in percentage points of efficiency; None for
+        `repeats` alone. Without compensation on both sides there are none.
+    most_repeats : int
+        After so many repeats it ends in any case.
+    settle_s, window_s : float
+        Time before a window, and its shortest length; it is lengthened to whole input turns, s.
+    zero_s : float
+        Length of the zeros before each speed, s.
+    warm_up : WarmUp
+        Before the first point, without load.
+    """
+
+    torque_shares: tuple[float, ...] = (0.2, 0.25, 0.5, 0.75, 1.0)
+    speeds_rpm: tuple[float, ...] = (150.0, 300.0, 600.0, 900.0, 1200.0)
+    clockwise: bool = True
+    counter_clockwise: bool = True
+    repeats: int = 3
+    target_points: float | None = 0.2
+    most_repeats: int = 12
+    settle_s: float = 1.0
+    window_s: float = 2.0
+    zero_s: float = 1.0
+    warm_up: WarmUp = field(default_factory=WarmUp)
+
+    def __post_init__(self) -> None:
+        for name in ("torque_shares", "speeds_rpm"):
+            values = getattr(self, name)
+            if not values or min(values) <= 0.0:
+                raise InputError(f"{name} {values}", "at least one value, all above 0")
+        if self.repeats < 1:
+            raise InputError(f"{self.repeats} repeats", "at least 1")
+        if not (self.clockwise or self.counter_clockwise):
+            raise InputError("no direction", "clockwise, counter-clockwise or both")
+        _check_target("target_points", self.target_points, "percentage points")
+
+    def within(self, limits: ReducerLimits) -> EfficiencySettings:
+        """Return the settings without the speeds that the reducer's data sheet doesn't allow."""
+        speeds = tuple(s for s in self.speeds_rpm if s <= limits.largest_input_rpm)
+        return replace(self, speeds_rpm=speeds)
+
+    def longest(self) -> EfficiencySettings:
+        """Return the settings with all repeats that there may be."""
+        if not _repeats_on(self.target_points, self.repeats):
+            return self
+        return replace(self, repeats=max(self.repeats, self.most_repeats), target_points=None)
+
+
+def _repeats_on(target: float | None, repeats: int) -> bool:
+    """Tell whether repeats may follow: one repeat shows no scatter, and is a look."""
+    return target is not None and repeats > 1
+
+
+def _check_target(name: str, target: float | None, unit: str) -> None:
+    if target is not None and not target > 0.0:
+        raise InputError(f"{name} {target:g}", f"more than 0 {unit}, or none")
+
+
+def no_load_running(
+    devices: BenchDevices, limits: ReducerLimits, settings: NoLoadSettings | None = None
+) -> Plan[RunningRecording]:
+    """Drive the input at steps of speed, output free, and read the torque that it needs.
+
+    Zeroes before every series (one direction of one repeat) and after the last, so that the
+    transducer's drift while it turns can be taken out. Repeats until the means are known to the
+    target of the settings.
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a speed exceeds the data sheet or the bench.
+    BenchError
+        The reducer doesn't turn by its ratio, or doesn't get to a steady temperature.
+    SignalFault
+        The drive saturates.
+    """
+    settings = settings or NoLoadSettings()
+    limits.check_input_speed(settings.sweep.speeds_rpm[-1])
+    points = sum(1 for _ in settings.sweep.points())
+    table = RunningTable(devices, ("input",))
+    metadata = run_metadata(
+        devices, "no_load_running", limits, points, settings=asdict(settings), side="input"
+    )
+
+    def measured() -> Plan[None]:
+        yield from _start(devices, limits, settings.warm_up)
+        yield from _sweeps(devices, settings, table)
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    speed = turning_limits(
+        devices, "input", _fastest(limits, settings.warm_up, settings.sweep.speeds_rpm)
+    )
+    yield from guarded(lambda: unloaded_after(devices, in_bench), speed)
+    return table.recording()
+
+
+def _fastest(limits: ReducerLimits, warm: WarmUp, speeds_rpm: Sequence[float]) -> float:
+    """Return the largest input speed that a test asks for, 1/min."""
+    warming = min(warm.speed_rpm, limits.largest_input_rpm) if warm.longest_s else 0.0
+    return max(*speeds_rpm, warming, TURN_RPM)
+
+
+def _start(devices: BenchDevices, limits: ReducerLimits, warm: WarmUp) -> Plan[None]:
+    """See that the reducer turns by its ratio, and warm it up."""
+    yield from progress(0, 0, "checking the ratio")
+    yield from checkpoint()
+    yield from turn_output(devices, limits, 10.0)
+    yield from warm_up(devices, limits, warm)
+
+
+def _sweeps(devices: BenchDevices, settings: NoLoadSettings, table: RunningTable) -> Plan[None]:
+    """Go through all speeds until their means are known well enough."""
+    sweep, repeat = settings.sweep, 1
+    while True:
+        planned = max(repeat, sweep.repeats)
+        yield from _sweep(devices, sweep, repeat, planned, table)
+        if repeat >= sweep.repeats and not _more_sweeps(settings, repeat, table):
+            break
+        repeat += 1
+    yield from turn_at(devices, "input", 0.0, sweep.rate_rpm_per_s)
+    yield from table.zero(sweep.zero_s)
+    yield from progress(len(table.rows), len(table.rows), "done")
+
+
+def _more_sweeps(settings: NoLoadSettings, done: int, table: RunningTable) -> bool:
+    target = settings.target_percent
+    if target is None or not _repeats_on(target, settings.sweep.repeats):
+        return False
+    if done >= settings.most_repeats or not table.compensated():
+        return False
+    found = table.recording()
+    smallest, error = errors_of_means(
+        found.torque_nm["input"] * found.direction,
+        np.abs(found.nominal_rpm),
+        found.direction,
+        found.repeat,
+    )
+    return 2.0 * error > 0.01 * target * smallest
+
+
+def _sweep(
+    devices: BenchDevices,
+    sweep: FrictionSettings,
+    repeat: int,
+    planned: int,
+    table: RunningTable,
+) -> Plan[None]:
+    points, series = list(sweep.repeat(repeat)), None
+    for number, point in enumerate(points, start=len(points) * (repeat - 1)):
+        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm"
+        yield from progress(number, len(points) * planned, text)
+        yield from checkpoint()
+        if point.series != series:
+            series = point.series
+            yield from turn_at(devices, "input", 0.0, sweep.rate_rpm_per_s)
+            yield from table.zero(sweep.zero_s)
+        yield from stamp(
+            devices,
+            series=point.series,
+            step=point.number,
+            branch=point.branch,
+            group=point.repeat,
+        )
+        yield from turn_at(devices, "input", point.speed_rpm, sweep.rate_rpm_per_s)
+        asked = Asked(point.speed_rpm, 0.0, point.branch, point.repeat)
+        yield from table.take(asked, sweep.steady(point.speed_rpm))
+
+
+def efficiency_map(
+    devices: BenchDevices, limits: ReducerLimits, settings: EfficiencySettings | None = None
+) -> Plan[RunningRecording]:
+    """Drive the input at a speed against a braking torque at the output, over a grid of both.
+
+    Both sides are driven: the input by speed, the output by torque. Both torques are means over
+    the same window of whole input turns. Torques whose efficiency isn't known to the target of
+    the settings are repeated.
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a torque or speed exceeds the data sheet or the bench.
+    BenchError
+        The reducer doesn't turn by its ratio, or doesn't get to a steady temperature.
+    SignalFault
+        A drive saturates.
+    """
+    settings = settings or EfficiencySettings()
+    limits.check_input_speed(max(settings.speeds_rpm))
+    limits.check_output_torque(max(settings.torque_shares) * limits.rated_torque_nm)
+    points = settings.repeats * len(_grid(limits, settings, settings.torque_shares, 1))
+    table = RunningTable(devices, ("input", "output"))
+    metadata = run_metadata(
+        devices, "efficiency_map", limits, points, settings=asdict(settings), side="output"
+    )
+
+    def measured() -> Plan[None]:
+        yield from _start(devices, limits, settings.warm_up)
+        yield from _load_grids(devices, limits, settings, table)
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    speed = turning_limits(
+        devices, "input", _fastest(limits, settings.warm_up, settings.speeds_rpm)
+    )
+    largest_nm = max(settings.torque_shares) * limits.rated_torque_nm
+    torque = loading_limits(devices, "output", largest_nm).torque_nm
+    yield from guarded(
+        lambda: unloaded_after(devices, in_bench), speed, StepLimits("output", torque_nm=torque)
+    )
+    return table.recording()
+
+
+def _grid(
+    limits: ReducerLimits, settings: EfficiencySettings, shares: Sequence[float], repeat: int
+) -> list[Asked]:
+    """Points of a repeat: a speed's torques rise; the output brakes, so its torque opposes."""
+    directions = [1.0] * settings.clockwise + [-1.0] * settings.counter_clockwise
+    turn = float(np.sign(limits.ratio))
+    return [
+        Asked(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
+        for sign in directions
+        for speed in settings.speeds_rpm
+        for share in shares
+    ]
+
+
+def _load_grids(
+    devices: BenchDevices, limits: ReducerLimits, settings: EfficiencySettings, table: RunningTable
+) -> Plan[None]:
+    """Go through the map, then through the torques whose means aren't known well enough yet."""
+    shares: Sequence[float] = settings.torque_shares
+    total = settings.repeats * len(_grid(limits, settings, shares, 1))
+    repeat = 0
+    while shares:
+        repeat += 1
+        points = _grid(limits, settings, shares, repeat)
+        total = max(total, len(table.rows) + len(points))
+        yield from _load_grid(devices, settings, points, total, table)
+        if repeat >= settings.repeats:
+            shares = _open_shares(limits, settings, shares, repeat, table)
+    yield from _stop(devices)
+    yield from table.zero(settings.zero_s)
+    yield from progress(len(table.rows), len(table.rows), "done")
+
+
+def _open_shares(
+    limits: ReducerLimits,
+    settings: EfficiencySettings,
+    shares: Sequence[float],
+    done: int,
+    table: RunningTable,
+) -> Sequence[float]:
+    """Return the torques, as shares, at which efficiency isn't known well enough yet."""
+    target = settings.target_points
+    if target is None or not _repeats_on(target, settings.repeats):
+        return ()
+    if done >= settings.most_repeats or not table.compensated():
+        return ()
+    found = table.recording()
+    percent = 100.0 * np.abs(found.torque_nm["output"] / (limits.ratio * found.torque_nm["input"]))
+    still = []
+    for share in shares:
+        here = np.isclose(np.abs(found.nominal_nm), share * limits.rated_torque_nm)
+        _, error = errors_of_means(
+            percent[here],
+            np.abs(found.nominal_rpm[here]),
+            found.direction[here],
+            found.repeat[here],
+        )
+        if 2.0 * error > target:
+            still.append(share)
+    return still
+
+
+def _load_grid(
+    devices: BenchDevices,
+    settings: EfficiencySettings,
+    points: Sequence[Asked],
+    total: int,
+    table: RunningTable,
+) -> Plan[None]:
+    speed_axis, torque_axis = devices.input.drive.speed, devices.output.drive.torque
+    present: float | None = None
+    for number, point in enumerate(points, start=len(table.rows)):
+        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm, {abs(point.torque_nm):g} N·m"
+        yield from progress(number, total, text)
+        yield from checkpoint()
+        if point.speed_rpm != present:
+            present = point.speed_rpm
+            yield from _stop(devices)
+            yield from table.zero(settings.zero_s)
+        yield from stamp(
+            devices, series=point.repeat, step=number, branch=1, target_nm=point.torque_nm
+        )
+        yield from move(speed_axis, point.speed_rpm * RAD_S_PER_RPM)
+        yield from move(torque_axis, point.torque_nm)
+        yield from bps.sleep(settings.settle_s)
+        yield from table.take(point, _steady(settings, point.speed_rpm))
+
+
+def _steady(settings: EfficiencySettings, speed_rpm: float) -> SteadySettings:
+    period_s = 60.0 / abs(speed_rpm)
+    window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
+    return SteadySettings(0.0, window_s, 0.0, period_s)
+
+
+def _stop(devices: BenchDevices) -> Plan[None]:
+    """Take the load off first, then the speed."""
+    for axis in (devices.output.drive.torque, devices.input.drive.speed):
+        present = yield from bps.rd(axis.setpoint)
+        if present != 0.0:
+            yield from move(axis, 0.0)
+    yield from bps.sleep(REST_S)
+    yield from power_off(devices)

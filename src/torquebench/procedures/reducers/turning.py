@@ -1,0 +1,265 @@
+"""Transmission error: both angles over full output revolutions, without load, at low speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky.utils import Msg
+from numpy.typing import NDArray
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.drivers.base import AngleSamples, Side
+from torquebench.bench.encoder_certificate import EncoderCertificate, encoder_certificates
+from torquebench.errors import InputError
+from torquebench.procedures.guarding import guarded, turning_limits
+from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.reducers.setup import (
+    TURN_RPM,
+    ReducerLimits,
+    run_metadata,
+    stamp,
+    temperature_c,
+    turn_output,
+)
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    Setup,
+    power_on,
+    set_up,
+    unloaded_after,
+)
+from torquebench.units import RAD_S_PER_RPM
+
+__all__ = [
+    "AngleRecording",
+    "TransmissionRecording",
+    "TransmissionSettings",
+    "transmission_error",
+]
+
+CHUNK_S = 2.0
+"""Bench time of one stretch of the recorder, s."""
+
+
+@dataclass(frozen=True)
+class TransmissionSettings:
+    """How the transmission error is recorded.
+
+    Parameters
+    ----------
+    output_rpm : float
+        Speed of the output, 1/min.
+    revolutions : float
+        Output revolutions that are evaluated, at least 1.
+    margin : float
+        What is turned beyond them, output revolutions.
+    clockwise, counter_clockwise : bool
+        Directions that are driven.
+    settle_s : float
+        Time at speed before recording begins, s.
+    """
+
+    output_rpm: float = 2.0
+    revolutions: float = 1.0
+    margin: float = 0.02
+    clockwise: bool = True
+    counter_clockwise: bool = True
+    settle_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not (self.output_rpm > 0.0 and self.revolutions >= 1.0 and self.margin > 0.0):
+            raise InputError(
+                f"{self.revolutions:g} output revolutions at {self.output_rpm:g} rpm",
+                "at least one revolution, a speed above 0 rpm and a margin above 0",
+                "a transmission error belongs to full revolutions of the output",
+            )
+        if not (self.clockwise or self.counter_clockwise):
+            raise InputError("no direction", "clockwise, counter-clockwise or both")
+
+
+@dataclass(frozen=True, eq=False)
+class AngleRecording:
+    """Angles of both sides at the same times.
+
+    Parameters
+    ----------
+    direction : int
+        +1 clockwise.
+    time_s, input_angle_rad, output_angle_rad : float64[n]
+    """
+
+    direction: int
+    time_s: NDArray[np.float64]
+    input_angle_rad: NDArray[np.float64]
+    output_angle_rad: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TransmissionRecording:
+    """What a transmission error test recorded.
+
+    Parameters
+    ----------
+    directions : tuple of AngleRecording
+    output_rpm : float
+    revolutions : float
+        As in the settings.
+    temperature_c : float
+        Of the reducer; NaN without a probe.
+    counts_per_revolution : mapping of side to int
+        Of the encoders.
+    certified_rad : mapping of side to float
+        Standard uncertainty of the angles of encoders whose certificate was taken off, rad.
+    """
+
+    directions: tuple[AngleRecording, ...]
+    output_rpm: float
+    revolutions: float
+    temperature_c: float
+    counts_per_revolution: dict[Side, int]
+    certified_rad: dict[Side, float]
+
+
+def transmission_error(
+    devices: BenchDevices, limits: ReducerLimits, settings: TransmissionSettings | None = None
+) -> Plan[TransmissionRecording]:
+    """Turn the input, output free, over full output revolutions in each direction.
+
+    A direction that a pause interrupts is driven again.
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where the speed exceeds the data sheet or the bench.
+    BenchError
+        The output doesn't turn by the reducer's ratio.
+    """
+    settings = settings or TransmissionSettings()
+    input_rpm = settings.output_rpm * abs(limits.ratio)
+    limits.check_input_speed(input_rpm)
+    signs = [1] * settings.clockwise + [-1] * settings.counter_clockwise
+    chunks = _chunks(settings)
+    found: list[AngleRecording] = []
+    temperature: list[float] = []
+    metadata = run_metadata(
+        devices,
+        "transmission_error",
+        limits,
+        len(signs) * chunks,
+        settings=asdict(settings),
+        side="input",
+    )
+
+    def measured() -> Plan[None]:
+        yield from checkpoint()
+        yield from turn_output(devices, limits, 10.0)
+        for number, sign in enumerate(signs):
+            recording = None
+            while recording is None:
+                yield from checkpoint()
+                recording = yield from _revolution(
+                    devices, limits, settings, sign, (number * chunks, len(signs) * chunks)
+                )
+            found.append(recording)
+            temperature.append((yield from temperature_c(devices)))
+        yield from progress(len(signs) * chunks, len(signs) * chunks, "done")
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    limits_of_speed = turning_limits(devices, "input", max(input_rpm, TURN_RPM))
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits_of_speed)
+    description = devices.context.description
+    certificates = encoder_certificates(description, devices.context.drivers)
+    return TransmissionRecording(
+        directions=tuple(_corrected(each, certificates) for each in found),
+        output_rpm=settings.output_rpm,
+        revolutions=settings.revolutions,
+        temperature_c=float(np.mean(temperature)),
+        counts_per_revolution={
+            "input": description.input.encoder.counts_per_revolution,
+            "output": description.output.encoder.counts_per_revolution,
+        },
+        certified_rad={
+            side: certificate.standard_uncertainty_rad for side, certificate in certificates.items()
+        },
+    )
+
+
+def _corrected(
+    recording: AngleRecording, certificates: Mapping[Side, EncoderCertificate]
+) -> AngleRecording:
+    """Take off what the encoders' certificates say."""
+    given, taken = recording.input_angle_rad, recording.output_angle_rad
+    if "input" in certificates:
+        given = certificates["input"].correct(given)
+    if "output" in certificates:
+        taken = certificates["output"].correct(taken)
+    return replace(recording, input_angle_rad=given, output_angle_rad=taken)
+
+
+def _chunks(settings: TransmissionSettings) -> int:
+    turning_s = (settings.revolutions + settings.margin) * 60.0 / settings.output_rpm
+    return int(np.ceil(turning_s / CHUNK_S))
+
+
+def _revolution(
+    devices: BenchDevices,
+    limits: ReducerLimits,
+    settings: TransmissionSettings,
+    sign: int,
+    done: tuple[int, int],
+) -> Plan[AngleRecording | None]:
+    """Record one direction; None where a pause came in between."""
+    before, parts = devices.interruptions, _AngleParts(sign)
+    speed = sign * settings.output_rpm * limits.ratio * RAD_S_PER_RPM
+    yield from power_on(devices, "input")
+    yield from move(devices.input.drive.speed, speed)
+    yield from bps.sleep(settings.settle_s)
+    yield from move(devices.recorder, "mark")
+    for chunk in range(_chunks(settings)):
+        yield from progress(done[0] + chunk, done[1], "clockwise" if sign > 0 else "counter-cl.")
+        yield from checkpoint()
+        if devices.interruptions != before:
+            return None
+        yield from stamp(devices, series=sign, step=chunk, branch=sign)
+        yield from bps.sleep(CHUNK_S)
+        yield Msg("trigger", devices.recorder, group="torquebench-recorder")
+        yield Msg("wait", None, group="torquebench-recorder")
+        yield Msg("create", None, name="points")
+        yield Msg("read", devices.recorder)
+        yield Msg("read", devices.point)
+        yield Msg("save")
+        parts.add(devices.recorder.angles)
+    yield from move(devices.input.drive.speed, 0.0)
+    yield from bps.sleep(REST_S)
+    return parts.joined()
+
+
+class _AngleParts:
+    """Stretches of both encoders, put one behind the other."""
+
+    def __init__(self, direction: int) -> None:
+        self._direction = direction
+        self._parts: list[tuple[NDArray[np.float64], ...]] = []
+
+    def add(self, angles: dict[Side, AngleSamples]) -> None:
+        if not angles:  # a rehearsal records nothing
+            return
+        first, second = angles["input"], angles["output"]
+        count = min(first.time_s.size, second.time_s.size)
+        self._parts.append(
+            (first.time_s[:count], first.angle_rad[:count], second.angle_rad[:count])
+        )
+
+    def joined(self) -> AngleRecording:
+        if not self._parts:
+            return AngleRecording(self._direction, *(np.empty(0) for _ in range(3)))
+        columns = [np.concatenate(column) for column in zip(*self._parts, strict=True)]
+        return AngleRecording(self._direction, *columns)

@@ -1,0 +1,1 @@
+"""Efficiency over torque and speed."""

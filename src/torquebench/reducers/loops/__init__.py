@@ -1,0 +1,1 @@
+"""Torque-angle loops: stiffness, backlash, lost motion and hysteresis loss."""

@@ -1,0 +1,141 @@
+"""What is wrong with torque-angle loops, by name: refused, or stated beside the result."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.errors import InputError
+from torquebench.reducers.loops.results import LoopFeatures
+from torquebench.reducers.loops.rules import LoopSettings
+from torquebench.reducers.quantities import Finding
+
+__all__ = ["check_closure", "check_columns", "loop_findings"]
+
+Floats = NDArray[np.float64]
+PRELOAD_SHARE = 0.06
+"""A loop that is softest beyond this share of the rated torque is under a preload."""
+SOFTER = 2.0
+WIDEST_TWIST_RAD = 0.5
+
+
+def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None:
+    """Refuse columns that can't be what they are called.
+
+    Raises
+    ------
+    InputError
+        Where torque and angle are swapped, one stands still, or they run against each other.
+    """
+    for name, column in (("torque", torque), ("angle", angle)):
+        if np.ptp(column) == 0.0:
+            raise InputError(
+                f"the {name} stands still at {column[0]:.6g}",
+                f"{name}s that change",
+                "check the channel",
+            )
+    torque_range, angle_range = float(np.ptp(torque)), float(np.ptp(angle))
+    if torque_range < 0.1 * rated_torque_nm and angle_range > 0.5 * rated_torque_nm:
+        raise InputError(
+            f"a torque of {torque_range:.4g} N·m over an angle of {angle_range:.4g} rad",
+            f"loops to about {rated_torque_nm:g} N·m",
+            "torque and angle are swapped: name the columns the other way round",
+        )
+    if angle_range > WIDEST_TWIST_RAD and torque_range < 2.5 * rated_torque_nm:
+        raise InputError(
+            f"an angle that moves by {np.degrees(angle_range):.4g}°",
+            f"a twist of at most {np.degrees(WIDEST_TWIST_RAD):.3g}° with the input locked",
+            "check the angle's unit, that the input is locked, and label the output positions",
+        )
+    together = float(np.corrcoef(torque, angle)[0, 1])
+    if together < 0.0:
+        raise InputError(
+            "an angle that falls while the torque rises",
+            "torque and angle of one sign",
+            "turn the sign of one of them",
+        )
+
+
+def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
+    """Refuse loops that don't close.
+
+    Raises
+    ------
+    InputError
+        Where the gap between a loop's start and its end exceeds the allowed share of its width.
+    """
+    for each in loops:
+        width = float(np.ptp([each.curve.rising_rad, each.curve.falling_rad]))
+        noise = float(np.median(each.curve.rising_standard_error_rad))
+        if abs(each.closure_rad) > max(settings.closure_share * width, 6.0 * noise):
+            raise InputError(
+                f"loop {each.loop} at position {each.position:g} doesn't close: its end is "
+                f"{np.degrees(each.closure_rad) * 60:.3g} arcmin off its start "
+                f"({100 * each.closure_rad / width:.3g} % of its width)",
+                f"at most {100 * settings.closure_share:g} % of the width",
+                "preload to the rated torque first, check clamps and encoder for slip and the "
+                "locked input for creeping",
+            )
+
+
+def loop_findings(loops: list[LoopFeatures], settings: LoopSettings) -> list[Finding]:
+    """Return what a reader has to know about loops that could be evaluated."""
+    findings = []
+    positions = {each.position for each in loops}
+    rule = settings.lost_motion_rule
+    if len(loops) < 3 * len(positions):
+        findings.append(
+            Finding(
+                "few loops",
+                f"{len(loops)} whole loops at {len(positions)} positions",
+                "record at least three loops at each position",
+            )
+        )
+    if len(positions) < rule.least_positions:
+        findings.append(
+            Finding(
+                "few positions",
+                f"{len(positions)} output positions; {rule.source} asks for {rule.least_positions}",
+                "repeat the loops at more output positions",
+            )
+        )
+    hidden = _preload(loops, settings)
+    if hidden is not None:
+        findings.append(hidden)
+    if any(each.backlash_rad < -6.0 * each.backlash_error_rad for each in loops):
+        findings.append(
+            Finding(
+                "loop runs backwards",
+                "the falling branch lies below the rising one: the loop would gain energy",
+                "check for a delay between torque and angle, and the signs of both",
+                severe=True,
+            )
+        )
+    return findings
+
+
+def _preload(loops: list[LoopFeatures], settings: LoopSettings) -> Finding | None:
+    """Find loops that are much softer far from zero torque than at it."""
+    centres = []
+    for each in loops:
+        curve = each.curve
+        width = 0.02 * settings.rated_torque_nm
+        grid = np.arange(curve.torque_nm[0] + width, curve.torque_nm[-1] - width, 0.5 * width)
+        grid = grid[np.abs(grid) < 0.8 * each.largest_torque_nm]
+        middle = 0.0
+        for branch in (curve.rising_rad, curve.falling_rad):
+            ends = [np.interp(grid + s * width, curve.torque_nm, branch) for s in (-1.0, 1.0)]
+            softness = (ends[1] - ends[0]) / (2.0 * width)
+            peak = int(np.argmax(softness))
+            if softness[peak] < SOFTER * float(np.median(softness)):
+                return None
+            middle += 0.5 * float(grid[peak])
+        centres.append(middle)
+    found = float(np.median(centres))
+    if abs(found) <= PRELOAD_SHARE * settings.rated_torque_nm:
+        return None
+    return Finding(
+        "backlash hidden by preload",
+        f"the loop is softest around {found:.4g} N·m instead of 0 N·m: a constant torque keeps "
+        "the flanks together, and the width at zero torque doesn't show the backlash",
+        "take the preload off (weight on a horizontal shaft, brake, coupling), check the zero",
+        severe=True,
+    )

@@ -1,0 +1,266 @@
+"""No-load running torque: what keeps the input turning at a speed, output free."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.reducers.columns import finite_columns, labels
+from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget, refuse
+from torquebench.reducers.running.friction import FrictionCurve, FrictionResult, evaluate_friction
+from torquebench.reducers.running.no_load_points import (
+    NoLoadPoint,
+    Steps,
+    both_directions,
+    points_of,
+    scatter_findings,
+    scatter_of,
+)
+from torquebench.reducers.running.tare import Tare
+from torquebench.reducers.saturation import missed_speed
+from torquebench.reducers.torque_uncertainty import TorqueUncertainty
+from torquebench.uncertainty import Budget
+
+__all__ = ["NoLoadPoint", "NoLoadResult", "TorqueUncertainty", "evaluate_no_load"]
+
+LEAST_RANGE_K = 1.0
+"""Below this change of temperature nothing is said about its effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoLoadResult:
+    """No-load running torque of a reducer.
+
+    Parameters
+    ----------
+    points : tuple of NoLoadPoint
+        At rising speed, negative speeds first.
+    means : tuple of NoLoadPoint
+        Mean of both directions where both were driven, at rising speed: an error of the zero, and
+        what the speed does to it, cancel.
+    friction : FrictionResult
+        Curve, and Coulomb, viscous and Stribeck parts in each direction.
+    temperature_coefficient : Budget or None
+        Relative change of the torque per kelvin, %/K; None where the temperature hardly changed.
+    speed_rpm, torque_nm, temperature_c, repeat, branch : array, shape (n,)
+        What was evaluated (after the correction to a reference temperature, where asked for),
+        for figures with all repeats.
+    findings : tuple of Finding
+    """
+
+    points: tuple[NoLoadPoint, ...]
+    means: tuple[NoLoadPoint, ...]
+    friction: FrictionResult
+    temperature_coefficient: Budget | None
+    speed_rpm: NDArray[np.float64]
+    torque_nm: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    repeat: NDArray[np.int64]
+    branch: NDArray[np.int64]
+    findings: tuple[Finding, ...]
+
+    def quantities(self) -> tuple[ResultQuantity, ...]:
+        """Return the values under their names, for tables and reports."""
+        rows = [
+            ResultQuantity(each.key, each.title, each.torque)
+            for each in (*self.means, *self.points)
+        ]
+        rows += self.friction.quantities()
+        if self.temperature_coefficient is not None:
+            rows.append(
+                ResultQuantity(
+                    "temperature_coefficient",
+                    "change of torque with temperature",
+                    self.temperature_coefficient,
+                )
+            )
+        return tuple(rows)
+
+
+def evaluate_no_load(
+    speed_rpm: ArrayLike,
+    torque_nm: ArrayLike,
+    *,
+    nominal_rpm: ArrayLike | None = None,
+    repeat: ArrayLike | None = None,
+    branch: ArrayLike | None = None,
+    series: ArrayLike | None = None,
+    temperature_c: ArrayLike | None = None,
+    uncertainty: TorqueUncertainty | None = None,
+    tare: Tare | None = None,
+    tolerance_rpm: float | None = None,
+    largest_temperature_range_k: float = 2.0,
+    reference_temperature_c: float | None = None,
+    largest_share: float | None = None,
+) -> NoLoadResult:
+    """Evaluate steady no-load torques over speed.
+
+    The uncertainty of a mean has a part from the scatter within a series and one from what all
+    speeds of a series share (a new zero, how the chain seats after it, warming up): a two-way
+    analysis of variance. What accelerates and decelerates the inertia cancels in the mean of
+    rising and falling speeds; an error of the zero cancels in the mean of both directions.
+
+    Parameters
+    ----------
+    speed_rpm, torque_nm : array of float, shape (n,)
+        Mean of each steady point: input speed (clockwise positive) and torque with its sign.
+    nominal_rpm : array of float, shape (n,), optional
+        Speed that was asked for, by which points are put together and named, and which counts as
+        missed where it wasn't reached; by default points within `tolerance_rpm` are one step.
+    repeat : array of int, shape (n,), optional
+        Number of the repeat; all 1 by default.
+    branch : array of int, shape (n,), optional
+        +1 while the speed's magnitude rises, -1 while it falls, 0 unknown.
+    series : array of int, shape (n,), optional
+        Points with one zero before them; by default one direction of one repeat.
+    temperature_c : array of float, shape (n,), optional
+        Of the reducer.
+    uncertainty : TorqueUncertainty, optional
+    tare : Tare, optional
+        Of an empty run, to be taken off; then its uncertainty takes the place of what speed and
+        drag may do.
+    tolerance_rpm : float, optional
+        Largest gap between points of one speed; by default 0.2 % of the largest.
+    largest_temperature_range_k : float
+        Above this the temperature counts as unsteady, which is a finding.
+    reference_temperature_c : float, optional
+        Bring all torques to this temperature by the coefficient that the data show.
+    largest_share : float, optional
+        Refuse the result where U exceeds this share of the torque at any speed.
+
+    Raises
+    ------
+    InputError
+        Where the columns can't be used, a point is at rest, a torque helps the motion (a swapped
+        sign), or the uncertainty exceeds `largest_share`.
+
+    Examples
+    --------
+    >>> speed = np.tile([100.0, 300.0, 500.0, 700.0], 3)
+    >>> noise = 1e-3 * np.cos(np.arange(12.0) ** 2)
+    >>> found = evaluate_no_load(speed, 0.1 + 1e-4 * speed + noise, repeat=np.repeat([1, 2, 3], 4))
+    >>> [round(point.torque.value, 2) for point in found.points]
+    [0.11, 0.13, 0.15, 0.17]
+    """
+    speed, torque = finite_columns(1, speed_rpm=speed_rpm, torque_nm=torque_nm)
+    number = labels(repeat, speed.size, 1.0, "repeat")
+    turn = labels(branch, speed.size, 0.0, "branch")
+    zeroed = labels(series, speed.size, 0.0, "series")
+    if series is None:
+        zeroed = np.unique(np.column_stack([number, np.sign(speed)]), axis=0, return_inverse=True)[
+            1
+        ].astype(np.float64)
+    missed: tuple[Finding, ...] = ()
+    warmth = np.full(speed.size, np.nan)
+    if temperature_c is not None:
+        (warmth,) = finite_columns(speed.size, temperature_c=temperature_c)
+    if nominal_rpm is not None:
+        (nominal,) = finite_columns(speed.size, nominal_rpm=nominal_rpm)
+        missed = missed_speed(speed, nominal)
+        speed = _mean_of_step(speed, nominal)
+    if tare is not None:
+        torque = torque - np.array([tare.at(each).torque_nm for each in speed])
+    known = uncertainty or TorqueUncertainty()
+    first = evaluate_friction(speed, torque, turn, tolerance_rpm=tolerance_rpm)
+    coefficient = _coefficient(first.curve, speed, torque, warmth)
+    findings = _temperature_findings(warmth, largest_temperature_range_k, coefficient)
+    correction = 0.0
+    if reference_temperature_c is not None:
+        torque, correction = _at_temperature(torque, warmth, reference_temperature_c, coefficient)
+    common = float(np.hypot(known.zero_nm, np.hypot(known.model_nm, known.drag_nm)))
+    friction = evaluate_friction(
+        speed, torque, turn, tolerance_rpm=tolerance_rpm, systematic_uncertainty_nm=common
+    )
+    names = speed if nominal_rpm is None else nominal
+    steps = Steps(
+        friction.curve, _nearest(friction.curve, speed), names, torque, zeroed, turn, warmth
+    )
+    scatter = scatter_of(steps, friction)
+    points = points_of(steps, scatter, known, tare, correction)
+    means = both_directions(points, 0.02 * float(np.max(np.abs(speed))))
+    for point in means or points:
+        if largest_share is not None:
+            refuse(point.torque, largest_share, point.title)
+    return NoLoadResult(
+        points=points,
+        means=means,
+        friction=friction,
+        temperature_coefficient=coefficient,
+        speed_rpm=speed,
+        torque_nm=torque,
+        temperature_c=warmth,
+        repeat=number.astype(np.int64),
+        branch=turn.astype(np.int64),
+        findings=(*missed, *findings, *scatter_findings(scatter)),
+    )
+
+
+def _mean_of_step(speed: NDArray[np.float64], nominal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean speed of each point's step."""
+    step = np.unique(nominal, return_inverse=True)[1]
+    return np.asarray((np.bincount(step, weights=speed) / np.bincount(step))[step])
+
+
+def _at_temperature(
+    torque: NDArray[np.float64],
+    warmth: NDArray[np.float64],
+    reference_c: float,
+    coefficient: Budget | None,
+) -> tuple[NDArray[np.float64], float]:
+    """Return torques at a temperature, and the relative uncertainty of bringing them there."""
+    if coefficient is None:
+        raise InputError(
+            "no visible effect of the temperature",
+            f"temperatures over {LEAST_RANGE_K:g} K or more at repeated speeds",
+            "leave the reference temperature out",
+        )
+    distance = warmth - reference_c
+    relative = 0.01 * coefficient.standard_uncertainty * abs(float(distance.mean()))
+    return torque * np.exp(-0.01 * coefficient.value * distance), relative
+
+
+def _nearest(curve: FrictionCurve, speed: NDArray[np.float64]) -> NDArray[np.intp]:
+    return np.asarray(np.argmin(np.abs(speed[:, None] - curve.speed_rpm), axis=1), dtype=np.intp)
+
+
+def _temperature_findings(
+    warmth: NDArray[np.float64], limit_k: float, coefficient: Budget | None
+) -> list[Finding]:
+    if np.all(np.isnan(warmth)) or np.ptp(warmth) <= limit_k:
+        return []
+    effect = ""
+    if coefficient is not None:
+        effect = f", which changes the torque by {coefficient.value * np.ptp(warmth):.2g} %"
+    return [
+        Finding(
+            "unsteady temperature",
+            f"{warmth.min():.1f} to {warmth.max():.1f} °C during the test (allowed: a range of "
+            f"{limit_k:g} K){effect}",
+            "warm up until the temperature is steady, or evaluate at a reference temperature",
+        )
+    ]
+
+
+def _coefficient(
+    curve: FrictionCurve,
+    speed: NDArray[np.float64],
+    torque: NDArray[np.float64],
+    warmth: NDArray[np.float64],
+) -> Budget | None:
+    """Return the relative change of torque per kelvin at equal speeds, %/K."""
+    if np.any(np.isnan(warmth)):
+        return None
+    index = _nearest(curve, speed)
+    count = np.bincount(index, minlength=curve.speed_rpm.size)
+    middle = np.bincount(index, weights=warmth, minlength=count.size) / np.maximum(count, 1)
+    deviation = warmth - middle[index]
+    relative = torque / curve.torque_nm[index] - 1.0
+    freedom = speed.size - curve.speed_rpm.size - 1
+    squares = float(np.sum(deviation**2))
+    if freedom < 2 or np.ptp(deviation) < LEAST_RANGE_K:
+        return None
+    slope = float(np.sum(deviation * relative)) / squares
+    rest = relative - slope * deviation
+    error = float(np.sqrt(np.sum(rest**2) / freedom / squares))
+    return budget(100.0 * slope, "%/K", [Contribution("scatter", 100.0 * error, freedom)])

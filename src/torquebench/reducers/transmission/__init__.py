@@ -1,0 +1,1 @@
+"""Transmission error over full output revolutions."""
