@@ -102,7 +102,7 @@ def next_command(listening: socket.socket) -> list[str]:
 
 
 if __name__ == "__main__":
-    for module in ("campaign.demo", "campaign.reducer_tests", "reports", "reports.certificate"):
+    for module in ("campaign.demo", "campaign.reducers.tests", "reports", "reports.certificate"):
         import_module(f"torquebench.{module}")
     from torquebench.cli import main
     from torquebench.compensation import MODELS
