@@ -20,6 +20,7 @@ by is uncertain; beyond the loop everything is, amplitude and its standard uncer
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -332,8 +333,11 @@ class LiveTorque:
     fault : bool array of shape (n,)
         True where the reading is outside the calibrated range.
     standard_uncertainty_nm : float64 array of shape (n,)
-        Root sum of squares of the model's own at this place of the loop (0 for a table without
-        uncertainty) and of `half_width_nm` / √3.
+        Root sum of squares of `curve_uncertainty_nm` and of `half_width_nm` / √3.
+    curve_uncertainty_nm : float64 array of shape (n,)
+        The model's own at this place of the loop; 0 for a table without uncertainty.
+    middle_nm : float64 array of shape (n,)
+        Torque half-way between the two curves of the calibrated loop.
     """
 
     torque_nm: FloatArray
@@ -341,6 +345,8 @@ class LiveTorque:
     half_width_nm: FloatArray
     fault: NDArray[np.bool_]
     standard_uncertainty_nm: FloatArray
+    curve_uncertainty_nm: FloatArray
+    middle_nm: FloatArray
 
 
 class HistoryCompensator:
@@ -362,6 +368,12 @@ class HistoryCompensator:
         self.tracker = self.operator.tracker()
         self._even = HysteresisOperator.generic(self.operator.full_scale_nm, self.operator.path_nm)
         self._even_tracker = self._even.tracker()
+
+    def copy(self) -> HistoryCompensator:
+        """Return another compensator in the same state."""
+        other = copy(self)
+        other.tracker, other._even_tracker = self.tracker.copy(), self._even_tracker.copy()
+        return other
 
     def push(self, reading_nm: ArrayLike) -> LiveTorque:
         """Compensate the next readings of the stream.
@@ -400,10 +412,10 @@ class HistoryCompensator:
         std = _NO_UNCERTAINTY
         if self.table.uncertainty_curve is not None:
             std = self.table.standard_uncertainty(both, branch)
-        result = np.empty((4, count))
+        result = np.empty((6, count))
         amplitude = (self.operator.amplitude_nm, self.operator.amplitude_std_nm)
         _mix(low, high, falling, rising, torque, std, amplitude, others, result)
-        return LiveTorque(result[0], result[1], result[2], fault[:count], result[3])
+        return LiveTorque(result[0], result[1], result[2], fault[:count], *result[3:])
 
 
 _NO_UNCERTAINTY = np.zeros(0)
@@ -421,7 +433,7 @@ def _places(
 def _mix(  # type: ignore[no-untyped-def] # Numba infers
     low, high, falling, rising, torque, std, amplitude, others, result
 ):
-    """Fill torque, place, half-width and standard uncertainty between the bounds of the state.
+    """Fill in torque, place, half-width, uncertainties and middle between the bounds of the state.
 
     `torque` and `std` hold the rising curve's values first and the falling one's after them,
     `amplitude` the loop's and its standard uncertainty, and `others` the places in the loop with
@@ -447,12 +459,14 @@ def _mix(  # type: ignore[no-untyped-def] # Numba infers
         by_weights = (0.5 + 0.5 * result[1, k] - others[k]) * (torque[k] - torque[count + k])
         by_amplitude = (abs(amplitude[0]) + amplitude[1]) * farthest
         half_width = np.sqrt(by_past**2 + by_weights**2 + by_amplitude**2)
-        variance = half_width * half_width / 3.0
+        curve = 0.0
         if std.size > 0:
             share = 0.5 * (1.0 + result[1, k])
-            variance += share * std[k] ** 2 + (1.0 - share) * std[count + k] ** 2
+            curve = np.sqrt(share * std[k] ** 2 + (1.0 - share) * std[count + k] ** 2)
         result[2, k] = half_width
-        result[3, k] = np.sqrt(variance)
+        result[3, k] = np.sqrt(curve * curve + half_width * half_width / 3.0)
+        result[4, k] = curve
+        result[5, k] = 0.5 * (torque[k] + torque[count + k])
 
 
 def _rising_and_falling(

@@ -46,6 +46,8 @@ class Provenance:
         Time of the fit, ISO 8601 with offset.
     unit : str
         Unit of readings and torques.
+    effects : tuple of mapping
+        What else is known of the measuring chain, as `torquebench.chain` reads it.
     """
 
     range_nm: float
@@ -57,6 +59,7 @@ class Provenance:
     software_version: str = ""
     created: str = ""
     unit: str = "N·m"
+    effects: tuple[Mapping[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,129 @@
+"""What every effect of a measuring chain has in common, and how it is stored by its kind."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from math import isfinite
+from typing import Any, ClassVar, Self, TypeVar
+
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.torque import Component
+from torquebench.errors import InputError
+
+__all__ = ["EFFECTS", "Effect", "effect_from", "register"]
+
+EFFECTS: dict[str, type[Effect]] = {}
+"""Every stored effect by the kind that chain files name."""
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """One influence on a reading: what it adds, and by how much that may be wrong.
+
+    A subclass is a frozen dataclass of numbers and words. It states its components for arrays of
+    readings. One with a memory of the readings before returns an object of its own from `stream`;
+    the others are their own stream.
+
+    Attributes
+    ----------
+    kind : str
+        Name in chain files, set by `register`.
+    title : str
+        What it is, in words.
+    needs : tuple of str
+        Fields of `Readings` that it looks at. One that isn't measured enters as an uncertainty over
+        the range that the effect states for it.
+    corrects_reading : bool
+        Whether it comes before the static curve, which then sees the corrected reading.
+    record : str
+        Where its numbers come from: a certificate, a data sheet, a calibration.
+    """
+
+    kind: ClassVar[str] = ""
+    title: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
+    corrects_reading: ClassVar[bool] = False
+    record: str
+
+    @abstractmethod
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return what the effect adds to readings.
+
+        Parameters
+        ----------
+        readings : Readings
+            The next ones of the stream, or rows that have nothing to do with each other.
+        torque_nm : float64[n]
+            Torque by all effects before this one, N·m.
+        """
+
+    def stream(self) -> Effect:
+        """Return what follows one stream of readings over its blocks; here, without memory."""
+        return self
+
+    def copy(self) -> Effect:
+        """Return another stream in the same state."""
+        return self
+
+    def forget(self) -> None:  # noqa: B027 - most have no memory
+        """Take the past as unknown, as after a gap or a fault."""
+
+    def specification(self) -> dict[str, Any]:
+        """Return kind and fields as JSON-ready values."""
+        return {"kind": self.kind, **{each.name: getattr(self, each.name) for each in fields(self)}}
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if isinstance(value, int | float) and not isfinite(value):
+                raise InputError(f"{self.title}: {each.name} = {value}", "a finite number")
+            limit = each.metadata.get("least")
+            if limit is not None and value < limit:
+                raise InputError(f"{self.title}: {each.name} = {value}", f"{limit:g} or more")
+
+    @classmethod
+    def from_specification(cls, values: Mapping[str, Any]) -> Self:
+        """Return the effect that `specification` described."""
+        return cls(**values)
+
+
+_Effect = TypeVar("_Effect", bound=type[Effect])
+
+
+def register(kind: str) -> Callable[[_Effect], _Effect]:
+    """Enter an effect into `EFFECTS` under its kind."""
+
+    def enter(effect: _Effect) -> _Effect:
+        effect.kind = kind
+        EFFECTS[kind] = effect
+        return effect
+
+    return enter
+
+
+def effect_from(specification: Mapping[str, Any]) -> Effect:
+    """Return a stored effect.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, or fields that it doesn't have.
+    """
+    values = dict(specification)
+    kind = values.pop("kind", None)
+    if kind not in EFFECTS:
+        raise InputError(
+            f"effect {kind!r} of a measuring chain",
+            ", ".join(sorted(EFFECTS)),
+            "use the version of torquebench that the chain was made with",
+        )
+    try:
+        return EFFECTS[kind].from_specification(values)
+    except TypeError as problem:
+        raise InputError(
+            f"effect {kind!r} with other fields ({problem})",
+            ", ".join(each.name for each in fields(EFFECTS[kind])),
+            "fit the chain again",
+        ) from problem

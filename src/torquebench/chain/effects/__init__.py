@@ -1,0 +1,27 @@
+"""The effects of measuring chains, one file each. A new one is imported here, which registers it.
+
+The static curve and the scatter belong to the fitted model; the others are stored beside it.
+"""
+
+from torquebench.chain.effects.counter import Counter, Timebase
+from torquebench.chain.effects.drift import Drift
+from torquebench.chain.effects.mounting import Mounting
+from torquebench.chain.effects.reference import Reference
+from torquebench.chain.effects.rotation import Rotation
+from torquebench.chain.effects.scatter import Scatter
+from torquebench.chain.effects.static_curve import StaticCurve
+from torquebench.chain.effects.temperature import Temperature
+from torquebench.chain.effects.zero import Zero
+
+__all__ = [
+    "Counter",
+    "Drift",
+    "Mounting",
+    "Reference",
+    "Rotation",
+    "Scatter",
+    "StaticCurve",
+    "Temperature",
+    "Timebase",
+    "Zero",
+]

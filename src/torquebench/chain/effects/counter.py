@@ -1,0 +1,96 @@
+"""Counting the frequency, and the clock that it is counted by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.torque import Component, Shared
+from torquebench.errors import InputError
+from torquebench.uncertainty import Distribution
+
+__all__ = ["Counter", "Timebase"]
+
+
+@register("counter")
+@dataclass(frozen=True)
+class Counter(Effect):
+    """Quantisation and edge jitter in the window of a reading: white, so that averaging lowers it.
+
+    Parameters
+    ----------
+    window_nm : float
+        Standard uncertainty in one window of the bench, N·m: for readings that don't bring theirs.
+    """
+
+    title: ClassVar[str] = "counter"
+    needs: ClassVar[tuple[str, ...]] = ("counter_nm",)
+    window_nm: float = field(default=0.0, metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the counter's own uncertainty of each window."""
+        return (
+            Component("counter", Shared.NOTHING, known_or(readings.counter_nm, self.window_nm)),
+        )
+
+
+@register("time base")
+@dataclass(frozen=True)
+class Timebase(Effect):
+    """Another counter's clock than the calibration's, accepted at a price in uncertainty.
+
+    Two timebases that differ by a relative d make the same edges differ by d·f in frequency. The
+    torque that this looks like is d·f/s with the sensitivity s, which is d·(f₀/s + T): it shifts
+    the zero, as long as none was measured with the present counter, and the gain. Nobody knows d
+    but for its limit, so its distribution is rectangular (GUM 4.3.7).
+
+    Parameters
+    ----------
+    identity : str
+        Counter and clock that the chain was calibrated with.
+    tolerance_ppm : float
+        Largest relative difference of the two timebases, 1e-6: the sum of both tolerances.
+    zero_nm : float
+        The zero's frequency over the sensitivity, N·m.
+
+    Raises
+    ------
+    InputError
+        The tolerance isn't above 0 and at most 1000 ppm.
+
+    Examples
+    --------
+    >>> timebase = Timebase("PXI-1/oscillator-1", "PXI-1/oscillator-1", 100.0, zero_nm=4000.0)
+    >>> torque = np.array([0.0, 2000.0])
+    >>> timebase.components(Readings(torque), torque)[0].uncertainty_nm.round(3).tolist()
+    [0.231, 0.346]
+    """
+
+    title: ClassVar[str] = "time base"
+    identity: str = ""
+    tolerance_ppm: float = 100.0
+    zero_nm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tolerance_ppm <= 1000.0:
+            raise InputError(
+                f"timebases that differ by {self.tolerance_ppm:g} ppm",
+                "above 0 and at most 1000 ppm",
+                "state the sum of both clocks' tolerances",
+            )
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return what the difference of the clocks may change zero and gain by."""
+        limit = self.tolerance_ppm * 1e-6 * (self.zero_nm + np.abs(torque_nm))
+        return (
+            Component(
+                "time base",
+                Shared.CALIBRATION,
+                limit / np.sqrt(3.0),
+                distribution=Distribution.RECTANGULAR,
+            ),
+        )

@@ -1,0 +1,49 @@
+"""Long-term drift of the span since the calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.torque import Component, Shared
+from torquebench.uncertainty import Distribution
+
+__all__ = ["Drift"]
+
+_HOURS_PER_YEAR = 8766.0
+
+
+@register("drift")
+@dataclass(frozen=True)
+class Drift(Effect):
+    """Change of span since the calibration, within a limit that grows with time.
+
+    Parameters
+    ----------
+    percent_per_year : float
+        Limit of the change, % of the torque a year.
+    interval_h : float
+        Time from one calibration to the next, h: what counts where the age isn't known.
+    """
+
+    title: ClassVar[str] = "drift since calibration"
+    needs: ClassVar[tuple[str, ...]] = ("calibration_age_h",)
+    percent_per_year: float = field(metadata={"least": 0.0})
+    interval_h: float = field(default=_HOURS_PER_YEAR, metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the limit at the age of the calibration, as a rectangle."""
+        age = self.interval_h if readings.calibration_age_h is None else readings.calibration_age_h
+        limit = 1e-2 * self.percent_per_year * age / _HOURS_PER_YEAR
+        return (
+            Component(
+                "drift",
+                Shared.CALIBRATION,
+                limit / np.sqrt(3.0) * torque_nm,
+                distribution=Distribution.RECTANGULAR,
+            ),
+        )

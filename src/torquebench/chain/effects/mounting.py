@@ -1,0 +1,31 @@
+"""Reproducibility of mounting: another span with every mounting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.torque import Component, Shared
+
+__all__ = ["Mounting"]
+
+
+@register("mounting")
+@dataclass(frozen=True)
+class Mounting(Effect):
+    """Span that changes when what is between the flanges is mounted anew.
+
+    Parameters
+    ----------
+    percent : float
+        Standard deviation of the span between mountings, % of the torque.
+    """
+
+    title: ClassVar[str] = "reproducibility of mounting"
+    percent: float = field(metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the share of the torque, the same for all readings of a mounting."""
+        return (Component("mounting", Shared.MOUNTING, 1e-2 * self.percent * torque_nm),)

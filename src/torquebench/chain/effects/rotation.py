@@ -1,0 +1,63 @@
+"""Rotation: zero over speed, and drag of the bearings between transducer and flange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.torque import Component, Shared
+from torquebench.uncertainty import Distribution
+
+__all__ = ["Rotation"]
+
+STANDSTILL_RPM = 0.5
+"""Speeds below are an encoder's noise."""
+
+
+@register("rotation")
+@dataclass(frozen=True)
+class Rotation(Effect):
+    """What turning changes in a chain that was calibrated and zeroed at standstill.
+
+    The zero's shift is the same in both directions, the drag turns round with the speed: both
+    stand in the sign of their components. An empty run measures them together.
+
+    Parameters
+    ----------
+    zero_nm_per_1000rpm : float
+        Limit of the zero's shift, N·m per 1000 rpm.
+    drag_nm : float
+        Limit of the drag of bearings between transducer and flange, N·m.
+    largest_rpm : float
+        Largest speed of the bench, 1/min: what counts where none is measured.
+    """
+
+    title: ClassVar[str] = "rotation"
+    needs: ClassVar[tuple[str, ...]] = ("speed_rpm",)
+    zero_nm_per_1000rpm: float = field(metadata={"least": 0.0})
+    drag_nm: float = field(metadata={"least": 0.0})
+    largest_rpm: float = field(default=0.0, metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the zero's shift and the drag at the speed of each reading."""
+        speed = known_or(readings.speed_rpm, self.largest_rpm)
+        turning = np.where(np.abs(speed) > STANDSTILL_RPM, speed, 0.0)
+        shift = self.zero_nm_per_1000rpm * np.abs(turning) / 1000.0
+        return (
+            Component(
+                "zero over speed",
+                Shared.CALIBRATION,
+                shift / np.sqrt(3.0),
+                distribution=Distribution.RECTANGULAR,
+            ),
+            Component(
+                "bearing drag",
+                Shared.MOUNTING,
+                self.drag_nm / np.sqrt(3.0) * np.sign(turning),
+                distribution=Distribution.RECTANGULAR,
+            ),
+        )

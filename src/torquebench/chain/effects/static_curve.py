@@ -1,0 +1,219 @@
+"""The static curve of a chain with its hysteresis: a fitted compensation model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, ClassVar
+
+import numpy as np
+
+from torquebench.chain.effect import Effect
+from torquebench.chain.readings import FloatArray, Known, Readings
+from torquebench.chain.torque import Component, Shared
+from torquebench.compensation import FEATURES, CompensationModel, HistoryCompensator, features
+from torquebench.compensation.table import CompensationTable, compile_table
+from torquebench.errors import InputError
+from torquebench.uncertainty import Distribution
+
+__all__ = ["CORRELATION_SHARE", "StaticCurve"]
+
+CORRELATION_SHARE = 0.1
+"""Errors of the curve at readings farther apart than this share of full scale, or on opposite
+branches, count as independent. A smooth form is wrong in the same way over more than that; to share
+less than there is makes a comparison's U larger, never smaller."""
+_STATE = frozenset({"speed_rpm", "temperature_c"})
+"""Features that change while a model is in use: no table holds for all of them."""
+_SQUARE_ROOT_3 = np.sqrt(3.0)
+_SQUARE_ROOT_2 = np.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class StaticCurve(Effect):
+    """Additional torque of a fitted model, and what the calibration leaves open of it.
+
+    Where the model tells the branches of a hysteresis loop apart, a row's branch counts; where it
+    isn't known, the middle of the loop does, and half the loop as an arcsine distribution, since
+    after long runs a reading lies on one of the branches rather than between them. In a stream the
+    place in the loop follows from the readings before.
+
+    Parameters
+    ----------
+    model : CompensationModel
+        Fitted.
+    """
+
+    title: ClassVar[str] = "static curve with hysteresis"
+    needs: ClassVar[tuple[str, ...]] = ("reading_nm", "branch")
+    model: CompensationModel
+
+    @property
+    def low_nm(self) -> float:
+        """Lowest reading that was calibrated, margin included, N·m."""
+        return float(self.model.reading_low_nm_)
+
+    @property
+    def high_nm(self) -> float:
+        """Highest reading that was calibrated, margin included, N·m."""
+        return float(self.model.reading_high_nm_)
+
+    @cached_property
+    def branch_aware(self) -> bool:
+        """Whether the model tells branches apart."""
+        return "branch" in self.model.used_features and self._columns > FEATURES.index("branch")
+
+    @cached_property
+    def table(self) -> CompensationTable | None:
+        """The model compiled once, within 1e-6 of full scale: what every reading is compensated by.
+
+        None where the model looks at speed or temperature, or jumps: then it is asked itself.
+        """
+        if _STATE.intersection(self.model.used_features):
+            return None
+        try:
+            return compile_table(self.model, branches=self.branch_aware)
+        except InputError:
+            return None
+
+    @property
+    def _columns(self) -> int:
+        return int(self.model.n_features_in_)
+
+    def inside(self, reading_nm: FloatArray) -> np.ndarray[Any, np.dtype[np.bool_]]:
+        """Tell which readings were calibrated; not one that is no number."""
+        return np.asarray((reading_nm >= self.low_nm) & (reading_nm <= self.high_nm))
+
+    def stream(self) -> Effect:
+        """Return what finds the branch by the readings before, where there are branches."""
+        if self.branch_aware and self.table is not None:
+            return _FollowedCurve(self.record, self, HistoryCompensator(self.table))
+        return self
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return curve and hysteresis by the branch that is given for each reading."""
+        count = torque_nm.size
+        if not self.branch_aware:
+            torque, curve = self._evaluate(readings, torque_nm, np.zeros(count))
+            return (self._curve(torque_nm, np.zeros(count), torque, curve),)
+        up, up_curve = self._evaluate(readings, torque_nm, np.ones(count))
+        down, down_curve = self._evaluate(readings, torque_nm, -np.ones(count))
+        branch = np.zeros(count) if readings.branch is None else np.sign(readings.branch)
+        middle, half = 0.5 * (up + down), 0.5 * (up - down)
+        curve = np.where(branch > 0, up_curve, down_curve)
+        curve = np.where(branch == 0, np.maximum(up_curve, down_curve), curve)
+        unknown = np.where(branch == 0, np.abs(half), 0.0)
+        return (
+            self._curve(torque_nm, branch, middle, curve),
+            Component(
+                "hysteresis",
+                Shared.LOADING,
+                unknown / _SQUARE_ROOT_2,
+                half * branch,
+                distribution=Distribution.ARCSINE,
+            ),
+        )
+
+    def _curve(
+        self, reading_nm: FloatArray, branch: FloatArray, torque_nm: FloatArray, u_nm: FloatArray
+    ) -> Component:
+        length_nm = CORRELATION_SHARE * float(self.model.full_scale_nm_)
+        place = np.empty((reading_nm.size, 2))
+        place[:, 0] = reading_nm
+        place[:, 0] /= length_nm
+        place[:, 1] = branch
+        place[:, 1] *= 0.5
+        return Component("static curve", Shared.CALIBRATION, u_nm, torque_nm - reading_nm, place)
+
+    def _evaluate(
+        self, readings: Readings, reading_nm: FloatArray, branch: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Torque and the curve's standard uncertainty; NaN outside of what was calibrated."""
+        inside = self.inside(reading_nm)
+        torque, deviation = np.full((2, reading_nm.size), np.nan)
+        accepted, sides = reading_nm[inside], branch[inside]
+        if self.table is not None:
+            signs = sides.astype(np.int8)
+            torque[inside] = self.table.torque(accepted, signs)
+            deviation[inside] = self.table.standard_uncertainty(accepted, signs)
+        elif accepted.size:
+            speed, temperature = (
+                _rows(values, inside) for values in (readings.speed_rpm, readings.temperature_c)
+            )
+            X = features(accepted, sides, 0, speed, temperature)[:, : self._columns]
+            try:
+                torque[inside], deviation[inside] = self.model.predict(X, return_std=True)
+            except InputError:  # a speed or temperature that the model refuses
+                torque[:] = deviation[:] = np.nan
+        return torque, deviation
+
+
+def _rows(values: Known, inside: np.ndarray[Any, np.dtype[np.bool_]]) -> FloatArray:
+    every = np.broadcast_to(np.nan if values is None else values, inside.shape)
+    return np.asarray(every[inside], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _FollowedCurve(Effect):
+    """The static curve along one stream: every reading moves the plays of its hysteresis."""
+
+    title: ClassVar[str] = StaticCurve.title
+    curve: StaticCurve
+    history: HistoryCompensator
+
+    def copy(self) -> Effect:
+        return _FollowedCurve(self.record, self.curve, self.history.copy())
+
+    def forget(self) -> None:
+        self.history.forget()
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        inside = self.curve.inside(torque_nm)
+        if inside.all():
+            live = self.history.push(torque_nm)
+            return self._parts(
+                torque_nm,
+                live.coordinate,
+                live.middle_nm,
+                live.curve_uncertainty_nm,
+                live.torque_nm - live.middle_nm,
+                live.half_width_nm,
+            )
+        middle, curve, added, half, place = np.full((5, torque_nm.size), np.nan)
+        finite = np.isfinite(torque_nm)
+        cuts = np.flatnonzero(np.diff(finite)) + 1
+        ends = np.concatenate(([0], cuts, [torque_nm.size]))
+        for start, stop in pairwise(ends.tolist()):
+            run = slice(start, stop)
+            if start == stop:
+                continue
+            if not finite[start]:
+                self.history.forget()
+                continue
+            live, kept = self.history.push(torque_nm[run]), inside[run]
+            middle[run][kept] = live.middle_nm[kept]
+            curve[run][kept] = live.curve_uncertainty_nm[kept]
+            added[run][kept] = (live.torque_nm - live.middle_nm)[kept]
+            half[run][kept] = live.half_width_nm[kept]
+            place[run][kept] = live.coordinate[kept]
+        return self._parts(torque_nm, place, middle, curve, added, half)
+
+    def _parts(
+        self,
+        reading_nm: FloatArray,
+        place: FloatArray,
+        middle_nm: FloatArray,
+        curve_nm: FloatArray,
+        added_nm: FloatArray,
+        half_nm: FloatArray,
+    ) -> tuple[Component, ...]:
+        return (
+            self.curve._curve(reading_nm, place, middle_nm, curve_nm),
+            Component(
+                "hysteresis",
+                Shared.LOADING,
+                half_nm / _SQUARE_ROOT_3,
+                added_nm,
+                distribution=Distribution.RECTANGULAR,
+            ),
+        )

@@ -1,0 +1,81 @@
+"""Temperature of zero and span."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Known, Readings
+from torquebench.chain.torque import Component, Shared
+from torquebench.uncertainty import Distribution
+
+__all__ = ["Temperature"]
+
+
+@register("temperature")
+@dataclass(frozen=True)
+class Temperature(Effect):
+    """Zero and span that change with temperature, by coefficients known to a limit.
+
+    The span counts from the temperature of the calibration, the zero from that at the zeroing. A
+    coefficient within ±c and a change of temperature d ± e, both rectangular, leave
+    c/√3·√(d² + e²/3).
+
+    Parameters
+    ----------
+    zero_nm_per_k : float
+        Limit of the zero's change, N·m/K.
+    span_per_k : float
+        Limit of the span's change, share of the torque per K.
+    calibrated_c : float
+        Mean temperature of the transducer during the calibration, °C.
+    low_c, high_c : float
+        Temperatures between which the bench is used, °C: what counts where none is measured.
+    deviation_k : float
+        Limit of what the probe and the gradient to the transducer get wrong, K.
+    """
+
+    title: ClassVar[str] = "temperature of zero and span"
+    needs: ClassVar[tuple[str, ...]] = ("temperature_c", "zero_temperature_c")
+    zero_nm_per_k: float = field(metadata={"least": 0.0})
+    span_per_k: float = field(metadata={"least": 0.0})
+    calibrated_c: float = 23.0
+    low_c: float = 18.0
+    high_c: float = 28.0
+    deviation_k: float = field(default=0.5, metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return zero and span; the same transducer has the same coefficients at all readings."""
+        now, zeroed = readings.temperature_c, readings.zero_temperature_c
+        span = self.span_per_k * self._change(now, self.calibrated_c, self._reach_k)
+        zero = self.zero_nm_per_k * self._change(now, zeroed, 0.5 * (self.high_c - self.low_c))
+        return (
+            Component(
+                "temperature of zero",
+                Shared.ZEROING,
+                zero / np.sqrt(3.0),
+                distribution=Distribution.RECTANGULAR,
+            ),
+            Component(
+                "temperature of span",
+                Shared.CALIBRATION,
+                span / np.sqrt(3.0) * torque_nm,
+                distribution=Distribution.RECTANGULAR,
+            ),
+        )
+
+    @property
+    def _reach_k(self) -> float:
+        """How far the bench's temperatures reach from that of the calibration, K."""
+        return max(abs(self.high_c - self.calibrated_c), abs(self.calibrated_c - self.low_c))
+
+    def _change(self, now: Known, before: Known, unknown_k: float) -> FloatArray:
+        """Return the root mean square change of temperature, K."""
+        change = np.subtract(
+            np.nan if now is None else now, np.nan if before is None else before, dtype=np.float64
+        )
+        square = np.square(change) + self.deviation_k**2 / 3.0
+        return np.sqrt(np.where(np.isnan(change), unknown_k**2 / 3.0, square))

@@ -1,0 +1,168 @@
+"""A measuring chain: the one place where a reading becomes torque, uncertainty and budget."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+
+from torquebench.chain.effect import EFFECTS, Effect, effect_from
+from torquebench.chain.effects import Scatter, StaticCurve, Timebase
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.torque import Component, Torque
+from torquebench.compensation import CompensationModel, StoredModel
+from torquebench.compensation.curve_uncertainty import student_widening
+from torquebench.errors import InputError
+
+__all__ = ["ChainStream", "MeasuringChain"]
+
+_GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuringChain:
+    """One transducer with its counter and module, as calibrated: a sum of effects.
+
+    Parameters
+    ----------
+    model : CompensationModel
+        Fitted: gives the static curve and the scatter.
+    stored : tuple of Effect
+        What else is known of the chain.
+
+    Examples
+    --------
+    >>> from torquebench.chain import Reference
+    >>> from torquebench.compensation import features, make_model
+    >>> generator = np.random.default_rng(2)
+    >>> standard = np.linspace(-2000.0, 2000.0, 50)
+    >>> reading = standard / 1.003 + 0.3 * generator.standard_normal(50)
+    >>> model = make_model("polynomial").fit(features(reading), standard)
+    >>> chain = MeasuringChain(model, (Reference("certificate 17", 0.4, 40.0),))
+    >>> torque = chain.torque(Readings(np.array([1500.0])))
+    >>> torque.expanded_uncertainty_nm.round(1).tolist(), torque.budget().dominant().name
+    ([0.8], 'scatter')
+    """
+
+    model: CompensationModel
+    stored: tuple[Effect, ...] = ()
+
+    @classmethod
+    def of(cls, stored: StoredModel) -> Self:
+        """Return the chain that a model file describes."""
+        return cls(stored.model, tuple(map(effect_from, stored.provenance.effects)))
+
+    @cached_property
+    def curve(self) -> StaticCurve:
+        """The static curve."""
+        return StaticCurve("calibration in place", self.model)
+
+    @cached_property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects in the order in which they add to a reading."""
+        widening = student_widening(float(self.model.degrees_of_freedom_))
+        scatter = Scatter("residuals of the calibration", widening * float(self.model.scatter_nm))
+        own = tuple(effect for effect in self.stored if effect.corrects_reading)
+        after = tuple(effect for effect in self.stored if not effect.corrects_reading)
+        return (*own, self.curve, scatter, *after)
+
+    def with_effects(self, effects: Iterable[Effect]) -> MeasuringChain:
+        """Return the chain with further effects, each in the place of one of its kind."""
+        changed = {effect.kind: effect for effect in (*self.stored, *effects)}
+        return replace(self, stored=tuple(changed.values()))
+
+    def specification(self) -> tuple[Mapping[str, Any], ...]:
+        """Return what a model file keeps of the chain beside the model."""
+        return tuple(effect.specification() for effect in self.stored)
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the influences that nothing is recorded of: U doesn't contain them."""
+        known = {effect.kind for effect in self.stored}
+        return tuple(
+            effect.title
+            for kind, effect in EFFECTS.items()
+            if kind not in known and effect is not Timebase
+        )
+
+    def torque(self, readings: Readings) -> Torque:
+        """Return torque and uncertainty of readings that needn't have to do with each other.
+
+        Raises
+        ------
+        InputError
+            A reading outside of what was calibrated.
+        """
+        outside = ~self.curve.inside(readings.reading_nm)
+        if outside.any():
+            row = int(np.argmax(outside))
+            raise InputError(
+                f"{self.curve.title}: reading {readings.reading_nm[row]:.6g} N·m (row {row}) "
+                "outside the calibrated range",
+                f"{self.curve.low_nm:.6g} to {self.curve.high_nm:.6g} N·m, margin included",
+                "calibrate over the whole range that is measured",
+            )
+        return _sum(self.effects, readings)
+
+    def stream(self) -> ChainStream:
+        """Return what compensates one stream of readings, block by block."""
+        return ChainStream(self)
+
+
+class ChainStream:
+    """Compensates a stream: blocks of readings in the order of time, each handed over once.
+
+    After the start, a gap or a fault the past is unknown, and the uncertainty says so until the
+    readings have turned round often enough. The result doesn't depend on how the stream is cut.
+
+    Parameters
+    ----------
+    chain : MeasuringChain
+    """
+
+    def __init__(self, chain: MeasuringChain) -> None:
+        self.chain = chain
+        self._effects = tuple(effect.stream() for effect in chain.effects)
+        self._last_s = float("nan")
+
+    def push(self, readings: Readings) -> Torque:
+        """Compensate the next readings; a fault (NaN) or one outside the range gets no number."""
+        if readings.time_s is not None and self._has_gap(readings.time_s):
+            self._forget()
+        return _sum(self._effects, readings)
+
+    def copy(self) -> ChainStream:
+        """Return another stream in the same state."""
+        other = ChainStream.__new__(ChainStream)
+        other.chain, other._last_s = self.chain, self._last_s
+        other._effects = tuple(effect.copy() for effect in self._effects)
+        return other
+
+    def forget(self) -> None:
+        """Take the past as unknown."""
+        self._last_s = float("nan")
+        self._forget()
+
+    def _forget(self) -> None:
+        for effect in self._effects:
+            effect.forget()
+
+    def _has_gap(self, time_s: FloatArray) -> bool:
+        """Say whether windows are missing since the last block; without one before, no."""
+        if time_s.size == 0:
+            return False
+        before, self._last_s = self._last_s, float(time_s[-1])
+        step = float(time_s[1] - time_s[0]) if time_s.size > 1 else float(time_s[0]) - before
+        return bool(time_s[0] - before > _GAP_STEPS * step)
+
+
+def _sum(effects: Iterable[Effect], readings: Readings) -> Torque:
+    torque, components = readings.reading_nm, list[Component]()
+    for effect in effects:
+        for part in effect.components(readings, torque):
+            components.append(part)
+            if isinstance(part.value_nm, np.ndarray):
+                torque = torque + part.value_nm
+    return Torque(torque, tuple(components))

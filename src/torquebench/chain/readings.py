@@ -1,0 +1,69 @@
+"""What is known of readings: the quantities that effects of a measuring chain need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FloatArray", "Known", "Readings", "known_or"]
+
+FloatArray = NDArray[np.float64]
+Known = FloatArray | float | None
+"""One value for all readings or one for each; None or NaN where it isn't measured."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """Readings of one transducer in the order of time, with what else is known of them.
+
+    Parameters
+    ----------
+    reading_nm : float64[n]
+        Torque by the frequency, the zero in use and the sensitivity, N·m, clockwise positive.
+    branch : float64[n] or None
+        +1 where the size of the torque grows, -1 where it falls, 0 where that isn't known.
+    counter_nm : float64[n], float or None
+        Standard uncertainty by counting, N·m.
+    time_s : float64[n] or None
+        Centres of the windows; a stream sees gaps by them.
+    speed_rpm, acceleration_rad_s2 : float64[n], float or None
+        Of the shaft.
+    temperature_c : float64[n], float or None
+        Of the transducer.
+    zero_age_h, zero_temperature_c : float64[n], float or None
+        Time since the zero in use was taken, and the transducer's temperature then.
+    calibration_age_h : float or None
+        Time since the calibration.
+    loadings : float
+        How many separate loadings each reading is the mean of.
+    """
+
+    reading_nm: FloatArray
+    branch: FloatArray | None = None
+    counter_nm: Known = None
+    time_s: FloatArray | None = None
+    speed_rpm: Known = None
+    acceleration_rad_s2: Known = None
+    temperature_c: Known = None
+    zero_age_h: Known = None
+    zero_temperature_c: Known = None
+    calibration_age_h: float | None = None
+    loadings: float = 1.0
+
+    def __len__(self) -> int:
+        return int(self.reading_nm.size)
+
+
+def known_or(value: Known, otherwise: float) -> FloatArray:
+    """Return a quantity with another number where it isn't measured.
+
+    Examples
+    --------
+    >>> known_or(np.array([1.0, np.nan]), 5.0).tolist(), float(known_or(None, 5.0))
+    ([1.0, 5.0], 5.0)
+    """
+    if value is None:
+        return np.asarray(otherwise)
+    return np.where(np.isnan(value), otherwise, value)

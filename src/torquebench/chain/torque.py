@@ -1,0 +1,291 @@
+"""Compensated torque with everything that makes it uncertain, and what torques share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.chain.readings import FloatArray
+from torquebench.uncertainty import (
+    Budget,
+    Distribution,
+    Quantity,
+    Validation,
+    check_by_monte_carlo,
+    propagate,
+)
+
+__all__ = ["COVERAGE_FACTOR", "Component", "Shared", "Torque", "joined"]
+
+COVERAGE_FACTOR = 2.0
+"""k of every U: effects state standard uncertainties that are widened for their degrees of freedom
+already, so that ±2u holds 95.45 %."""
+
+
+class Shared(StrEnum):
+    """What two torques have to have in common to share an error."""
+
+    CALIBRATION = "calibration"
+    MOUNTING = "mounting"
+    ZEROING = "zeroing"
+    LOADING = "loading"
+    NOTHING = "nothing"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Component:
+    """What one source adds to torques, and by how much that may be wrong.
+
+    Parameters
+    ----------
+    name : str
+        The source, as budgets name it.
+    shared : Shared
+        What readings have in common that share its error.
+    uncertainty_nm : float64[n] or float
+        Standard uncertainty, N·m, with the sign of the error's direction: where the signs of two
+        readings differ, a shared error turns round between them.
+    value_nm : float64[n] or float
+        What was added to the torque, N·m.
+    place : float64[n, m] or None
+        Where a reading lies, in lengths over which the error changes: readings farther apart than
+        1 share nothing of it. None where one error shifts all of them.
+    distribution : Distribution
+    """
+
+    name: str
+    shared: Shared
+    uncertainty_nm: FloatArray | float
+    value_nm: FloatArray | float = 0.0
+    place: FloatArray | None = None
+    distribution: Distribution = Distribution.NORMAL
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Torque:
+    """Compensated torques and the components of their uncertainty.
+
+    Parameters
+    ----------
+    value_nm : float64[n]
+        Compensated torque, N·m; NaN where there is no number.
+    components : tuple of Component
+        One a source.
+
+    Examples
+    --------
+    >>> torque = Torque(
+    ...     np.array([100.0, 60.0]),
+    ...     (
+    ...         Component("reference", Shared.CALIBRATION, np.array([0.10, 0.06])),
+    ...         Component("counter", Shared.NOTHING, np.array([0.03, 0.04])),
+    ...     ),
+    ... )
+    >>> torque.expanded_uncertainty_nm.round(3).tolist()
+    [0.209, 0.144]
+    >>> torque.combined([1.0, -1.0]).expanded_uncertainty_nm.round(3).tolist()  # 2·√(0.04² + 0.05²)
+    [0.128]
+    """
+
+    value_nm: FloatArray
+    components: tuple[Component, ...]
+
+    def __len__(self) -> int:
+        return int(self.value_nm.size)
+
+    @property
+    def standard_uncertainty_nm(self) -> FloatArray:
+        """Combined standard uncertainty u, N·m."""
+        variance = np.zeros(self.value_nm.shape)
+        for component in self.components:
+            variance += np.square(component.uncertainty_nm)
+        return np.asarray(np.sqrt(variance))
+
+    @property
+    def expanded_uncertainty_nm(self) -> FloatArray:
+        """Expanded uncertainty U = 2u, N·m."""
+        return COVERAGE_FACTOR * self.standard_uncertainty_nm
+
+    def component(self, name: str) -> FloatArray:
+        """Return the size of one component's standard uncertainty, N·m; 0 where there is none."""
+        variance = np.zeros(self.value_nm.shape)
+        for component in self.components:
+            if component.name == name:
+                variance += np.square(component.uncertainty_nm)
+        return np.asarray(np.sqrt(variance))
+
+    def added(self, name: str) -> FloatArray:
+        """Return what one component added to the torque, N·m; 0 where there is none."""
+        total = np.zeros(self.value_nm.shape)
+        for component in self.components:
+            if component.name == name:
+                total += component.value_nm
+        return total
+
+    def at(self, rows: ArrayLike) -> Torque:
+        """Return some of the torques."""
+        index = np.asarray(rows)
+
+        def chosen(values: FloatArray | float) -> FloatArray | float:
+            return values[index] if isinstance(values, np.ndarray) and values.ndim else values
+
+        return Torque(
+            self.value_nm[index],
+            tuple(
+                replace(
+                    each,
+                    uncertainty_nm=chosen(each.uncertainty_nm),
+                    value_nm=chosen(each.value_nm),
+                    place=None if each.place is None else each.place[index],
+                )
+                for each in self.components
+            ),
+        )
+
+    def and_also(self, *components: Component) -> Torque:
+        """Return the same torques with further components."""
+        return Torque(self.value_nm, (*self.components, *components))
+
+    def combined(
+        self,
+        weights: ArrayLike,
+        *,
+        mounting: ArrayLike | None = None,
+        zeroing: ArrayLike | None = None,
+        loading: ArrayLike | None = None,
+    ) -> Torque:
+        """Return Σ wᵢTᵢ as one torque: a difference, a mean, any comparison of one calibration.
+
+        What the torques share follows from the components: an error of the calibration enters as
+        Σ wᵢuᵢ, so that it cancels in a difference; one that is new with every loading as
+        √Σ (wᵢuᵢ)².
+
+        Parameters
+        ----------
+        weights : array_like of shape (n,)
+        mounting, zeroing, loading : array_like of shape (n,), optional
+            Number of the mounting, the zeroing and the loading of each torque: equal numbers share
+            their errors. One mounting and one zeroing, and every torque a loading of its own,
+            where not given.
+
+        Returns
+        -------
+        Torque
+            Of one element; components keep their names.
+        """
+        count = len(self)
+        weight = np.asarray(weights, dtype=np.float64)
+        groups = {
+            Shared.CALIBRATION: np.zeros(count),
+            Shared.MOUNTING: np.zeros(count) if mounting is None else np.asarray(mounting),
+            Shared.ZEROING: np.zeros(count) if zeroing is None else np.asarray(zeroing),
+            Shared.LOADING: np.arange(count) if loading is None else np.asarray(loading),
+            Shared.NOTHING: np.arange(count),
+        }
+        parts = tuple(
+            replace(
+                each,
+                uncertainty_nm=np.atleast_1d(
+                    _spread(weight * each.uncertainty_nm, groups[each.shared], each.place)
+                ),
+                value_nm=np.atleast_1d(np.sum(weight * each.value_nm)),
+                place=None if each.place is None else _middle(each.place, weight),
+            )
+            for each in self.components
+        )
+        return Torque(np.atleast_1d(weight @ self.value_nm), parts)
+
+    def mean(self) -> Torque:
+        """Return the mean of windows of one loading, as a steady torque averages them."""
+        return self.combined(np.full(len(self), 1.0 / len(self)), loading=np.zeros(len(self)))
+
+    def budget(self, row: int = 0) -> Budget:
+        """Return the uncertainty budget of one torque (GUM): every sensitivity is 1."""
+        quantities = self._quantities(row)
+        return propagate(_total, quantities, derivatives=np.ones(len(quantities)), unit="N·m")
+
+    def check(
+        self, row: int = 0, *, generator: np.random.Generator, significant_digits: int = 1
+    ) -> Validation:
+        """Compare the budget with Monte Carlo, by the criterion of JCGM 101:2008, clause 8."""
+        return check_by_monte_carlo(
+            _total,
+            self._quantities(row),
+            generator=generator,
+            significant_digits=significant_digits,
+            unit="N·m",
+        )
+
+    def _quantities(self, row: int) -> list[Quantity]:
+        value = float(self.value_nm[row])
+        found: list[Quantity] = []
+        for each in self.components:
+            uncertainty = np.broadcast_to(each.uncertainty_nm, self.value_nm.shape)[row]
+            found.append(
+                Quantity(
+                    each.name,
+                    0.0 if found else value,
+                    abs(float(uncertainty)),
+                    distribution=each.distribution,
+                    unit="N·m",
+                )
+            )
+        return found
+
+
+def _total(*values: float) -> float:
+    return sum(values)
+
+
+def _spread(weighted: FloatArray, group: NDArray[np.generic], place: FloatArray | None) -> float:
+    """Return the standard uncertainty of a sum whose parts share errors within groups."""
+    if place is None:
+        if group.size and np.all(group == group[0]):
+            return float(np.sum(weighted))
+        _, member = np.unique(group, return_inverse=True)
+        return float(np.sqrt(np.sum(np.bincount(member.reshape(-1), weighted) ** 2)))
+    shared = (group[:, None] == group[None, :]).astype(np.float64)
+    for column in place.T:
+        shared *= np.maximum(1.0 - np.abs(column[:, None] - column[None, :]), 0.0)
+    return float(np.sqrt(max(weighted @ shared @ weighted, 0.0)))
+
+
+def _middle(place: FloatArray, weight: FloatArray) -> FloatArray:
+    share = np.abs(weight) / np.sum(np.abs(weight))
+    return np.asarray((share @ place)[None, :])
+
+
+def joined(parts: Sequence[Torque]) -> Torque:
+    """Put torques of one chain one behind the other.
+
+    Parameters
+    ----------
+    parts : sequence of Torque
+        At least one, all with the same components.
+    """
+    first = parts[0]
+
+    def column(number: int, name: str) -> FloatArray:
+        return np.concatenate(
+            [
+                np.broadcast_to(getattr(part.components[number], name), part.value_nm.shape)
+                for part in parts
+            ]
+        )
+
+    components = tuple(
+        replace(
+            each,
+            uncertainty_nm=column(number, "uncertainty_nm"),
+            value_nm=column(number, "value_nm"),
+            place=None
+            if each.place is None
+            else np.concatenate([part.components[number].place for part in parts]),
+        )
+        for number, each in enumerate(first.components)
+    )
+    return Torque(np.concatenate([part.value_nm for part in parts]), components)
