@@ -4,6 +4,7 @@
 from pathlib import Path
 
 from torquebench.calibration import verify
+from torquebench.chain import MeasuringChain, Reference
 from torquebench.compensation import RECOMMENDED, compare, make_model
 from torquebench.records import read_calibration_csv, read_readings_csv
 
@@ -19,10 +20,13 @@ for score in compare(data.features(), data.standard_nm, range_nm=data.range_nm).
 
 # %% Check it at fresh points off the calibration's grid.
 check = read_calibration_csv(folder / "verification-output.csv")
-for found in verify(check, {RECOMMENDED: model}).models:
+chain = MeasuringChain(model, (Reference("certificate 17", 0.4, 40.0),))
+for found in verify(check, {RECOMMENDED: chain}).models:
     print(f"fresh points, {found.name}: {found.against_standard.worst_percent_fs:.3f} % FS worst")
 
-# %% Apply it: torque at the reducer, and the standard uncertainty of the model's curve.
+# %% Apply it: torque at the reducer with its expanded uncertainty, and where that comes from.
 readings = read_readings_csv(folder / "readings-output.csv")
-torque_nm, u_nm = model.predict(readings.features(3), return_std=True)
-print(f"{readings.reading_nm[0]} N·m read: {torque_nm[0]:.2f} N·m, u = {u_nm[0]:.2f} N·m")
+torque = chain.torque(readings.readings())
+expanded_nm = torque.expanded_uncertainty_nm[0]
+print(f"{readings.reading_nm[0]} N·m read: {torque.value_nm[0]:.2f} N·m ± {expanded_nm:.2f} N·m")
+print(torque.budget(0).text())

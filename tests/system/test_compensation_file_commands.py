@@ -67,10 +67,14 @@ def test_a_budget_says_what_contributes_and_whether_monte_carlo_agrees(
     model: Path, tmp_path: Path
 ) -> None:
     arguments = ("--reading", 1500, "--reading", -20, "--branch", "up", "--span-temperature", 0.05)
-    result = run("budget", model, *arguments, "--temperature-change", 5, cwd=tmp_path)
+    stated = ("--temperature-change", 5, "--reference", 0.02, "--zero", 0.01, "--drift", 0.02)
+    result = run("budget", model, *arguments, *stated, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     text = " ".join(result.stdout.split())
-    for word in ("scatter", "model", "reference", "span temperature coefficient", "k = ", "U = "):
+    for word in (
+        "scatter", "static curve", "reference standard", "temperature of span", "zero", "drift",
+        "k = 2.00", "U = ", "not in U, nothing is recorded of it: counter, ",
+    ):  # fmt: skip
         assert word in text
     assert text.count("GUM and Monte Carlo") == 2
     assert widest_line(result.stdout) <= 80

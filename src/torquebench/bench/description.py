@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import date
 from importlib import resources
+from math import hypot, sqrt
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -50,7 +51,9 @@ class TransducerDescription(_Section):
 
     `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120 kHz).
     Sensitivities that aren't given are the nominal ones: half the zero's frequency over the
-    nominal torque.
+    nominal torque. The limits of its data sheet are shares of the nominal torque, those of the span
+    shares of the torque; zero drift and long-term drift aren't known where they aren't given, and
+    then aren't in U either.
     """
 
     serial: Text
@@ -60,6 +63,11 @@ class TransducerDescription(_Section):
     option_khz: Literal[60, 240] = 60
     sensitivity_cw_hz_per_nm: Sensitivity | None = None
     sensitivity_ccw_hz_per_nm: Sensitivity | None = None
+    temperature_zero_percent_per_10k: Annotated[float, Field(ge=0, le=10, description="%")] = 0.1
+    temperature_span_percent_per_10k: Annotated[float, Field(ge=0, le=10, description="%")] = 0.1
+    speed_zero_percent_per_1000rpm: Annotated[float, Field(ge=0, le=10, description="%")] = 0.01
+    zero_drift_percent_per_h: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
+    drift_percent_per_year: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
 
     @property
     def nominal_sensitivity_hz_per_nm(self) -> float:
@@ -142,7 +150,8 @@ class ModuleDescription(_Section):
 
     `flange_inertia_kgm2` is that of all that turns between the transducer's measuring section and
     the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops take off
-    what the output's flange takes to move. Unknown where it isn't given.
+    what the output's flange takes to move. Unknown where it isn't given. `bearing_drag_percent` is
+    the limit of the drag of bearings between transducer and flange.
     """
 
     range_nm: Torque
@@ -153,6 +162,7 @@ class ModuleDescription(_Section):
     temperature_probe: Text
     flange_inertia_kgm2: Annotated[float, Field(gt=0, le=1e4, description="kg·m²")] | None = None
     flange_inertia_uncertainty_percent: Annotated[float, Field(ge=0, le=100, description="%")] = 10
+    bearing_drag_percent: Annotated[float, Field(ge=0, le=10, description="% of range")] = 0.01
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -265,6 +275,30 @@ class RecordingDescription(_Section):
     edges: bool = False
 
 
+class ConditionsDescription(_Section):
+    """Between which limits the bench is used: what counts where a circumstance isn't measured.
+
+    A zero is taken again at least every `zero_interval_h`, a calibration every
+    `calibration_interval_days`; transducers stay between the two temperatures.
+    """
+
+    temperature_low_c: Annotated[float, Field(ge=-40, le=120, description="°C")] = 18.0
+    temperature_high_c: Annotated[float, Field(ge=-40, le=120, description="°C")] = 28.0
+    zero_interval_h: Annotated[float, Field(gt=0, le=1e5, description="h")] = 1.0
+    calibration_interval_days: Annotated[float, Field(gt=0, le=1e5, description="days")] = 365.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.temperature_low_c >= self.temperature_high_c:
+            raise ConflictError(
+                "temperature_low_c",
+                f"{self.temperature_low_c:g} °C",
+                f"below temperature_high_c = {self.temperature_high_c:g} °C",
+                "give the lowest and the highest temperature of the transducers",
+            )
+        return self
+
+
 class _BenchSection(_Section):
     name: Text
     driver: Text = "simulated"
@@ -284,6 +318,17 @@ class BenchDescription(_Section):
     temperatures: tuple[Text, ...] = Field(min_length=1)
     safety: SafetyDescription = SafetyDescription()
     recording: RecordingDescription = RecordingDescription()
+    conditions: ConditionsDescription = ConditionsDescription()
+
+    def counter_nm(self, side: Side) -> float:
+        """Return the standard uncertainty by counting in one window, N·m (arXiv:1506.05009)."""
+        transducer, counter = self.module(side).transducer, self.counter
+        edge_s = hypot(counter.edge_jitter_s, 1.0 / (counter.timebase_hz * sqrt(12.0)))
+        edges = 1e3 * transducer.option_khz * counter.window_s
+        relative = sqrt(12.0 / edges) * edge_s / counter.window_s
+        if counter.method == "reciprocal":
+            relative = sqrt(2.0) * edge_s / counter.window_s
+        return relative * 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
 
     @property
     def name(self) -> str:

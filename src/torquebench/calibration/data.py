@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.chain import Readings
 from torquebench.compensation import FEATURES, features
 from torquebench.errors import InputError
 
@@ -128,6 +129,24 @@ class CalibrationData:
     def additional_torque_nm(self) -> NDArray[np.float64]:
         """Additional torque, standard − reading, in N·m, shape (n,)."""
         return self.standard_nm - self.reading_nm
+
+    def readings(self) -> Readings:
+        """Return the points as readings of a measuring chain.
+
+        Every series begins with a zero: its first point tells when, and how warm it was.
+        """
+        _, first, number = np.unique(self.series, return_index=True, return_inverse=True)
+        begin = first[number.reshape(-1)]
+        age, zeroed = self.time_s, self.temperature_c
+        return Readings(
+            self.reading_nm,
+            branch=self.branch.astype(np.float64),
+            counter_nm=self.standard_error_nm,
+            speed_rpm=self.speed_rpm,
+            temperature_c=self.temperature_c,
+            zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
+            zero_temperature_c=None if zeroed is None else zeroed[begin],
+        )
 
     def features(self, columns: int | None = None) -> NDArray[np.float64]:
         """Return the feature matrix X of these points for compensation models.

@@ -1,21 +1,22 @@
 """Errors of a chain, raw and after each model, against the standard and against the truth."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.calibration.data import CalibrationData
+from torquebench.chain import Readings, Torque
 from torquebench.errors import InputError
 
 __all__ = [
     "RAW",
     "READING_RULE",
+    "Chain",
     "ErrorSummary",
     "ModelVerification",
-    "Predictor",
     "Repeatability",
     "VerificationResult",
     "summarise_errors",
@@ -35,11 +36,11 @@ SAME_PLACE_SHARE = 0.1
 CELL_SHARE = 0.05
 
 
-class Predictor(Protocol):
-    """What a verification needs of a compensation model."""
+class Chain(Protocol):
+    """What a verification needs of a measuring chain."""
 
-    def predict(self, X: NDArray[np.float64]) -> Any:
-        """Return the compensated torque in N·m, shape (n,), for features of shape (n, k)."""
+    def torque(self, readings: Readings) -> Torque:
+        """Return the compensated torques with their uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,8 @@ class ModelVerification:
         worth: their worst error stays near 2.8 times the repeatability.
     repeatability : Repeatability or None
         Over the groups, against the same reference; None for a single group.
+    expanded_uncertainty_nm : float or None
+        Largest U (k = 2) of a point by the measuring chain, N·m; None of the raw reading.
     """
 
     name: str
@@ -126,6 +129,7 @@ class ModelVerification:
     groups: tuple[ErrorSummary, ...]
     averaged: ErrorSummary | None
     repeatability: Repeatability | None
+    expanded_uncertainty_nm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -230,15 +234,15 @@ def summarise_errors(
     )
 
 
-def verify(data: CalibrationData, models: Mapping[str, Predictor]) -> VerificationResult:
+def verify(data: CalibrationData, models: Mapping[str, Chain]) -> VerificationResult:
     """Verify models on points that they weren't fitted to; each series of the data is a group.
 
     Parameters
     ----------
     data : CalibrationData
         Points of all groups; the number of the series is that of the group.
-    models : mapping of str to Predictor
-        Compensation models by their names.
+    models : mapping of str to MeasuringChain
+        Measuring chains by the names of their models.
 
     Returns
     -------
@@ -255,8 +259,8 @@ def verify(data: CalibrationData, models: Mapping[str, Predictor]) -> Verificati
     >>> import numpy as np
     >>> from torquebench.calibration.data import CalibrationData
     >>> class Halved:
-    ...     def predict(self, X):
-    ...         return 0.5 * X[:, 0]
+    ...     def torque(self, readings):
+    ...         return Torque(0.5 * readings.reading_nm, ())
     >>> data = CalibrationData([2.0, 4.0], [1.0, 2.1], [1, 1], [1, 1], 10.0)
     >>> result = verify(data, {"halved": Halved()})
     >>> [(model.name, round(model.against_standard.worst_nm, 3)) for model in result.models]
@@ -264,17 +268,19 @@ def verify(data: CalibrationData, models: Mapping[str, Predictor]) -> Verificati
     """
     if RAW in models:
         raise InputError(f"a model called {RAW!r}", "any other name", f"{RAW!r} is the reading")
-    torques = {RAW: data.reading_nm}
-    for name, model in models.items():
-        columns = getattr(model, "n_features_in_", None)
-        torques[name] = np.asarray(model.predict(data.features(columns)), dtype=np.float64)
     places = _Places.of(data)
+    verified = [_verified(RAW, data.reading_nm, data, places)]
+    for name, chain in models.items():
+        torque = chain.torque(data.readings())
+        found = _verified(name, torque.value_nm, data, places)
+        largest = float(np.max(torque.expanded_uncertainty_nm))
+        verified.append(replace(found, expanded_uncertainty_nm=largest))
     return VerificationResult(
         range_nm=data.range_nm,
         groups=int(np.unique(data.series).size),
         points=len(data),
         simulated=data.simulated,
-        models=tuple(_verified(name, torque, data, places) for name, torque in torques.items()),
+        models=tuple(verified),
         data_sha256=data.sha256(),
     )
 

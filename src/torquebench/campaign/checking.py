@@ -13,7 +13,7 @@ from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
 from torquebench.campaign.progress import NO_PROGRESS, Progress
-from torquebench.compensation import CompensationModel, load_model
+from torquebench.chain import MeasuringChain, load_chain
 from torquebench.procedures import StaircaseResult
 from torquebench.records import CheckEntry, ModelEntry
 from torquebench.station import Station
@@ -33,7 +33,7 @@ class CheckResult:
     torque_nm : float64[n]
         Compensated torque, or the reading where no model is in use.
     expanded_uncertainty_nm : float64[n]
-        Of the errors (k = 2): standard, model and reading.
+        Of the errors (k = 2): check standard and U of the torque.
     decisions : tuple of Decision
         One a point, with the guard band w = U.
     verdict : Verdict
@@ -65,7 +65,7 @@ class CheckResult:
 
 def judge_check(
     data: CalibrationData,
-    model: CompensationModel | None,
+    chain: MeasuringChain | None,
     *,
     standard_uncertainty_percent: float,
     tolerance_percent_fs: float,
@@ -75,7 +75,7 @@ def judge_check(
     Parameters
     ----------
     data : CalibrationData
-    model : CompensationModel or None
+    chain : MeasuringChain or None
         In use; None judges the reading itself.
     standard_uncertainty_percent : float
         Expanded uncertainty (k = 2) of the check standard, % of the range.
@@ -83,14 +83,13 @@ def judge_check(
         Largest error allowed, % of the range.
     """
     standard = standard_uncertainty_percent / 200.0 * data.range_nm
-    if model is None:
+    if chain is None:
         torque = data.reading_nm
         known = data.standard_error_nm
         own = np.zeros(len(data)) if known is None else known
     else:
-        X = data.features(model.n_features_in_)
-        torque = np.asarray(model.predict(X), dtype=np.float64)
-        own = np.asarray(model.single_reading_std(X), dtype=np.float64)
+        compensated = chain.torque(data.readings())
+        torque, own = compensated.value_nm, compensated.standard_uncertainty_nm
     expanded = 2.0 * np.hypot(own, standard)
     tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
     decisions = tuple(
@@ -127,16 +126,16 @@ def check_module(
     """
     serial = station.description.module(side).transducer.serial
     entry = station.registry.active_model(serial, station.drivers.counter.clock_identity)
-    model = None if entry is None else load_model(entry.check_file()).model
-    if model is not None:  # no further than it was calibrated
+    chain = None if entry is None else load_chain(entry.check_file())
+    if chain is not None:  # no further than it was calibrated
         range_nm = station.description.module(side).range_nm
-        profile = profile.within(100.0 * model.calibrated_nm / range_nm)
+        profile = profile.within(100.0 * chain.model.calibrated_nm / range_nm)
     measured = measure_check(station, side, profile, progress=progress, on_pause=on_pause)
     data = measured.result.data
     standard = station.description.verification_standard
     torque, expanded, decisions = judge_check(
         data,
-        model,
+        chain,
         standard_uncertainty_percent=standard.expanded_uncertainty_percent,
         tolerance_percent_fs=tolerance_percent_fs,
     )

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.calibration import Profile, load_profile
+from torquebench.campaign.chains import bench_effects
 from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models
 from torquebench.campaign.measuring import (
     Measured,
@@ -139,7 +140,8 @@ def _fit(
 ) -> _Calibrated:
     data = measured.result.data
     title = f"Fitting the {side} module"
-    fitted = fit_models(data, choices, progress, title=title)
+    effects = bench_effects(station.description, data)
+    fitted = fit_models(data, choices, progress, title=title, effects=effects)
     registered = register_calibration(
         station, measured, settings.calibration, fitted, active=choices[0].name
     )

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from sklearn.base import clone
 
 from torquebench import __version__
 from torquebench.calibration import CalibrationData, summarise_errors
+from torquebench.campaign.chains import mounting_effect
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.results import FitResult
+from torquebench.chain import Effect, MeasuringChain
 from torquebench.compensation import (
     CANDIDATES,
     FEATURES,
@@ -103,6 +106,8 @@ class FittedModel:
         Duration of the fit, s.
     remarks : tuple of str
         What the fit warned of: wild points, averaged points.
+    effects : tuple of Effect
+        What else is known of the measuring chain.
     """
 
     name: str
@@ -110,6 +115,12 @@ class FittedModel:
     model: CompensationModel
     seconds: float
     remarks: tuple[str, ...]
+    effects: tuple[Effect, ...] = ()
+
+    @cached_property
+    def chain(self) -> MeasuringChain:
+        """The measuring chain with this model."""
+        return MeasuringChain(self.model, self.effects)
 
 
 def feature_columns(model: CompensationModel) -> int:
@@ -130,6 +141,7 @@ def fit_models(
     choices: Sequence[ModelChoice],
     progress: Progress = NO_PROGRESS,
     title: str = "Fitting models",
+    effects: tuple[Effect, ...] = (),
 ) -> list[FittedModel]:
     """Fit every chosen model to all points of a calibration.
 
@@ -141,6 +153,8 @@ def fit_models(
         Told a stage of 100 steps a model.
     title : str
         Of that stage.
+    effects : tuple of Effect
+        What else is known of the measuring chain; its mountings follow from the points.
 
     Returns
     -------
@@ -153,7 +167,7 @@ def fit_models(
         An unknown kind or parameter, or points that a model refuses.
     """
     progress.start(title, _PROGRESS_STEPS * len(choices))
-    fitted = []
+    fitted, effects = [], (*effects, *mounting_effect(data))
     for choice in choices:
         model = make_model(choice.name, range_nm=data.range_nm, **choice.parameters)
         words = model_title(model.kind, model.get_params(deep=False))
@@ -165,7 +179,7 @@ def fit_models(
         counter(1.0, "")
         remarks = tuple(dict.fromkeys(f"{words}: {entry.message}" for entry in caught))
         seconds = time.perf_counter() - started
-        fitted.append(FittedModel(choice.name, words, model, seconds, remarks))
+        fitted.append(FittedModel(choice.name, words, model, seconds, remarks, effects))
     progress.finish()
     return fitted
 
@@ -279,9 +293,13 @@ def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
 
 
 def store_model(
-    path: Path, model: CompensationModel, data: CalibrationData, metrics: Mapping[str, float]
+    path: Path,
+    model: CompensationModel,
+    data: CalibrationData,
+    metrics: Mapping[str, float],
+    effects: Sequence[Effect] = (),
 ) -> StoredModel:
-    """Write a model file that names the chain, the points and the software it comes from."""
+    """Write a model file with what is known of the chain, its points and the software."""
     path.parent.mkdir(parents=True, exist_ok=True)
     stored = StoredModel(
         model,
@@ -294,6 +312,7 @@ def store_model(
             metrics=dict(metrics),
             software_version=__version__,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
+            effects=tuple(effect.specification() for effect in effects),
         ),
     )
     save_model(path, stored)

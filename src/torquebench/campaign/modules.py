@@ -99,7 +99,7 @@ def register_calibration(
     for item in fitted:
         metrics = fit_metrics(item, result.data)
         path = station.data_dir / "models" / f"{measured.record.run_id}-{item.name}.json"
-        store_model(path, item.model, result.data, metrics)
+        store_model(path, item.model, result.data, metrics, item.effects)
         models[item.name] = registry.add_model(
             entry, kind=item.model.kind, file=path, side=result.data.side, metrics=metrics
         )
@@ -180,7 +180,7 @@ def evaluate_module(
         Runs that hold the raw data.
     """
     data = verified.data
-    result = verify(data, {item.name: item.model for item in fitted})
+    result = verify(data, {item.name: item.chain for item in fitted})
     raw = CompensationResult(
         name=RAW,
         title=model_title(RAW),
@@ -198,7 +198,7 @@ def evaluate_module(
             recommended=item.name == recommended,
             model=item.model,
             fit_seconds=item.seconds,
-            torque_nm=item.model.predict(data.features(feature_columns(item.model))),
+            torque_nm=item.chain.torque(data.readings()).value_nm,
             verification=result.of(item.name),
             **_dense(item.model, dense, data.range_nm),
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from importlib import import_module
 from math import isfinite
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -111,6 +112,7 @@ def effect_from(specification: Mapping[str, Any]) -> Effect:
     InputError
         An unknown kind, or fields that it doesn't have.
     """
+    import_module("torquebench.chain.effects")  # registers them
     values = dict(specification)
     kind = values.pop("kind", None)
     if kind not in EFFECTS:

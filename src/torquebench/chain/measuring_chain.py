@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -13,11 +14,11 @@ from torquebench.chain.effect import EFFECTS, Effect, effect_from
 from torquebench.chain.effects import Scatter, StaticCurve, Timebase
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Torque
-from torquebench.compensation import CompensationModel, StoredModel
+from torquebench.compensation import CompensationModel, StoredModel, load_model
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 
-__all__ = ["ChainStream", "MeasuringChain"]
+__all__ = ["ChainStream", "MeasuringChain", "load_chain"]
 
 _GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
 
@@ -104,7 +105,14 @@ class MeasuringChain:
                 f"{self.curve.low_nm:.6g} to {self.curve.high_nm:.6g} N·m, margin included",
                 "calibrate over the whole range that is measured",
             )
-        return _sum(self.effects, readings)
+        torque = _sum(self.effects, readings)
+        if not np.isfinite(torque.value_nm).all():
+            raise InputError(
+                f"{self.curve.title}: the model refuses a reading's speed or temperature",
+                f"the columns {', '.join(self.model.used_features)} where it was calibrated",
+                "give them in the readings' file",
+            )
+        return torque
 
     def stream(self) -> ChainStream:
         """Return what compensates one stream of readings, block by block."""
@@ -156,6 +164,11 @@ class ChainStream:
         before, self._last_s = self._last_s, float(time_s[-1])
         step = float(time_s[1] - time_s[0]) if time_s.size > 1 else float(time_s[0]) - before
         return bool(time_s[0] - before > _GAP_STEPS * step)
+
+
+def load_chain(path: str | Path) -> MeasuringChain:
+    """Read the measuring chain of a model file; raises `InputError` as `load_model` does."""
+    return MeasuringChain.of(load_model(path))
 
 
 def _sum(effects: Iterable[Effect], readings: Readings) -> Torque:

@@ -25,7 +25,7 @@ class Readings:
     branch : float64[n] or None
         +1 where the size of the torque grows, -1 where it falls, 0 where that isn't known.
     counter_nm : float64[n], float or None
-        Standard uncertainty by counting, N·m.
+        Standard uncertainty of the reading itself: by counting; of a mean, its standard error, N·m.
     time_s : float64[n] or None
         Centres of the windows; a stream sees gaps by them.
     speed_rpm, acceleration_rad_s2 : float64[n], float or None
@@ -34,6 +34,8 @@ class Readings:
         Of the transducer.
     zero_age_h, zero_temperature_c : float64[n], float or None
         Time since the zero in use was taken, and the transducer's temperature then.
+    zero_nm : float64[n], float or None
+        Standard uncertainty of that zero, N·m.
     calibration_age_h : float or None
         Time since the calibration.
     loadings : float
@@ -49,6 +51,7 @@ class Readings:
     temperature_c: Known = None
     zero_age_h: Known = None
     zero_temperature_c: Known = None
+    zero_nm: Known = None
     calibration_age_h: float | None = None
     loadings: float = 1.0
 

@@ -268,13 +268,18 @@ def _one_side(
     kind: str,
     progress: TerminalProgress,
 ) -> _Outcome:
+    from torquebench.campaign.chains import bench_effects
     from torquebench.campaign.fitting import ModelChoice, fit_models
     from torquebench.campaign.modules import register_calibration
 
     measured = measure()
     data = measured.result.data
     fitted = fit_models(
-        data, [ModelChoice(kind)], progress, title=f"Fitting the {data.side} module"
+        data,
+        [ModelChoice(kind)],
+        progress,
+        title=f"Fitting the {data.side} module",
+        effects=bench_effects(station.description, data),
     )
     registered = register_calibration(station, measured, profile, fitted, active=kind)
     return _Outcome(measured, fitted[0], registered)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from math import isinf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +11,6 @@ from rich.markup import escape
 
 from torquebench.cli.console import narrow_table, out, say, warn
 from torquebench.cli.options import check_output
-from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.uncertainty import Budget
@@ -84,31 +82,39 @@ def budget(
     reading: Annotated[list[float], typer.Option(help="A reading in N·m; as often as wanted.")],
     branch: Annotated[Branch, typer.Option(help="Branch that it lies on.")] = Branch.UNKNOWN,
     reference: Annotated[
-        float, typer.Option(min=0, help="U (k = 2) of the calibration's reference, % of torque.")
-    ] = 0.02,
+        float | None, typer.Option(min=0, help="U (k = 2) of the reference standard, % of range.")
+    ] = None,
     span_temperature: Annotated[
-        float, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
-    ] = 0.0,
+        float | None, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
+    ] = None,
     zero_temperature: Annotated[
-        float, typer.Option(min=0, help="Limit of the zero's change, % of range per 10 K.")
-    ] = 0.0,
+        float | None, typer.Option(min=0, help="Limit of the zero's change, % of range per 10 K.")
+    ] = None,
     temperature_change: Annotated[
-        float, typer.Option(help="K since calibration and zeroing.")
-    ] = 0.0,
+        float | None, typer.Option(help="K since calibration and zeroing.")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="Speed of the shaft, 1/min.")] = None,
     drift: Annotated[
-        float, typer.Option(min=0, help="Limit of the span's drift, % of torque a year.")
-    ] = 0.0,
-    age_days: Annotated[float, typer.Option(min=0, help="Days since the calibration.")] = 0.0,
+        float | None, typer.Option(min=0, help="Limit of the span's drift, % of torque a year.")
+    ] = None,
+    age_days: Annotated[
+        float | None, typer.Option(min=0, help="Days since the calibration.")
+    ] = None,
     zero: Annotated[
-        float, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
-    ] = 0.0,
-    averaged: Annotated[float, typer.Option(min=1, help="Readings behind it.")] = 1.0,
+        float | None, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
+    ] = None,
+    zero_age: Annotated[
+        float | None, typer.Option(min=0, help="Hours since the zero was taken.")
+    ] = None,
+    averaged: Annotated[float, typer.Option(min=1, help="Separate loadings behind it.")] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
 ) -> None:
     """Budget the uncertainty of compensated readings by GUM, checked by Monte Carlo.
 
-    Both are compared by the criterion of JCGM 101, clause 8; where they differ, the larger of the
-    two intervals is the one to state.
+    It is U that `apply`, `measure`, the panel and certificates state of such readings. Options that
+    state limits take the place of what the model's file has; a circumstance that isn't given counts
+    as what it may be on this chain. Both ways are compared by the criterion of JCGM 101, clause 8;
+    where they differ, the larger of the two intervals is the one to state.
     """
     import numpy as np
 
@@ -116,36 +122,39 @@ def budget(
 
     stored = load_model(model)
 
-    from torquebench.compensation import ChainSpecification, ReadingBudget, ReadingConditions
+    from torquebench.campaign.chains import stated_effects
+    from torquebench.chain import MeasuringChain, Readings, Temperature
+    from torquebench.cli.chain_words import tell_missing
 
-    budgets = ReadingBudget(
-        stored.model,
-        ChainSpecification(
-            reference,
-            temperature_span_percent_per_10k=span_temperature,
-            temperature_zero_percent_per_10k=zero_temperature,
+    chain = MeasuringChain.of(stored)
+    chain = chain.with_effects(
+        stated_effects(
+            chain,
+            stored.provenance.range_nm,
+            reference_percent=reference,
+            span_percent_per_10k=span_temperature,
+            zero_percent_per_10k=zero_temperature,
             drift_percent_per_year=drift,
-        ),
-    )
-    conditions = ReadingConditions(
-        calibration_age_h=24.0 * age_days,
-        temperature_change_calibration_k=temperature_change,
-        temperature_change_zero_k=temperature_change,
-        zero_nm=zero,
-        averaged=averaged,
-    )
-    low, high = stored.model.reading_low_nm_, stored.model.reading_high_nm_
-    for value in reading:
-        if not low <= value <= high:
-            raise InputError(
-                f"reading {value:g} N·m outside the calibrated range",
-                f"{low:.6g} to {high:.6g} N·m, margin included",
-                "calibrate over the whole range that is measured",
-            )
-    for value in reading:
-        checked = budgets.check(
-            value, _SIGNS[branch], conditions, generator=np.random.default_rng(seed)
+            zero_nm=zero,
         )
+    )
+    calibrated = next((e.calibrated_c for e in chain.effects if isinstance(e, Temperature)), 0.0)
+    warm = None if temperature_change is None else calibrated + temperature_change
+    torque = chain.torque(
+        Readings(
+            np.array(reading),
+            branch=np.full(len(reading), float(_SIGNS[branch])),
+            speed_rpm=speed,
+            temperature_c=warm,
+            zero_temperature_c=None if warm is None else calibrated,
+            zero_age_h=zero_age,
+            zero_nm=zero,
+            calibration_age_h=None if age_days is None else 24.0 * age_days,
+            loadings=averaged,
+        )
+    )
+    for row, value in enumerate(reading):
+        checked = torque.check(row, generator=np.random.default_rng(seed))
         say(f"[bold]reading {value:g} N·m, branch {branch.value}[/bold]")
         _print_budget(checked.budget)
         (say if checked.agrees else warn)(checked.sentence())
@@ -153,32 +162,28 @@ def budget(
             found = checked.monte_carlo
             percent = 100.0 * found.coverage_probability
             say(f"Monte Carlo, {percent:.4g} %: {found.low:.7g} to {found.high:.7g} N·m")
+    tell_missing(chain)
 
 
 def _print_budget(found: Budget) -> None:
     """Print what contributes, the largest first, and the result."""
     table = narrow_table()
     table.add_column("quantity", no_wrap=True)
-    for heading in ("u", "unit", "ν", "distribution", "|c|·u N·m", "share"):
+    for heading in ("u N·m", "distribution", "share"):
         table.add_column(heading, justify="right", no_wrap=True)
     for line in sorted(found.lines, key=lambda each: -each.contribution):
         if line.contribution == 0.0:
             continue
-        freedom = line.degrees_of_freedom
         table.add_row(
             line.name,
-            f"{line.standard_uncertainty:.3g}",
-            line.unit,
-            "∞" if isinf(freedom) else f"{freedom:.1f}",
-            str(line.distribution),
             f"{line.contribution:.3g}",
+            str(line.distribution),
             f"{100.0 * line.share:.1f} %",
         )
     out().print(table)
-    freedom = found.degrees_of_freedom
     say(
         f"torque {found.value:.7g} N·m, u = {found.standard_uncertainty:.3g} N·m, "
-        f"ν = {'∞' if isinf(freedom) else f'{freedom:.0f}'}, k = {found.coverage_factor():.2f}, "
+        f"k = {found.coverage_factor():.2f}, "
         f"[bold]U = {found.expanded_uncertainty():.2g} N·m[/bold]"
     )
     for caution in found.cautions:

@@ -203,10 +203,9 @@ def _register(
 
 
 def _compensated(file: Path, points: CalibrationData) -> Any:
-    from torquebench.compensation import load_model
+    from torquebench.chain import load_chain
 
-    model = load_model(file).model
-    return model.predict(points.features(model.n_features_in_))
+    return load_chain(file).torque(points.readings()).value_nm
 
 
 def _print_heading(points: CalibrationData, profile: Profile) -> None:

@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 
 from torquebench.atomic_write import is_standard_output
+from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.console import out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import RangeOption, check_output
@@ -63,11 +64,16 @@ def fit(
     ] = Outliers.DOWNWEIGHT,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Which clock counted the pulses.")] = "",
+    reference: Annotated[
+        float | None,
+        typer.Option(min=0, help="U (k = 2) of the reference standard, % of range."),
+    ] = None,
 ) -> None:
     """Fit a compensation model to a calibration, beside a comparison of all kinds.
 
     Models are compared by cross-validation: by their errors at steps that they weren't fitted to.
     The simplest within one standard error of the best is taken unless --model names another.
+    U of every torque by the model contains what is stated here; `budget` says what is missing.
     """
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv
@@ -86,6 +92,7 @@ def fit(
         counter_identity=counter,
     )
 
+    from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model
     from torquebench.cli.progress import TerminalProgress
     from torquebench.reports.fit_report import fit_page
@@ -108,6 +115,7 @@ def fit(
             "cross_validated_rms_percent_fs": score.rms_percent_fs,
             "noise_nm": fitted.model.scatter_nm,
         },
+        (*reference_effect(reference, points.range_nm), *mounting_effect(points)),
     )
     say(f"Model: {result}")
     if page is not None:
@@ -140,33 +148,38 @@ def apply(
     model: ModelArgument,
     readings: Annotated[Path, typer.Argument(help="A CSV file with a column reading_nm.")],
     result: Annotated[Path, typer.Option("--out", help="The CSV file to write.")],
+    zero_age: Annotated[
+        float | None, typer.Option(min=0, help="Hours since the zero was taken.")
+    ] = None,
+    zero_temperature: Annotated[
+        float | None, typer.Option(help="Temperature of the transducer then, °C.")
+    ] = None,
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
-    The uncertainty is that of a single compensated reading: the model's curve and the scatter of
-    the calibration's points about it. That of the standard isn't in it.
+    U is that of the torque by the whole measuring chain; `budget` shows what it contains. Columns
+    branch, speed_rpm, temperature_c and standard_error_nm are used where there are any: what isn't
+    measured widens U by what it may be on this chain.
     """
     import numpy as np
 
-    from torquebench.compensation import load_model
+    from torquebench.chain import load_chain
     from torquebench.records import read_readings_csv, write_torque_csv
 
     check_output(result, model, readings)
-    stored = load_model(model)
+    chain = load_chain(model)
     table = read_readings_csv(readings)
-    estimator = stored.model
-    table.check_range(estimator.reading_low_nm_, estimator.reading_high_nm_)
-    X = table.features(estimator.n_features_in_)
-    torque = estimator.predict(X)
-    additional = torque - table.reading_nm
-    expanded = 2.0 * estimator.single_reading_std(X)
-    write_torque_csv(result, table, torque, additional, expanded)
+    table.check_range(chain.curve.low_nm, chain.curve.high_nm)
+    torque = chain.torque(table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature))
+    additional, expanded = torque.value_nm - table.reading_nm, torque.expanded_uncertainty_nm
+    write_torque_csv(result, table, torque.value_nm, additional, expanded)
     simulated = " (simulated)" if table.simulated else ""
     say(f"{len(table)} readings compensated{simulated}, written to {result}")
     say(
         f"additional torque {np.min(additional):.4g} to {np.max(additional):.4g} N·m, "
         f"U (k = 2) up to {np.max(expanded):.3g} N·m"
     )
+    tell_missing(chain)
 
 
 def verify(
@@ -189,9 +202,10 @@ def verify(
 
     from torquebench.calibration import verify as verify_models
     from torquebench.campaign.fitting import model_title
+    from torquebench.chain import MeasuringChain
     from torquebench.cli.tables import error_blocks
 
-    result = verify_models(points, {"model": stored.model})
+    result = verify_models(points, {"model": MeasuringChain.of(stored)})
     title = model_title(stored.model.kind, stored.model.get_params(deep=False))
     raw, compensated = result.models
     rows = (("raw reading", raw), (f"*{title}", compensated))

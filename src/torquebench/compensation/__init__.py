@@ -2,7 +2,7 @@
 
 Every model is a scikit-learn regressor with an uncertainty; this room also selects among them by
 cross-validation, stores them as JSON, compiles them to tables that run live or elsewhere, follows
-hysteresis, budgets the uncertainty of a reading and proposes where to calibrate next.
+hysteresis and proposes where to calibrate next.
 """
 
 import lazy_loader

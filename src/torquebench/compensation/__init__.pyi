@@ -2,12 +2,6 @@ from .base import CompensationModel as CompensationModel
 from .bayesian_network import (
     BayesianNetworkModel as BayesianNetworkModel,
 )
-from .budget import (
-    ChainSpecification as ChainSpecification,
-    ReadingBudget as ReadingBudget,
-    ReadingConditions as ReadingConditions,
-    StreamUncertainty as StreamUncertainty,
-)
 from .checks import (
     WHOLE_SHARE as WHOLE_SHARE,
     OutlierWarning as OutlierWarning,

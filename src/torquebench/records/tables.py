@@ -4,14 +4,13 @@ import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.atomic_write import atomic_write
 from torquebench.calibration import RANGE_MARGIN, CalibrationData, infer_branch
-from torquebench.compensation import FEATURES, features
+from torquebench.chain import Readings
 from torquebench.errors import InputError
 from torquebench.records.columns import (
     branches,
@@ -170,8 +169,8 @@ class ReadingsTable:
         The file's cells as they are, which `write_torque_csv` repeats.
     reading_nm : array of float, shape (n,)
         Readings in N·m.
-    branch, series, speed_rpm, temperature_c : array, shape (n,), or None
-        What else a model may look at, where the file has it.
+    branch, series, speed_rpm, temperature_c, standard_error_nm : array, shape (n,), or None
+        What else is known of them, where the file has it.
     simulated : bool
         Whether the file says that its readings are simulated.
     """
@@ -182,33 +181,31 @@ class ReadingsTable:
     series: NDArray[np.int64] | None
     speed_rpm: NDArray[np.float64] | None
     temperature_c: NDArray[np.float64] | None
+    standard_error_nm: NDArray[np.float64] | None
     simulated: bool
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)
 
-    def features(self, columns: int) -> NDArray[np.float64]:
-        """Return the feature matrix X with as many columns as a model was fitted to.
+    def readings(
+        self, *, zero_age_h: float | None = None, zero_temperature_c: float | None = None
+    ) -> Readings:
+        """Return the rows as readings of a measuring chain.
 
-        A branch or series that the file doesn't have is unknown (0). A speed or temperature
-        that the model needs and the file doesn't have is refused.
-
-        Raises
-        ------
-        InputError
-            Naming the column that is missing.
+        Parameters
+        ----------
+        zero_age_h, zero_temperature_c : float, optional
+            Time since the zero was taken and the transducer's temperature then.
         """
-        known: dict[str, Any] = {name: getattr(self, name) for name in FEATURES[:columns]}
-        for name in ("branch", "series"):
-            if name in known and known[name] is None:
-                known[name] = 0
-        for name, values in known.items():
-            if values is None:
-                raise InputError(
-                    f"{self.table.origin} has no column {name}",
-                    f"the columns {', '.join(FEATURES[:columns])}, which the model was fitted to",
-                )
-        return features(**known)
+        return Readings(
+            self.reading_nm,
+            branch=None if self.branch is None else self.branch.astype(np.float64),
+            counter_nm=self.standard_error_nm,
+            speed_rpm=self.speed_rpm,
+            temperature_c=self.temperature_c,
+            zero_age_h=zero_age_h,
+            zero_temperature_c=zero_temperature_c,
+        )
 
     def check_range(self, low_nm: float, high_nm: float) -> None:
         """Check that all readings lie where a model may be used.
@@ -235,8 +232,8 @@ class ReadingsTable:
 def read_readings_csv(path: Path) -> ReadingsTable:
     """Return the readings in a CSV file, to be compensated.
 
-    The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``
-    and ``temperature_c``; all others are kept as they are.
+    The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``,
+    ``temperature_c`` and ``standard_error_nm``; all others are kept as they are.
 
     Raises
     ------
@@ -245,7 +242,7 @@ def read_readings_csv(path: Path) -> ReadingsTable:
     """
     table = read_csv(path)
     columns = find_columns(table, ("reading_nm",))
-    used = ("reading_nm", "speed_rpm", "temperature_c")
+    used = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm")
     table.check_decimal_marks([columns[key][0] for key in used if key in columns])
     reading = quantity(table, columns, "reading_nm")
     assert reading is not None
@@ -257,6 +254,7 @@ def read_readings_csv(path: Path) -> ReadingsTable:
         series=series(table),
         speed_rpm=quantity(table, columns, "speed_rpm"),
         temperature_c=quantity(table, columns, "temperature_c"),
+        standard_error_nm=quantity(table, columns, "standard_error_nm"),
         simulated=_simulated(table.remarks),
     )
 

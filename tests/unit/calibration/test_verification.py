@@ -4,19 +4,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torquebench.calibration import CalibrationData, load_profile, summarise_errors, verify
+from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 
 
 class Shift:
-    """A model that adds a constant."""
+    """A chain that adds a constant."""
 
-    def __init__(self, shift_nm, columns=3):
+    def __init__(self, shift_nm):
         self.shift_nm = shift_nm
-        self.n_features_in_ = columns
 
-    def predict(self, X):
-        assert X.shape[1] == self.n_features_in_
-        return X[:, 0] + self.shift_nm
+    def torque(self, readings):
+        own = Component("own", Shared.CALIBRATION, np.full(len(readings), 0.1))
+        return Torque(readings.reading_nm + self.shift_nm, (own,))
 
 
 def groups(seed=0, noise_nm=0.0, offset_nm=1.0, count=10, range_nm=100.0):
@@ -146,6 +146,7 @@ def test_groups_of_different_order_fall_into_cells():
     assert repeatability.pooled_nm == pytest.approx(0.2 / np.sqrt(2))
 
 
-def test_models_get_as_many_columns_as_they_were_fitted_to():
-    result = verify(groups(), {"reading only": Shift(1.0, columns=1)})
-    assert result.of("reading only").against_truth.worst_nm == pytest.approx(0.0, abs=1e-12)
+def test_the_largest_uncertainty_of_the_chain_is_stated():
+    result = verify(groups(), {"shift": Shift(1.0)})
+    assert result.of("shift").expanded_uncertainty_nm == pytest.approx(0.2)
+    assert result.of("raw").expanded_uncertainty_nm is None

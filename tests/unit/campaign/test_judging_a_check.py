@@ -3,6 +3,7 @@ import pytest
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.checking import judge_check
+from torquebench.chain import MeasuringChain
 from torquebench.compensation import make_model
 from torquebench.uncertainty import Verdict
 
@@ -38,7 +39,7 @@ def test_a_model_in_use_compensates_and_adds_its_uncertainty():
     model.fit(reading[:, None], standard)
     data = CalibrationData([19.8, 59.4, 99.0], [20.0, 60.0, 100.0], [1] * 3, [1] * 3, 100.0)
     torque, expanded, decisions = judge_check(
-        data, model, standard_uncertainty_percent=0.02, tolerance_percent_fs=0.1
+        data, MeasuringChain(model), standard_uncertainty_percent=0.02, tolerance_percent_fs=0.1
     )
     assert torque == pytest.approx([20.0, 60.0, 100.0], abs=0.02)
     assert np.all(expanded > 0.02)

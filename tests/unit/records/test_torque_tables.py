@@ -18,18 +18,18 @@ def read(tmp_path):
 def test_a_single_column_is_enough(read):
     readings = read("reading_nm\n1.5\n-2\n")
     assert readings.reading_nm.tolist() == [1.5, -2.0]
-    assert readings.features(3).tolist() == [[1.5, 0, 0], [-2.0, 0, 0]]
+    known = readings.readings()
+    assert known.branch is None
+    assert known.speed_rpm is known.temperature_c is known.counter_nm is None
 
 
-def test_branch_series_speed_and_temperature_are_handed_to_the_model(read):
-    readings = read("reading_nm,branch,series,speed_rpm,temperature_c\n1.5,down,2,100,23\n")
-    assert readings.features(5).tolist() == [[1.5, -1, 2, 100, 23]]
-    assert readings.features(1).tolist() == [[1.5]]
-
-
-def test_a_temperature_that_the_model_needs_is_not_guessed(read):
-    with pytest.raises(InputError, match="no column speed_rpm"):
-        read("reading_nm,temperature_c\n1.5,23\n").features(5)
+def test_what_the_file_knows_is_handed_to_the_measuring_chain(read):
+    header = "reading_nm,branch,series,speed_rpm,temperature_c,standard_error_nm"
+    known = read(f"{header}\n1.5,down,2,100,23,0.01\n").readings(zero_temperature_c=22.0)
+    assert known.reading_nm.tolist() == [1.5]
+    assert known.branch.tolist() == [-1.0]
+    assert (known.speed_rpm, known.temperature_c, known.counter_nm) == (100.0, 23.0, 0.01)
+    assert (known.zero_temperature_c, known.zero_age_h) == (22.0, None)
 
 
 def test_a_table_without_readings_is_named(read):

@@ -10,7 +10,8 @@ import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
 from torquebench.calibration import load_profile, verify
-from torquebench.compensation import load_model, make_model
+from torquebench.chain import MeasuringChain, load_chain
+from torquebench.compensation import make_model
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Registry
 from torquebench.reports.certificate import (
@@ -22,7 +23,7 @@ from torquebench.reports.certificate import (
 )
 from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.labels import labels_of
-from torquebench.reports.certificate.record import Party
+from torquebench.reports.certificate.record import Party, Reference
 from torquebench.reports.certificate.results import evaluate_results
 from torquebench.uncertainty import Verdict
 
@@ -96,7 +97,7 @@ def test_budget_adds_up_to_the_stated_uncertainty(registry: Registry) -> None:
     assert row.expanded_after_nm == pytest.approx(row.factor_after * combined)
     assert row.expanded_after_nm == max(each.expanded_after_nm for each in record.results)
     assert sum(line.share for line in record.budget) == pytest.approx(1.0)
-    reference = next(line for line in record.budget if line.name == "reference")
+    reference = next(line for line in record.budget if line.name == "reference standard")
     assert reference.standard_uncertainty_nm == pytest.approx(0.2)  # 0.02 % of 2000 N·m, k = 2
 
 
@@ -105,9 +106,13 @@ def test_repeated_series_bring_their_scatter_and_average(registry: Registry) -> 
     data = points(profile, simulated=True, temperature_drift_k=0.0)
     model = make_model("polynomial", degree=2, range_nm=2000.0)
     model.fit(data.features(2), data.standard_nm)
-    results = evaluate_results(data, model, reference_percent=0.02, tolerance_percent_fs=0.1)
+    chain, reference = MeasuringChain(model), Reference("CAL-3", "", "PTB-12345", "", 0.02)
+    results = evaluate_results(data, chain, reference, tolerance_percent_fs=0.1)
     assert {row.readings for row in results.rows} == {4}
-    repeatability = results.budget[0]
+    scatter = next(line for line in results.budget if line.name == "scatter")
+    assert scatter.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.3)
+    raw = evaluate_results(data, None, reference, tolerance_percent_fs=0.1)
+    repeatability = raw.budget[0]
     assert repeatability.degrees_of_freedom == pytest.approx(3 * 20)
     assert repeatability.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.3)
 
@@ -146,7 +151,7 @@ def test_verification_at_fresh_points_is_stated(registry: Registry) -> None:
     entry = registry.models()[0]
     profile = load_profile("rapid-in-situ").with_options(step_percent=12.5, repeats=3)
     fresh = points(profile, simulated=False, temperature_drift_k=0.0)
-    result = verify(fresh, {"polynomial": load_model(entry.file).model})
+    result = verify(fresh, {"polynomial": load_chain(entry.file)})
     registry.add_verification(entry.model_id, result, performed=datetime(2026, 3, 3, tzinfo=UTC))
 
     found = build_record(registry, bench.calibration, issue).verification

@@ -133,7 +133,7 @@ def test_a_calibration_without_a_model_states_the_reading_alone(
     assert record.conformity is not None
     assert record.conformity.worst_error_nm == pytest.approx(14.0, abs=1.0)
     assert {line.name for line in record.budget} == {
-        "repeatability", "reference", "zero", "temperature"
+        "repeatability", "reference standard", "zero", "temperature"
     }  # fmt: skip
     assert schema_findings(certificate_xml(record)) == ()
     text = text_of(record, "en")

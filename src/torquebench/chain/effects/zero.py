@@ -1,4 +1,4 @@
-"""Drift of the zero since it was taken."""
+"""The zero that was taken, and its drift since."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Zero"]
 @register("zero")
 @dataclass(frozen=True)
 class Zero(Effect):
-    """Change of zero since it was taken, within a limit that grows with time.
+    """Uncertainty of the zero in use, and its change since within a limit that grows with time.
 
     Parameters
     ----------
@@ -27,17 +27,21 @@ class Zero(Effect):
     interval_h : float
         Longest time from one zeroing to the next, h: the age of a zero is at most that, and counts
         as that where it isn't known.
+    zero_nm : float
+        Standard uncertainty of a zero when it is taken, N·m.
     """
 
     title: ClassVar[str] = "zero since zeroing"
-    needs: ClassVar[tuple[str, ...]] = ("zero_age_h",)
+    needs: ClassVar[tuple[str, ...]] = ("zero_age_h", "zero_nm")
     drift_nm_per_h: float = field(metadata={"least": 0.0})
     interval_h: float = field(default=1.0, metadata={"least": 0.0})
+    zero_nm: float = field(default=0.0, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the limit at the age of the zero, as a rectangle."""
+        """Return the zero itself, and the limit at its age as a rectangle."""
         limit = self.drift_nm_per_h * known_or(readings.zero_age_h, self.interval_h)
         return (
+            Component("zero", Shared.ZEROING, known_or(readings.zero_nm, self.zero_nm)),
             Component(
                 "zero drift",
                 Shared.ZEROING,

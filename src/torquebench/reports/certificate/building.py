@@ -131,14 +131,13 @@ def build_record(
     refuse_deviations(deviations)
     results = evaluate_results(
         data,
-        source.model,
-        reference_percent=source.reference.expanded_uncertainty_percent,
+        source.chain,
+        source.reference,
         tolerance_percent_fs=issue.tolerance_percent_fs,
-        of_range=source.reference.of_range,
         resolution_nm=source.stated_resolution_nm or 0.0,
     )
     static, zero_hysteresis = static_tables(
-        data, source.profile, source.model, source.reference, source.resolution_nm
+        data, source.profile, source.chain, source.reference, source.resolution_nm
     )
     title, kind = _compensation(source)
     earlier = registry.certificates(calibration.calibration_id)
@@ -216,9 +215,10 @@ def _method(source: Source, calibration: CalibrationEntry) -> Method:
 
 def _compensation(source: Source) -> tuple[str, str]:
     """Return the model in words, and its kind for other languages; empty without a model."""
-    if source.model is None:
+    if source.chain is None:
         return "", ""
-    kind, parameters = source.model.kind, source.model.get_params(deep=False)
+    model = source.chain.model
+    kind, parameters = model.kind, model.get_params(deep=False)
     degree = f"-{parameters['degree']}" if kind == "polynomial" else ""
     return model_title(kind, parameters), f"{kind}{degree}"
 

@@ -1,16 +1,19 @@
 """Results at each step, before and after compensation, with their uncertainty budget."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE
 from torquebench.calibration import CalibrationData
 from torquebench.calibration.data import UNLOADED_SHARE
-from torquebench.compensation import CompensationModel, make_model
-from torquebench.reports.certificate.record import BudgetRow, Conformity, ResultRow
+from torquebench.chain import Component, Effect, MeasuringChain, Shared, Temperature
+from torquebench.chain import Reference as ReferenceEffect
+from torquebench.compensation import make_model
+from torquebench.reports.certificate.record import BudgetRow, Conformity, Reference, ResultRow
 from torquebench.uncertainty import (
     Budget,
     Decision,
@@ -53,32 +56,30 @@ class Results:
 
 def evaluate_results(
     data: CalibrationData,
-    model: CompensationModel | None,
+    chain: MeasuringChain | None,
+    reference: Reference,
     *,
-    reference_percent: float,
     tolerance_percent_fs: float | None,
-    of_range: bool = True,
     resolution_nm: float = 0.0,
 ) -> Results:
     """Return errors with their uncertainty at each step, raw and compensated, and the verdict.
 
-    The error is indication minus standard. Where a step was loaded in several series, the result
-    is the mean and the scatter over the series counts; where it wasn't, the scatter of the points
-    about the model does.
+    The error is indication minus standard, the mean over the series where a step was loaded in
+    several. After compensation U is that of the measuring chain for the mean of so many loadings:
+    what `apply` and every other interface state of these readings. Before it, the scatter over the
+    series counts, or that about a smooth curve.
 
     Parameters
     ----------
     data : CalibrationData
         The points of the calibration.
-    model : CompensationModel or None
+    chain : MeasuringChain or None
         Fitted to them; None states the errors of the reading only.
-    reference_percent : float
-        Expanded uncertainty (k = 2) of the standard in % of the range.
+    reference : Reference
+        The reference standard as its certificate stated it on the day of the calibration.
     tolerance_percent_fs : float or None
         Largest allowed |error| after compensation (before it, where there is none), in % of full
         scale; None where nothing is judged.
-    of_range : bool, default True
-        Whether `reference_percent` means the range; else it means the torque.
     resolution_nm : float, default 0
         Resolution of the indication where it was read off; 0 where the scatter holds it already.
 
@@ -88,18 +89,15 @@ def evaluate_results(
         Where the model refuses a reading.
     """
     steps = _Steps.of(data)
-    before, after = _sides(data, steps, model)
-    for side in (before, after):
-        if side is not None:
-            side.resolution_nm = resolution_nm
+    before = _Raw(data, steps, resolution_nm)
+    after = None if chain is None else _Compensated(data, steps, chain, reference, resolution_nm)
     rows: list[ResultRow] = []
     decisions: list[Decision] = []
     budgets: list[Budget] = []
     for place in range(len(steps)):
-        scale_nm = data.range_nm if of_range else abs(float(steps.torque_nm[place]))
-        reference_nm = reference_percent / 100.0 * scale_nm
-        raw = before.budget(place, reference_nm)
-        compensated = None if after is None else after.budget(place, reference_nm)
+        scale_nm = data.range_nm if reference.of_range else abs(float(steps.torque_nm[place]))
+        raw = before.budget(place, reference.expanded_uncertainty_percent / 100.0 * scale_nm)
+        compensated = None if after is None else after.budget(place)
         judged = compensated or raw
         decision = None
         if tolerance_percent_fs is not None:
@@ -125,23 +123,6 @@ def evaluate_results(
             else _conformity(rows, decisions, tolerance_percent_fs)
         ),
     )
-
-
-def _sides(
-    data: CalibrationData, steps: "_Steps", model: CompensationModel | None
-) -> tuple["_Side", "_Side | None"]:
-    """Return the errors before and after compensation with what makes them uncertain."""
-    error_nm = data.reading_nm - data.standard_nm
-    if model is not None:
-        torque, curve = model.predict(data.features(model.n_features_in_), return_std=True)
-        after = _Side(data, steps, torque - data.standard_nm, curve, model)
-        return _Side(data, steps, error_nm, None, model), after
-    # Without repeated steps, the scatter is that about a smooth curve.
-    smooth = make_model("polynomial", degree=3, range_nm=data.range_nm)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # nothing is compensated by it
-        smooth.fit(data.features(2), data.standard_nm)
-    return _Side(data, steps, error_nm, None, smooth), None
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,30 +180,80 @@ def _stated(budget: Budget) -> tuple[float, float, float]:
     return budget.value, budget.expanded_uncertainty(), budget.coverage_factor()
 
 
-class _Side:
-    """The errors of one kind of indication, raw or compensated, and what makes them uncertain."""
+class _Compensated:
+    """The errors after compensation: torques of the measuring chain, step by step."""
 
     def __init__(
         self,
         data: CalibrationData,
         steps: _Steps,
-        error_nm: NDArray[np.float64],
-        curve_nm: NDArray[np.float64] | None,
-        model: CompensationModel,
+        chain: MeasuringChain,
+        reference: Reference,
+        resolution_nm: float,
     ) -> None:
-        self.range_nm = data.range_nm
-        self.resolution_nm = 0.0
+        effects: list[Effect] = [reference_of(reference, data.range_nm)]
+        known = {type(effect) for effect in chain.stored}
+        if data.temperature_c is not None and Temperature not in known:
+            effects.append(
+                Temperature(
+                    "data sheet",
+                    1e-3 * TEMPERATURE_PERCENT_PER_10K * data.range_nm,
+                    1e-3 * TEMPERATURE_PERCENT_PER_10K,
+                    float(np.mean(data.temperature_c)),
+                )
+            )
+        self.torque = chain.with_effects(effects).torque(data.readings())
+        if resolution_nm > 0.0:  # of the indication and of the zero, together
+            half_width = resolution_nm / sqrt(2.0)
+            self.torque = self.torque.and_also(
+                Component(
+                    "resolution",
+                    Shared.NOTHING,
+                    half_width / sqrt(3.0),
+                    distribution=Distribution.RECTANGULAR,
+                )
+            )
+        self.steps, self.series = steps, data.series
+        self.standard_nm = steps.mean(data.standard_nm)
+
+    def budget(self, place: int) -> Budget:
+        """Return the budget of the error at one step: of the mean torque, less the standard."""
+        here = np.flatnonzero(self.steps.label == place)
+        mean = self.torque.at(here).combined(
+            np.full(here.size, 1.0 / here.size), zeroing=self.series[here]
+        )
+        return replace(mean, value_nm=mean.value_nm - self.standard_nm[place]).budget()
+
+
+def reference_of(reference: Reference, range_nm: float) -> ReferenceEffect:
+    """Return the effect of the standard that a certificate names."""
+    share = reference.expanded_uncertainty_percent / 100.0
+    record = f"certificate {reference.certificate_number} of {reference.serial}"
+    if not reference.of_range:
+        return ReferenceEffect(record, expanded_uncertainty_of_torque=share)
+    return ReferenceEffect(record, share * range_nm, CERTIFIED_FROM_SHARE * range_nm)
+
+
+class _Raw:
+    """The errors of the reading, and what makes them uncertain."""
+
+    def __init__(self, data: CalibrationData, steps: _Steps, resolution_nm: float) -> None:
+        error_nm = data.reading_nm - data.standard_nm
+        self.range_nm, self.resolution_nm = data.range_nm, resolution_nm
         self.error_nm = steps.mean(error_nm)
         self.count = steps.count
-        self.curve_nm = None if curve_nm is None else steps.mean(curve_nm)
         repeated = int(np.sum(steps.count - 1))
         if repeated:
             left = error_nm - self.error_nm[steps.label]
             self.scatter_nm = sqrt(float(np.sum(left**2)) / repeated)
             self.freedom = float(repeated)
-        else:
-            self.scatter_nm = model.scatter_nm
-            self.freedom = float(model.degrees_of_freedom_)
+        else:  # the scatter about a smooth curve
+            smooth = make_model("polynomial", degree=3, range_nm=data.range_nm)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # nothing is compensated by it
+                smooth.fit(data.features(2), data.standard_nm)
+            self.scatter_nm = smooth.scatter_nm
+            self.freedom = float(smooth.degrees_of_freedom_)
         torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
         returned = (np.abs(torque) <= UNLOADED_SHARE * data.range_nm) & (data.branch < 0)
         self.zero_nm = float(np.max(np.abs(error_nm[returned]))) if np.any(returned) else None
@@ -239,10 +270,8 @@ class _Side:
                 self.freedom,
                 unit="N·m",
             ),
-            Quantity.from_certificate("reference", 0.0, reference_nm, unit="N·m"),
+            Quantity.from_certificate("reference standard", 0.0, reference_nm, unit="N·m"),
         ]
-        if self.curve_nm is not None:
-            quantities.append(Quantity("model", 0.0, float(self.curve_nm[place]), unit="N·m"))
         if self.zero_nm is not None:
             quantities.append(Quantity.rectangular("zero", 0.0, self.zero_nm / 2.0, unit="N·m"))
         if self.resolution_nm > 0.0:  # of the indication and of the zero, together
@@ -270,6 +299,7 @@ def _budget_rows(budget: Budget) -> tuple[BudgetRow, ...]:
             share=line.share,
         )
         for line in budget.lines
+        if line.standard_uncertainty > 0.0
     )
 
 

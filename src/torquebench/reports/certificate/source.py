@@ -12,7 +12,7 @@ from torquebench.calibration import (
     ReferenceStandard,
     assign_nominal,
 )
-from torquebench.compensation import CompensationModel, load_model
+from torquebench.chain import MeasuringChain, load_chain
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
     CalibrationEntry,
@@ -58,7 +58,7 @@ class Source:
     profile: Profile
     reference: Reference
     model_entry: ModelEntry | None
-    model: CompensationModel | None
+    chain: MeasuringChain | None
     unsettled: int
     changes: tuple[str, ...]
 
@@ -107,7 +107,7 @@ class Source:
             profile=profile,
             reference=_reference(registry, calibration, folder),
             model_entry=model_entry,
-            model=None if model_entry is None else load_model(model_entry.check_file()).model,
+            chain=None if model_entry is None else load_chain(model_entry.check_file()),
             unsettled=int(folder.results.get("unsettled", 0)),
             changes=(
                 *_changed_points(data, calibration),

@@ -14,7 +14,7 @@ from torquebench.calibration import (
     calibration_results,
     ladder_points,
 )
-from torquebench.compensation import CompensationModel
+from torquebench.chain import MeasuringChain
 from torquebench.errors import InputError
 from torquebench.reports.certificate.record import (
     Reference,
@@ -41,7 +41,7 @@ def resolution_of(data: CalibrationData) -> float:
 def static_tables(
     data: CalibrationData,
     profile: Profile,
-    model: CompensationModel | None,
+    chain: MeasuringChain | None,
     reference: Reference,
     resolution_nm: float,
 ) -> tuple[tuple[StaticTable, ...], ZeroHysteresisStatement | None]:
@@ -55,7 +55,7 @@ def static_tables(
         With nominal torques.
     profile : Profile
         That was followed.
-    model : CompensationModel or None
+    chain : MeasuringChain or None
         Results after its compensation too.
     reference : Reference
         Its uncertainty enters.
@@ -66,9 +66,7 @@ def static_tables(
     tuple
         Nothing of either where the steps don't allow an evaluation.
     """
-    torque = None
-    if model is not None:
-        torque = model.predict(data.features(model.n_features_in_))
+    torque = None if chain is None else chain.torque(data.readings()).value_nm
     stepped = ladder_points(data, profile)
     if not np.any(stepped):
         return (), None

@@ -27,6 +27,7 @@ from torquebench.calibration import (
     Profile,
     verify,
 )
+from torquebench.campaign.chains import bench_effects
 from torquebench.campaign.fitting import (
     COMPARED_COLUMNS,
     ModelChoice,
@@ -47,9 +48,9 @@ from torquebench.campaign.modules import (
     register_verification,
 )
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
+from torquebench.chain import load_chain
 from torquebench.compensation import (
     RECOMMENDED,
-    load_model,
     make_model,
 )
 from torquebench.errors import InputError, RecordError
@@ -214,7 +215,8 @@ def _fitted(
     station = context.station
     context.check()
     data = measured.result.data
-    fitted = fit_models(data, choices, context.job, title="Fitting models")
+    effects = bench_effects(station.description, data)
+    fitted = fit_models(data, choices, context.job, title="Fitting models", effects=effects)
     registered = register_calibration(station, measured, profile, fitted, active=None)
     numbers = {name: entry.model_id for name, entry in registered.models.items()}
     found = calibration_result(registered.calibration, data, fitted, numbers)
@@ -252,11 +254,12 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     station = context.station
     entry, data = calibration_data(station, request.calibration_id)
     make_model(request.model)
-    (item,) = fit_models(data, [ModelChoice(request.model)], context.job, title="Fitting")
+    choice, effects = ModelChoice(request.model), bench_effects(station.description, data)
+    (item,) = fit_models(data, [choice], context.job, title="Fitting", effects=effects)
     metrics = fit_metrics(item, data)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     path = station.data_dir / "models" / f"{entry.run_id}-{item.name}-{stamp}.json"
-    store_model(path, item.model, data, metrics)
+    store_model(path, item.model, data, metrics, item.effects)
     model = station.registry.add_model(
         entry, kind=item.model.kind, file=path, side=data.side, metrics=metrics
     )
@@ -317,7 +320,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     models = models_of(station, entry)
     if not models:
         raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
-    loaded = {name: load_model(model.check_file()).model for name, model in models.items()}
+    loaded = {name: load_chain(model.check_file()) for name, model in models.items()}
     seed = request.seed
     if seed is None:  # drawn anew for every verification, and kept with its points
         seed = int(np.random.default_rng().integers(2**32))

@@ -8,7 +8,8 @@ from datetime import datetime
 from torquebench.calibration import verify
 from torquebench.campaign.fitting import FittedModel, model_title
 from torquebench.campaign.resuming import find_interrupted, read_interrupted
-from torquebench.compensation import CompensationModel, load_model
+from torquebench.chain import MeasuringChain, load_chain
+from torquebench.compensation import CompensationModel
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service.access.actors import Actor
 from torquebench.panel.service.jobs.calibrations import VerifyRequest
@@ -98,8 +99,8 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
     """
     entry, data = calibration_data(station, calibration_id)
     entries = models_of(station, entry)
-    loaded = {name: load_model(model.check_file()).model for name, model in entries.items()}
-    fitted = {_name(loaded[key]): (key, _fitted(loaded[key])) for key in entries}
+    loaded = {name: load_chain(model.check_file()) for name, model in entries.items()}
+    fitted = {_name(loaded[key].model): (key, _fitted(loaded[key])) for key in entries}
     numbers = {name: entries[key].model_id for name, (key, _) in fitted.items()}
     measured = calibration_result(entry, data, [item for _, item in fitted.values()], numbers)
     verifications = [
@@ -131,6 +132,7 @@ def _name(model: CompensationModel) -> str:
     return model.kind if degree is None else f"{model.kind}-{degree}"
 
 
-def _fitted(model: CompensationModel) -> FittedModel:
+def _fitted(chain: MeasuringChain) -> FittedModel:
+    model = chain.model
     title = model_title(model.kind, model.get_params(deep=False))
-    return FittedModel(_name(model), title, model, 0.0, ())
+    return FittedModel(_name(model), title, model, 0.0, (), chain.stored)

@@ -13,8 +13,8 @@ from torquebench.calibration import (
     summarise_errors,
 )
 from torquebench.campaign.checking import judge_check
-from torquebench.campaign.fitting import FittedModel, feature_columns, model_title
-from torquebench.compensation import CompensationModel
+from torquebench.campaign.fitting import FittedModel, model_title
+from torquebench.chain import MeasuringChain
 from torquebench.errors import RecordError
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.records import CalibrationEntry, ModelEntry, RunFolder, json_text
@@ -58,8 +58,8 @@ def calibration_result(
 
 def errors_of(item: FittedModel, data: CalibrationData) -> ErrorSummary:
     """Return the errors that a model leaves at the points it was fitted to."""
-    torque = item.model.predict(data.features(feature_columns(item.model)))
-    return summarise_errors(torque, data.standard_nm, data.range_nm)
+    torque = item.chain.torque(data.readings())
+    return summarise_errors(torque.value_nm, data.standard_nm, data.range_nm)
 
 
 def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[st
         item.name: {
             "title": item.title,
             "kind": item.model.kind,
-            "torque_nm": item.model.predict(data.features(feature_columns(item.model))),
+            "torque_nm": item.chain.torque(data.readings()).value_nm,
             "summary": errors_of(item, data),
             "remarks": item.remarks,
         }
@@ -127,7 +127,7 @@ def models_of(station: Station, entry: CalibrationEntry) -> dict[str, ModelEntry
 def verification_result(
     station: Station,
     entry: CalibrationEntry,
-    models: Mapping[str, CompensationModel],
+    models: Mapping[str, MeasuringChain],
     data: CalibrationData,
     result: VerificationResult,
     *,
@@ -179,7 +179,8 @@ def verification_result(
     )
 
 
-def _title(model: CompensationModel | None) -> str:
-    if model is None:
+def _title(chain: MeasuringChain | None) -> str:
+    if chain is None:
         return model_title("raw")
+    model = chain.model
     return model_title(model.kind, model.get_params(deep=False))

@@ -1,0 +1,106 @@
+"""What a person or a bench states of a measuring chain, as its effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE, chain_effects
+from torquebench.bench.description import BenchDescription
+from torquebench.calibration import CalibrationData
+from torquebench.chain import (
+    Drift,
+    Effect,
+    MeasuringChain,
+    Mounting,
+    Reference,
+    Temperature,
+    Zero,
+)
+
+__all__ = ["bench_effects", "mounting_effect", "reference_effect", "stated_effects"]
+
+
+def reference_effect(
+    percent: float | None, range_nm: float, record: str = "stated with the fit"
+) -> tuple[Effect, ...]:
+    """Return the effect of a reference standard; nothing where nothing is stated.
+
+    Parameters
+    ----------
+    percent : float or None
+        U (k = 2) in % of the range.
+    range_nm : float
+    record : str
+        Where that comes from.
+    """
+    if percent is None:
+        return ()
+    limit = 1e-2 * percent * range_nm
+    return (Reference(record, limit, CERTIFIED_FROM_SHARE * range_nm),)
+
+
+def stated_effects(
+    chain: MeasuringChain,
+    range_nm: float,
+    *,
+    reference_percent: float | None = None,
+    span_percent_per_10k: float | None = None,
+    zero_percent_per_10k: float | None = None,
+    drift_percent_per_year: float | None = None,
+    zero_nm: float | None = None,
+) -> tuple[Effect, ...]:
+    """Return effects with limits that a person states, in the place of those that a chain has.
+
+    Parameters
+    ----------
+    chain : MeasuringChain
+    range_nm : float
+        Full scale, N·m.
+    reference_percent, span_percent_per_10k, zero_percent_per_10k, drift_percent_per_year
+        As on the command line; None leaves the chain's own.
+    zero_nm : float, optional
+        Standard uncertainty of the zero, N·m.
+    """
+    known = {type(effect): effect for effect in chain.stored}
+    record = "stated on the command line"
+    effects = list(reference_effect(reference_percent, range_nm, record))
+    if span_percent_per_10k is not None or zero_percent_per_10k is not None:
+        warmth = known.get(Temperature)
+        assert warmth is None or isinstance(warmth, Temperature)
+        warmth = warmth or Temperature(record, 0.0, 0.0)
+        if zero_percent_per_10k is not None:
+            warmth = replace(warmth, zero_nm_per_k=1e-3 * zero_percent_per_10k * range_nm)
+        if span_percent_per_10k is not None:
+            warmth = replace(warmth, span_per_k=1e-3 * span_percent_per_10k)
+        effects.append(replace(warmth, record=record))
+    if drift_percent_per_year is not None:
+        effects.append(Drift(record, drift_percent_per_year))
+    if zero_nm is not None and Zero not in known:
+        effects.append(Zero(record, 0.0))
+    return tuple(effects)
+
+
+def bench_effects(description: BenchDescription, data: CalibrationData) -> tuple[Effect, ...]:
+    """Return the effects of a calibration that was measured on a bench."""
+    temperature = data.temperature_c
+    calibrated_c = None if temperature is None else float(np.mean(temperature))
+    return chain_effects(description, "input" if data.side == "input" else "output", calibrated_c)
+
+
+def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:
+    """Return what a calibration in several mounting positions says of mounting; else nothing.
+
+    The span of each position is the slope of standard over reading through zero.
+    """
+    if data.position_deg is None or np.unique(data.position_deg).size < 2:
+        return ()
+    spans = [
+        float(data.standard_nm[here] @ data.reading_nm[here])
+        / float(data.reading_nm[here] @ data.reading_nm[here])
+        for position in np.unique(data.position_deg)
+        for here in (data.position_deg == position,)
+    ]
+    percent = 100.0 * float(np.std(spans, ddof=1))
+    return (Mounting(f"{len(spans)} mounting positions of the calibration", percent),)

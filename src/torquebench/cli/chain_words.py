@@ -1,0 +1,19 @@
+"""What commands say of a measuring chain."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from torquebench.cli.console import say
+
+if TYPE_CHECKING:
+    from torquebench.chain import MeasuringChain
+
+__all__ = ["tell_missing"]
+
+
+def tell_missing(chain: MeasuringChain) -> None:
+    """Say which influences U doesn't contain, because nothing is recorded of them."""
+    missing = chain.missing()
+    if missing:
+        say("not in U, nothing is recorded of it: " + ", ".join(missing))
