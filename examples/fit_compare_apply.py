@@ -25,8 +25,5 @@ for found in verify(check, {RECOMMENDED: chain}).models:
     print(f"fresh points, {found.name}: {found.against_standard.worst_percent_fs:.3f} % FS worst")
 
 # %% Apply it: torque at the reducer with its expanded uncertainty, and where that comes from.
-readings = read_readings_csv(folder / "readings-output.csv")
-torque = chain.torque(readings.readings())
-expanded_nm = torque.expanded_uncertainty_nm[0]
-print(f"{readings.reading_nm[0]} N·m read: {torque.value_nm[0]:.2f} N·m ± {expanded_nm:.2f} N·m")
-print(torque.budget(0).text())
+readings = read_readings_csv(folder / "readings-output.csv").readings()
+print(chain.torque(readings).budget(0).text())

@@ -208,7 +208,7 @@ class _Compensated:
             self.torque = self.torque.and_also(
                 Component(
                     "resolution",
-                    Shared.NOTHING,
+                    Shared.CALIBRATION,
                     half_width / sqrt(3.0),
                     distribution=Distribution.RECTANGULAR,
                 )
