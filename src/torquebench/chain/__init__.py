@@ -3,6 +3,6 @@
 A measuring chain is a sum of effects with what their errors share. Pure: arrays in, `Torque` out.
 """
 
-from torquebench.exports import lazy_exports
+import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_exports(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
