@@ -3,6 +3,10 @@
 It lies beside the records (`audit/audit.jsonl` in the data directory), and each run's part also
 in the run's folder, where the manifest seals it. A line is written before a command is given, so
 that a process that dies with the command has said what it was about to do.
+
+Every line carries its number, the hash of the line before and its own: what is changed, removed
+or put in later breaks the chain. Who removes lines at its end, or all of it, can't remove what
+the run folders and the registry have noted of it.
 """
 
 from __future__ import annotations
@@ -18,11 +22,19 @@ from typing import Any
 
 import structlog
 
+from torquebench.bench.audit_chain import (
+    AUDIT_FILE,
+    DROPPED,
+    AuditEnd,
+    chained,
+    files_aside,
+    last_end,
+)
+
 __all__ = ["AUDIT_FILE", "AUDIT_FOLDER", "AuditLog", "read_audit"]
 
 AUDIT_FOLDER = "audit"
-AUDIT_FILE = "audit.jsonl"
-"""Name of the log in its folder and of a run's part in the run's folder."""
+"""Folder of the log in a data directory."""
 LARGEST_BYTES = 8_000_000
 """A log that has grown beyond this is put aside under the time of its end."""
 KEPT_FILES = 64
@@ -70,6 +82,7 @@ class AuditLog:
         self._starting = threading.Lock()
         self._writer: threading.Thread | None = None
         self._file: int | None = None
+        self._end = AuditEnd()
         self._size = 0
         self._part: int | None = None
         self._failed = False
@@ -132,10 +145,10 @@ class AuditLog:
         """Close the files. A later line opens the log again."""
         self._end_writer()
         with self._lock:
-            for file in (self._file, self._part):
-                if file is not None:
-                    os.close(file)
-            self._file = self._part = None
+            self._close_log()
+            if self._part is not None:
+                os.close(self._part)
+                self._part = None
 
     # -- files ------------------------------------------------------------------------------
 
@@ -168,35 +181,70 @@ class AuditLog:
             finally:
                 self._waiting.task_done()
 
-    def _line(self, line: str) -> None:
-        content = line.encode() + b"\n"
+    @property
+    def end(self) -> AuditEnd:
+        """The last line that was written since the log was opened."""
         with self._lock:
+            return self._end
+
+    def _line(self, line: str) -> None:
+        with self._lock:
+            content = line.encode() + b"\n"
             try:
-                for file in (self._part, self._opened()):
-                    if file is not None:
-                        _write_whole(file, content)
+                file = self._opened()
+                content, end = chained(line, self._end)
+                _write_whole(file, content)
+                self._end = end
                 self._size += len(content)
                 if self._size > self._largest:
-                    self._put_aside()
+                    self._putfiles_aside()
             except OSError as error:
+                self._close_log()  # opened again by the next line, which cuts off what is torn
                 self._fails(f"{self.path}: {error.strerror or error}")
             else:
                 self._failed = False
+            try:
+                if self._part is not None:
+                    _write_whole(self._part, content)
+            except OSError as error:
+                self._fails(f"the run's part of the log: {error.strerror or error}")
 
     def _opened(self) -> int:
         if self._file is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = os.open(self.path, _APPEND, 0o644)
-            self._size = os.fstat(self._file).st_size
+            content = self.path.read_bytes()
+            whole = content.rfind(b"\n") + 1
+            if whole < len(content):  # a kill or a power cut in the middle of a line
+                os.ftruncate(self._file, whole)
+            self._end = last_end(self.path.parent, content[:whole])
+            self._size = whole
+            if whole < len(content):
+                torn = content[whole:].decode(errors="replace")
+                self._note("torn line cut off", text=torn)
         return self._file
 
-    def _put_aside(self) -> None:
+    def _note(self, event: str, **values: Any) -> None:
+        """Append a line of the log about itself."""
+        time = datetime.now(UTC).isoformat().replace("+00:00", "Z")
+        line = json.dumps({"event": event, **values, "time": time}, ensure_ascii=False)
+        content, end = chained(line, self._end)
+        _write_whole(self._opened(), content)
+        self._end = end
+        self._size += len(content)
+
+    def _close_log(self) -> None:
         if self._file is not None:
             os.close(self._file)
             self._file = None
+
+    def _putfiles_aside(self) -> None:
+        self._close_log()
         self.path.rename(self.path.with_name(f"audit-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.jsonl"))
-        for old in _aside(self.path.parent)[: -self._kept]:
+        for old in files_aside(self.path.parent)[: -self._kept]:
+            last = last_end(old.parent, old.read_bytes())
             old.unlink(missing_ok=True)
+            self._note(DROPPED, file=old.name, last_line=last.line, last_sha256=last.sha256)
 
     def _fails(self, failure: str) -> None:
         told, self._failed = self._failed, True
@@ -221,10 +269,6 @@ def _write_whole(file: int, content: bytes) -> None:
         written += os.write(file, content[written:])
 
 
-def _aside(folder: Path) -> list[Path]:
-    return sorted(folder.glob("audit-*.jsonl"))
-
-
 def read_audit(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the lines of a log, or of the log and everything put aside in a folder, oldest first.
 
@@ -235,7 +279,7 @@ def read_audit(path: Path) -> Iterator[dict[str, Any]]:
     path : pathlib.Path
         A file, or the folder of the log; one that doesn't exist holds nothing.
     """
-    files = [*_aside(path), path / AUDIT_FILE] if path.is_dir() else [path]
+    files = [*files_aside(path), path / AUDIT_FILE] if path.is_dir() else [path]
     for file in files:
         if not file.exists():
             continue

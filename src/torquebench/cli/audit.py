@@ -24,6 +24,9 @@ SHOWN_ELSEWHERE = (
     "command",
     "by",
     "side",
+    "log_line",
+    "previous_sha256",
+    "sha256",
 )
 
 

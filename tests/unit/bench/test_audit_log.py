@@ -4,8 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from torquebench.bench.audit import AUDIT_FILE, AuditLog, read_audit
+from torquebench.bench.audit_chain import AuditCheck, audit_end, check_audit
 from torquebench.bench.auditing import AuditedDrive
 from torquebench.bench.drivers.base import DriveState
 from torquebench.bench.safety.alarms import Alarm, AlarmKind
@@ -100,8 +103,15 @@ def test_a_large_log_is_put_aside_and_old_ones_go(tmp_path: Path) -> None:
     aside = sorted(tmp_path.glob("audit-*.jsonl"))
     assert len(aside) == 3
     assert all(file.stat().st_size < 2300 for file in aside)
-    numbers = [line["number"] for line in read_audit(tmp_path)]
+    lines = list(read_audit(tmp_path))
+    numbers = [line["number"] for line in lines if line["event"] == "line"]
     assert numbers == list(range(numbers[0], 200))
+    assert lines[-1]["log_line"] > len(lines) > 10, "some were dropped"
+    assert check_audit(tmp_path) == AuditCheck(len(lines), [])
+    aside[0].unlink()
+    ((_, what),) = check_audit(tmp_path).problems
+    assert what.startswith("lines ")
+    assert what.endswith(" are missing")
 
 
 def test_lines_of_many_threads_stay_whole_and_torn_ones_are_left_out(tmp_path: Path) -> None:
@@ -118,6 +128,73 @@ def test_lines_of_many_threads_stay_whole_and_torn_ones_are_left_out(tmp_path: P
     file = tmp_path / AUDIT_FILE
     file.write_bytes(file.read_bytes() + b'{"event": "torn')
     assert len(list(read_audit(tmp_path))) == 200
+    assert check_audit(tmp_path) == AuditCheck(200, []), "the next line may be under way"
+    log.write("line", i=50)
+    log.close()
+    *_, cut, last = read_audit(tmp_path)
+    assert (cut["event"], cut["text"]) == ("torn line cut off", '{"event": "torn')
+    assert (last["i"], last["log_line"]) == (50, 202)
+    assert check_audit(tmp_path) == AuditCheck(202, [])
+
+
+def chained_log(folder: Path, lines: int = 20) -> bytes:
+    log = AuditLog(folder, bench="b")
+    for number in range(lines):
+        log.write("command", torque_nm=1192.0, i=number)
+    log.close()
+    return (folder / AUDIT_FILE).read_bytes()
+
+
+@settings(max_examples=60)
+@given(place=st.integers(min_value=0), bit=st.integers(0, 7))
+def test_a_flipped_bit_in_the_log_is_found_once(
+    tmp_path_factory: pytest.TempPathFactory, place: int, bit: int
+) -> None:
+    folder = tmp_path_factory.mktemp("log")
+    content = bytearray(chained_log(folder))
+    content[place % (len(content) - 1)] ^= 1 << bit
+    (folder / AUDIT_FILE).write_bytes(content)
+    ((_, what),) = check_audit(folder).problems
+    assert what == "was changed after it was written"
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda lines: lines[:5] + lines[7:], "line 6: 2 lines before it are missing"),
+        (lambda lines: lines[3:], "lines 1 to 3 are missing"),
+        (lambda lines: lines[:-1], "line 20 is noted in run-1, the log ends with 19"),
+        (lambda _lines: [], "line 20 is noted in run-1, there is no log"),
+        (lambda lines: [*lines[:5], b'{"event": "command"}\n', *lines[5:]], "line 6: was changed"),
+    ],
+)
+def test_removed_and_added_lines_are_found(tmp_path: Path, change: Any, found: str) -> None:
+    content = chained_log(tmp_path)
+    noted = [(audit_end(tmp_path / AUDIT_FILE), "run-1")]
+    assert noted[0][0].line == 20
+    assert check_audit(tmp_path, noted) == AuditCheck(20, [])
+    (tmp_path / AUDIT_FILE).write_bytes(b"".join(change(content.splitlines(keepends=True))))
+    ((where, what),) = check_audit(tmp_path, noted).problems
+    assert found in f"{where}: {what}"
+
+
+def test_a_log_that_was_rewritten_lacks_what_was_noted(tmp_path: Path) -> None:
+    chained_log(tmp_path)
+    noted = [(audit_end(tmp_path / AUDIT_FILE), "run-1")]
+    (tmp_path / AUDIT_FILE).unlink()
+    chained_log(tmp_path, 30)  # as a bench that is opened after the folder was deleted
+    ((_, what),) = check_audit(tmp_path, noted).problems
+    assert what == "line 20 is noted in run-1, the log has another one"
+
+
+def test_lines_from_before_the_chain_are_covered_by_it(tmp_path: Path) -> None:
+    old = b'{"event": "bench opens"}\n{"event": "bench closes"}\n'
+    (tmp_path / AUDIT_FILE).write_bytes(old)
+    content = chained_log(tmp_path, 3)
+    assert check_audit(tmp_path) == AuditCheck(5, [])
+    (tmp_path / AUDIT_FILE).write_bytes(content.replace(b"opens", b"close"))
+    ((_, what),) = check_audit(tmp_path).problems
+    assert what == "what is before it isn't what was there"
 
 
 def test_a_disk_that_fails_is_reported_once_and_keeps_no_command(tmp_path: Path) -> None:

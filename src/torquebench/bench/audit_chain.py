@@ -1,0 +1,218 @@
+"""The audit log's hash chain: each line covers the line before it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+__all__ = [
+    "AUDIT_FILE",
+    "DROPPED",
+    "AuditCheck",
+    "AuditEnd",
+    "audit_end",
+    "chained",
+    "check_audit",
+    "files_aside",
+    "last_end",
+]
+
+AUDIT_FILE = "audit.jsonl"
+"""Name of the log in its folder and of a run's part in the run's folder."""
+DROPPED = "old log dropped"
+"""Event of the line that says up to which line older logs were dropped."""
+_START = "0" * 64
+_CHAIN = re.compile(
+    rb', "log_line": ([0-9]+), "previous_sha256": "([0-9a-f]{64})", "sha256": "([0-9a-f]{64})"\}$'
+)
+
+
+@dataclass(frozen=True)
+class AuditEnd:
+    """A line of the log, by which everything before it can be compared.
+
+    Parameters
+    ----------
+    line : int
+        Its number, from 1; 0 for a log without lines.
+    sha256 : str
+        Its hash, which covers all lines before it.
+    """
+
+    line: int = 0
+    sha256: str = _START
+
+
+@dataclass(frozen=True)
+class _Place:
+    """What a line says of its place in the chain, and whether its own hash is right."""
+
+    end: AuditEnd
+    previous_sha256: str
+    intact: bool
+
+
+def chained(line: str, end: AuditEnd) -> tuple[bytes, AuditEnd]:
+    """Return a JSON line with its place in the chain, line feed included, and the new end.
+
+    Examples
+    --------
+    >>> line, end = chained('{"event": "bench opens"}', AuditEnd())
+    >>> json.loads(line)["log_line"], end.line
+    (1, 1)
+    """
+    body = f'{line[:-1]}, "log_line": {end.line + 1}, "previous_sha256": "{end.sha256}"'.encode()
+    digest = hashlib.sha256(body).hexdigest()
+    return body + f', "sha256": "{digest}"}}\n'.encode(), AuditEnd(end.line + 1, digest)
+
+
+def files_aside(folder: Path) -> list[Path]:
+    """Return the logs that were put aside, the oldest first."""
+    return sorted(folder.glob("audit-*.jsonl"))
+
+
+def last_end(folder: Path, content: bytes) -> AuditEnd:
+    """Return the last whole line of a log's content, or else of the logs that were put aside.
+
+    A log that was begun before lines were chained is covered as a whole by the first line that is.
+    """
+    for line in reversed(content.split(b"\n")):
+        place = _place(line)
+        if place is not None and place.intact:
+            return place.end
+    if content:
+        return AuditEnd(0, hashlib.sha256(content).hexdigest())
+    aside = files_aside(folder)
+    newest = aside[-1].read_bytes() if aside else b""
+    return last_end(folder, newest) if newest else AuditEnd()
+
+
+def audit_end(path: Path) -> AuditEnd:
+    """Return the last whole line of a run's part of the log; line 0 where there is none."""
+    if not path.exists():
+        return AuditEnd()
+    places = (_place(line) for line in reversed(path.read_bytes().split(b"\n")))
+    return next((place.end for place in places if place is not None and place.intact), AuditEnd())
+
+
+@dataclass
+class AuditCheck:
+    """What a comparison of the log with its chain found.
+
+    Attributes
+    ----------
+    lines : int
+        Lines that were compared.
+    problems : list of (str, str)
+        Where, and what is wrong there; empty where the log is as it was written.
+    """
+
+    lines: int = 0
+    problems: list[tuple[str, str]] = field(default_factory=list)
+
+
+def check_audit(folder: Path, noted: Iterable[tuple[AuditEnd, str]] = ()) -> AuditCheck:
+    """Compare every line of the log with its chain, and the chain with what was noted of it.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of the log, which may be in use.
+    noted : iterable of (AuditEnd, str)
+        Ends that were noted elsewhere, each with where.
+    """
+    walk = _Walk(folder, noted)
+    for file in (*files_aside(folder), folder / AUDIT_FILE):
+        if file.exists():
+            walk.file(file)
+    walk.finish()
+    return walk.check
+
+
+class _Walk:
+    """One pass over all lines of a log."""
+
+    def __init__(self, folder: Path, noted: Iterable[tuple[AuditEnd, str]]) -> None:
+        self.check = AuditCheck()
+        self._folder = folder
+        self._noted = {end.line: (end.sha256, where) for end, where in noted if end.line}
+        self._end: AuditEnd | None = None
+        self._first = 0
+        self._dropped = 0
+        self._damaged = False
+        self._older = ""
+
+    def file(self, file: Path) -> None:
+        content = file.read_bytes()
+        *lines, torn = content.split(b"\n")
+        position = 0
+        for number, line in enumerate(lines, start=1):
+            self._line(f"{file}, line {number}", line, content[:position])
+            position += len(line) + 1
+        if torn and file.name != AUDIT_FILE:  # of the one in use the next line is under way
+            self._problem(str(file), "its last line is torn")
+
+    def _line(self, where: str, line: bytes, before: bytes) -> None:
+        self.check.lines += 1
+        place = _place(line)
+        if place is None and self._end is None:
+            self._older = self._older or where  # than the chain, whose first line covers it
+            return
+        if place is None or not place.intact:
+            self._damaged = True
+            self._problem(where, "was changed after it was written")
+            return
+        if self._end is None:
+            self._begins(where, place, before)
+        elif place.end.line != self._end.line + 1 and not self._damaged:
+            missing = place.end.line - self._end.line - 1
+            self._problem(where, f"{missing} lines before it are missing")
+        elif place.previous_sha256 != self._end.sha256 and not self._damaged:
+            self._problem(where, "doesn't continue the line before")
+        self._damaged = False
+        self._end = place.end
+        if self._noted.get(place.end.line, ("", ""))[0] == place.end.sha256:
+            del self._noted[place.end.line]
+        if DROPPED.encode() in line[:40]:
+            self._dropped = max(self._dropped, int(json.loads(line)["last_line"]))
+
+    def _begins(self, where: str, place: _Place, before: bytes) -> None:
+        self._first = place.end.line
+        expected = hashlib.sha256(before).hexdigest() if before else _START
+        if self._damaged or (self._first == 1 and place.previous_sha256 == expected):
+            return
+        if self._first == 1:
+            self._problem(where, "what is before it isn't what was there")
+        elif self._older:
+            self._problem(self._older, "was changed after it was written")
+
+    def finish(self) -> None:
+        if self._first > self._dropped + 1 and not self.check.problems:
+            self._problem(
+                str(self._folder), f"lines {self._dropped + 1} to {self._first - 1} are missing"
+            )
+        missing = {line for line in self._noted if line > self._dropped}
+        if not missing or self.check.problems:  # what is damaged can't be what was noted
+            return
+        line = max(missing)
+        found = "there is no log" if self._end is None else f"the log ends with {self._end.line}"
+        if self._end is not None and line <= self._end.line:
+            found = "the log has another one"
+        self._problem(str(self._folder), f"line {line} is noted in {self._noted[line][1]}, {found}")
+
+    def _problem(self, where: str, what: str) -> None:
+        self.check.problems.append((where, what))
+
+
+def _place(line: bytes) -> _Place | None:
+    found = _CHAIN.search(line)
+    if found is None:
+        return None
+    number, previous, digest = found.groups()
+    body = line[: found.start(3) - len(', "sha256": "')]
+    intact = hashlib.sha256(body).hexdigest() == digest.decode()
+    return _Place(AuditEnd(int(number), digest.decode()), previous.decode(), intact)
