@@ -103,6 +103,10 @@ def data_directory(path: Path) -> Path:
         Where there is none.
     """
     if not has_registry(path):
+        from torquebench.records.database import WAY_BACK, lost_registry
+
+        if lost := lost_registry(path):
+            raise InputError(f"the registry of {path} {lost}", "a registry that has them", WAY_BACK)
         raise InputError(
             f"no records in {path}",
             "a folder in which torquebench has worked before",

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import narrow_table, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 
-__all__ = ["register"]
+__all__ = ["checked_directory", "register"]
 
 SubjectArgument = Annotated[
     str, typer.Argument(help="A record such as calibration-3, model-2 or certificate-1.")
@@ -46,30 +47,49 @@ def verify(
         bool, typer.Option(help="Also compare run folders and files, which reads all of them.")
     ] = True,
 ) -> None:
-    """Compare every record with what was entered, along the hash chain, and every file.
+    """Compare every record with what was entered, and every file; nothing is written.
 
-    Names table, row and field of what was changed after the fact. Exit code 1 where something is.
+    The database itself with its indexes, tables and triggers, every row along the hash chain,
+    every run folder, model and certificate, folders that aren't registered, and the audit log
+    along its own chain. Each defect is named with the way back. Exit code 1 where there is one.
     """
-    from torquebench.records import Registry, anchor_of, check_records
+    from torquebench.records import anchor_of
+    from torquebench.station.data_check import check_data_directory
 
     anchors = tuple(anchor_of(each) for each in end or ())
-    with Registry.open(data_directory(data)) as registry:
-        report = check_records(registry, anchors=anchors, folders=files)
+    report = check_data_directory(checked_directory(data), anchors=anchors, folders=files)
     compared = f"{report.records} records"
     if files:
         compared += f", {report.runs} run folders and {report.files} files"
+    compared += f", {report.audit_lines} lines of the audit log"
+    for remark in report.remarks:
+        warn(remark)
     if report.intact:
         say(f"{compared} are [green]as they were entered[/green]")
         say(f"chain end {report.head}")
         return
-    table = narrow_table(f"{len(report.findings)} changed after the fact")
-    for heading in ("what", "where", "field", "now", "entered"):
+    count = len(report.findings)
+    table = narrow_table(f"{count} defect{'s' if count > 1 else ''}")
+    for heading in ("what", "where", "found", "way back"):
         table.add_column(heading, overflow="fold")
     for finding in report.findings:
-        table.add_row(finding.kind, finding.where, finding.field, finding.found, finding.registered)
+        table.add_row(finding.kind, finding.place, finding.what, finding.way_back)
     out().print(table)
     say(f"{compared} compared, chain end {report.head}")
     raise typer.Exit(CHECK_FAILED)
+
+
+def checked_directory(data: Path) -> Path:
+    """Return a data directory with a registry, or with runs whose registry is lost.
+
+    Raises
+    ------
+    InputError
+        There is neither.
+    """
+    from torquebench.station.data_check import run_folders
+
+    return data if run_folders(data) else data_directory(data)
 
 
 def review(

@@ -1,8 +1,10 @@
 """The database below the registry: opening it, transactions that only append, rows by name."""
 
+import contextlib
 import importlib
 import json
 import os
+import sqlite3
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +13,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from sqlalchemy import URL, Connection, create_engine, event, make_url, select, text
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    NullPool,
+    create_engine,
+    event,
+    make_url,
+    select,
+    text,
+)
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import Session, UOWTransaction
 
@@ -20,13 +32,40 @@ from torquebench.records.chain import START, ChainHead, canonical, seal
 from torquebench.records.entries import EquipmentKind
 from torquebench.records.files import json_text
 from torquebench.records.migrating import upgrade
+from torquebench.records.read_only import is_writable, sqlite_reader
 from torquebench.records.schema import Base, EquipmentRow, LinkRow, RunRow
 
-__all__ = ["REGISTRY_FILE", "REGISTRY_URL", "Database", "as_json", "content_of", "equipment_row"]
+__all__ = [
+    "REGISTRY_FILE",
+    "REGISTRY_URL",
+    "WAY_BACK",
+    "Database",
+    "as_json",
+    "content_of",
+    "equipment_row",
+    "lost_registry",
+]
 
 REGISTRY_FILE = "registry.sqlite"
+WAY_BACK = "`torquebench records restore BACKUP`, or without a backup `torquebench records rebuild`"
+"""What to do about a registry that is lost or damaged."""
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server."""
+
+
+def lost_registry(data_dir: Path) -> str:
+    """Return that a data directory's own registry is missing or empty beside runs, in words.
+
+    Empty where it isn't: nobody is to begin a new one there unless it is meant.
+    """
+    file, runs = data_dir / REGISTRY_FILE, data_dir / "runs"
+    if file.exists() and file.stat().st_size:
+        return ""
+    count = sum(path.is_dir() for path in runs.iterdir()) if runs.is_dir() else 0
+    if not count:
+        return ""
+    state = "is empty" if file.exists() else "is missing"
+    return f"{state} beside {count} run folder{'s' if count > 1 else ''}"
 
 
 class Database:
@@ -53,22 +92,29 @@ class Database:
     def __init__(self, url: str | URL, root: Path) -> None:
         self.root = root.resolve()
         self._open = threading.local()
-        self._engine = create_engine(_with_driver(url))
-        self._sqlite = self._engine.dialect.name == "sqlite"
-        if self._sqlite:
-            event.listen(self._engine, "connect", _set_up_sqlite)
-            event.listen(self._engine, "begin", _begin_sqlite)
+        self._closing = contextlib.ExitStack()
+        self._url = _with_driver(url)
+        self._sqlite = self._url.drivername == "sqlite"
+        file = Path(self._url.database or "")
+        self.read_only = self._sqlite and file.is_file() and not is_writable(file)
+        if self.read_only:
+            self._engine = _reading_engine(self._closing.enter_context(sqlite_reader(file)))
+        else:
+            self._engine = create_engine(self._url)
+            if self._sqlite:
+                event.listen(self._engine, "connect", _set_up_sqlite)
+                event.listen(self._engine, "begin", _begin_sqlite)
         try:
-            upgrade(self._engine)
+            upgrade(self._engine, read_only=self.read_only)
         except SQLAlchemyError as error:
-            self._engine.dispose()
+            self.close()
             raise RecordError(
                 f"the registry {self.name} can't be opened: {_cause(error)}",
                 "a database that can be read and written",
                 "make room on its disk, or look whether it runs and may be written",
             ) from error
         except RecordError:
-            self._engine.dispose()
+            self.close()
             raise
 
     @classmethod
@@ -98,6 +144,9 @@ class Database:
             ) from error
         given = url or os.environ.get(REGISTRY_URL)
         file = data_dir.resolve() / REGISTRY_FILE
+        lost = "" if given else lost_registry(data_dir)
+        if lost:
+            raise RecordError(f"the registry {file} {lost}", "a registry that has them", WAY_BACK)
         return cls(given or URL.create("sqlite", database=str(file)), data_dir)
 
     def __enter__(self) -> Self:
@@ -114,11 +163,17 @@ class Database:
     @property
     def name(self) -> str:
         """URL of the database without its password."""
-        return self._engine.url.render_as_string()
+        return self._url.render_as_string()
+
+    @property
+    def dialect(self) -> str:
+        """``"sqlite"`` or ``"postgresql"``."""
+        return self._engine.dialect.name
 
     def close(self) -> None:
         """Close all connections; more calls do nothing."""
         self._engine.dispose()
+        self._closing.close()
 
     @contextmanager
     def session(self) -> Iterator[Session]:
@@ -150,6 +205,12 @@ class Database:
             yield outer
             outer.flush()
             return
+        if self.read_only:
+            raise RecordError(
+                f"{self.name} can only be read",
+                "a data directory with write permission",
+                "copy it to where it can be written, with its runs",
+            )
         with self._session(writes=True) as session:
             if not self._sqlite:
                 session.execute(text("LOCK TABLE chain IN SHARE ROW EXCLUSIVE MODE"))
@@ -254,6 +315,15 @@ def _with_driver(url: str | URL) -> URL:
                 "pip install 'torquebench[postgresql]'",
             ) from error
     return parsed
+
+
+def _reading_engine(address: str) -> Engine:
+    """Return an engine that reads a file in place, and nothing else."""
+
+    def connect() -> sqlite3.Connection:
+        return sqlite3.connect(address, uri=True, check_same_thread=False)
+
+    return create_engine("sqlite://", creator=connect, poolclass=NullPool)
 
 
 def _cause(error: SQLAlchemyError) -> str:

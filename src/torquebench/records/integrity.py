@@ -1,7 +1,7 @@
 """Whether the records are still what was entered: chain, rows, model files, run folders."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -35,7 +35,24 @@ __all__ = [
     "folder_changes",
 ]
 
-FindingKind = Literal["changed", "removed", "added", "chain", "file", "anchor"]
+FindingKind = Literal[
+    "changed",
+    "removed",
+    "added",
+    "chain",
+    "file",
+    "anchor",
+    "database",
+    "schema",
+    "registry",
+    "orphan",
+    "audit",
+]
+FROM_BACKUP = "`torquebench records restore BACKUP`"
+_REMEDIES: dict[str, str] = {
+    "changed": f"{FROM_BACKUP}, or `torquebench records amend` says what it should have said",
+    "file": f"{FROM_BACKUP} brings the file back as it was",
+}
 
 
 @dataclass(frozen=True)
@@ -44,15 +61,19 @@ class Finding:
 
     Parameters
     ----------
-    kind : {"changed", "removed", "added", "chain", "file", "anchor"}
+    kind : str
         What happened: a field was changed, a row removed, a row added past the registry, the
-        chain itself was touched, a file differs, or the chain lacks a link that was noted down.
+        chain itself was touched, a file differs, the chain lacks a link that was noted down; the
+        database is damaged, its schema differs, the registry is missing, a folder isn't in it, or
+        the audit log isn't as it was written.
     where : str
         Table and number of the row, or the path of the file.
     field : str
         Which field; empty where it isn't known.
     found, registered : str
         What is there now, and what was entered.
+    remedy : str
+        The way back.
     """
 
     kind: FindingKind
@@ -60,17 +81,32 @@ class Finding:
     field: str = ""
     found: str = ""
     registered: str = ""
+    remedy: str = ""
+
+    @property
+    def way_back(self) -> str:
+        """What to do about it."""
+        return self.remedy or _REMEDIES.get(self.kind, FROM_BACKUP)
+
+    @property
+    def place(self) -> str:
+        """Where it is, with the field where it is known."""
+        return f"{self.where}, {self.field}" if self.field else self.where
+
+    @property
+    def what(self) -> str:
+        """What was found there, in words."""
+        match self.kind:
+            case "changed" if self.field:
+                return f"{self.found} instead of {self.registered}"
+            case "removed":
+                return "removed after it was entered"
+            case "added":
+                return "added past the registry"
+        return self.found
 
     def __str__(self) -> str:
-        place = f"{self.where}, {self.field}" if self.field else self.where
-        match self.kind:
-            case "changed":
-                return f"{place}: {self.found} instead of {self.registered}"
-            case "removed":
-                return f"{place}: removed after it was entered"
-            case "added":
-                return f"{place}: added past the registry"
-        return f"{place}: {self.found}"
+        return f"{self.place}: {self.what}"
 
 
 @dataclass(frozen=True)
@@ -85,6 +121,11 @@ class IntegrityReport:
         How many rows, sealed run folders and single files were compared.
     findings : tuple of Finding
         Empty where everything is as it was entered.
+    audit_lines : int
+        How many lines of the audit log were compared.
+    remarks : tuple of str
+        What is as it was entered and still worth a look: clocks that ran backwards, standards
+        whose certificate had expired.
     """
 
     head: ChainHead
@@ -92,6 +133,8 @@ class IntegrityReport:
     runs: int
     files: int
     findings: tuple[Finding, ...]
+    audit_lines: int = 0
+    remarks: tuple[str, ...] = ()
 
     @property
     def intact(self) -> bool:
@@ -186,7 +229,10 @@ class _Check:
         table = rows.__tablename__
         with self.registry.session() as session:
             query = select(rows).order_by(rows.id).execution_options(yield_per=1000)
-            for row in session.scalars(query):
+            for row in _readable(session.scalars(query)):
+                if isinstance(row, ValueError):
+                    yield Finding("changed", table, found=f"a value that can't be read: {row}")
+                    return
                 self.compared += 1
                 link = links.pop(row.id, None)
                 where = f"{table} {row.id}"
@@ -265,6 +311,14 @@ class _Check:
                     found=f"the chain doesn't pass through entry {anchor.sequence}, "
                     f"{anchor.sha256[:12]}…, that was noted there",
                 )
+
+
+def _readable(rows: Iterable[Any]) -> Iterator[Any]:
+    """Yield rows, and last the error of one that holds what its column can't."""
+    try:
+        yield from rows
+    except ValueError as error:
+        yield error
 
 
 def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, ...]:

@@ -12,8 +12,14 @@ __all__ = ["SCHEMA_VERSION", "upgrade"]
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 
-def upgrade(engine: Engine) -> None:
+def upgrade(engine: Engine, *, read_only: bool = False) -> None:
     """Create or upgrade the tables of a registry.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    read_only : bool
+        Whether nothing can be written, so that only a registry of this version will do.
 
     Raises
     ------
@@ -23,6 +29,12 @@ def upgrade(engine: Engine) -> None:
     found = _version(engine)
     if found == SCHEMA_VERSION:
         return
+    if read_only:
+        raise RecordError(
+            f"a registry with the schema {found or 'of an empty file'} that can't be written",
+            f"the schema {SCHEMA_VERSION}",
+            "copy the data directory to where it can be written, and open it there",
+        )
     # Imported only where something is to be done: most registries are up to date.
     from alembic import command
     from alembic.config import Config

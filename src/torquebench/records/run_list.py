@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
+from torquebench.records.read_only import sqlite_reader
 from torquebench.records.schema_version import SCHEMA_VERSION, VERSIONS_TABLE
 
 __all__ = ["RunLine", "newest_runs"]
@@ -46,9 +47,11 @@ def newest_runs(file: Path, limit: int) -> list[RunLine] | None:
     list of RunLine or None
         None where the file isn't a registry of this version; `Registry.open` says what it is.
     """
-    address = f"{file.resolve().as_uri()}?mode=ro"
     try:
-        with closing(sqlite3.connect(address, uri=True, timeout=5.0)) as connection:
+        with (
+            sqlite_reader(file) as address,
+            closing(sqlite3.connect(address, uri=True, timeout=5.0)) as connection,
+        ):
             found = connection.execute(f"SELECT version_num FROM {VERSIONS_TABLE}").fetchone()
             if found is None or found[0] != SCHEMA_VERSION:
                 return None

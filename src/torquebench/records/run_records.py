@@ -1,6 +1,7 @@
 """The registry's runs: entered when they start, and again when they end."""
 
-from datetime import datetime
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Select, func, select
@@ -9,7 +10,7 @@ from torquebench.errors import RecordError
 from torquebench.records.database import Database, run_row
 from torquebench.records.entries import RunSummary
 from torquebench.records.files import sha256_of_file
-from torquebench.records.schema import RunEndRow, RunRow
+from torquebench.records.schema import AuditEndRow, RunEndRow, RunRow
 
 if TYPE_CHECKING:
     from torquebench.records.run_folder import RunFolder
@@ -88,6 +89,30 @@ class RunRecords(Database):
                     manifest_sha256=sha256_of_file(folder.path / MANIFEST),
                 )
             )
+
+    def add_audit_end(self, log: Path, line: int, sha256: str) -> None:
+        """Note where an audit log ends now.
+
+        Parameters
+        ----------
+        log : pathlib.Path
+            Its folder.
+        line, sha256 : int, str
+            Number and hash of its last line.
+        """
+        with self.writing() as session:
+            session.add(
+                AuditEndRow(
+                    log=self.stored(log), line=line, sha256=sha256, recorded=datetime.now(UTC)
+                )
+            )
+
+    def audit_ends(self, log: Path) -> list[tuple[int, str]]:
+        """Return number and hash of the last lines that were noted of an audit log."""
+        query = select(AuditEndRow.line, AuditEndRow.sha256).order_by(AuditEndRow.id)
+        with self.session() as session:
+            found = session.execute(query.where(AuditEndRow.log == self.stored(log)))
+            return [(line, sha256) for line, sha256 in found]
 
     def runs(self, limit: int = 100, offset: int = 0, kind: str | None = None) -> list[RunSummary]:
         """Return runs, the newest first.

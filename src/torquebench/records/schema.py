@@ -26,6 +26,7 @@ __all__ = [
     "ActivationRow",
     "AdjustmentRow",
     "AmendmentRow",
+    "AuditEndRow",
     "Base",
     "CalibrationRow",
     "CertificateRow",
@@ -250,6 +251,18 @@ class RunEndRow(Base):
     manifest_sha256: Mapped[str] = mapped_column(Sha256)
 
     run: Mapped[RunRow] = relationship()
+
+
+class AuditEndRow(Base):
+    """Where an audit log ended when its bench was closed: nothing before it can be removed."""
+
+    __tablename__ = "audit_ends"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    log: Mapped[str]
+    line: Mapped[int]
+    sha256: Mapped[str] = mapped_column(Sha256)
+    recorded: Mapped[datetime]
 
 
 # Calibrations, models, verifications

@@ -2,7 +2,7 @@
 
 __all__ = ["SCHEMA_VERSION", "VERSIONS_TABLE"]
 
-SCHEMA_VERSION = "0001"
+SCHEMA_VERSION = "0002"
 """The last migration in ``records/migrations/versions``; a test keeps the two equal."""
 
 VERSIONS_TABLE = "alembic_version"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import threading
 from collections.abc import Callable, Mapping
@@ -27,7 +28,7 @@ from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
-from torquebench.errors import BenchError, TorquebenchError
+from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.records import Registry
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
@@ -38,6 +39,8 @@ from torquebench.station.runs import ProgressCallback, RunRecord
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
 __all__ = ["Station", "data_directory"]
+
+logger = logging.getLogger(__name__)
 
 UNLOADED_WITHIN_S = 1.0
 """How long readings may show torque after both drives are at zero, bench time, s."""
@@ -229,9 +232,20 @@ class Station:
         self.audit.write("bench closes")
         self.audit.close()
         if hasattr(self, "registry"):
+            self._note_audit_end()
             self.registry.close()
         if self._lock is not None:
             self._lock.release()
+
+    def _note_audit_end(self) -> None:
+        """Have the registry remember the audit log, so that its last lines can't be removed."""
+        end = self.audit.end
+        if not end.line:
+            return
+        try:
+            self.registry.add_audit_end(self.audit.path.parent, end.line, end.sha256)
+        except RecordError as error:  # the next closing notes these lines too
+            logger.warning("the end of the audit log can't be noted: %s", error)
 
     def _come_to_rest(self, *, disable: bool) -> None:
         """Bring both drives to zero torque; never raises for a bench that has ended already."""

@@ -3,6 +3,8 @@
 import sqlalchemy as sa
 from alembic import op
 
+from torquebench.records.migrations.append_only import forbid_changes
+
 __all__ = ["upgrade"]
 
 revision = "0001"
@@ -36,27 +38,7 @@ def upgrade() -> None:
     _calibration_tables()
     _model_tables()
     for table in TABLES:
-        _forbid_changes(table)
-
-
-def _forbid_changes(table: str) -> None:
-    """Have the database itself refuse to change or delete a row."""
-    message = f"{table} is append-only: amend the record instead"
-    if op.get_bind().dialect.name == "sqlite":
-        for event in ("UPDATE", "DELETE"):
-            op.execute(
-                f"CREATE TRIGGER keep_{table}_{event.lower()} BEFORE {event} ON {table} "
-                f"BEGIN SELECT RAISE(ABORT, '{message}'); END"
-            )
-        return
-    op.execute(
-        f"CREATE FUNCTION keep_{table}() RETURNS trigger LANGUAGE plpgsql AS "
-        f"$$ BEGIN RAISE EXCEPTION '{message}'; END $$"
-    )
-    op.execute(
-        f"CREATE TRIGGER keep_{table} BEFORE UPDATE OR DELETE OR TRUNCATE ON {table} "
-        f"FOR EACH STATEMENT EXECUTE FUNCTION keep_{table}()"
-    )
+        forbid_changes(table)
 
 
 def _tables_without_references() -> None:

@@ -1,0 +1,120 @@
+"""Whether a registry's database itself is whole: pages, indexes, tables, triggers."""
+
+import functools
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+from sqlalchemy import StaticPool, create_engine, inspect, text
+
+from torquebench.records.database import WAY_BACK, Database
+from torquebench.records.integrity import Finding
+from torquebench.records.migrating import upgrade
+from torquebench.records.read_only import sqlite_reader
+from torquebench.records.schema import Base
+from torquebench.records.schema_version import VERSIONS_TABLE
+
+__all__ = ["damage_of_file", "index_damage_only", "schema_changes"]
+
+_OF_AN_INDEX = ("missing from index", "entries in index", "non-unique entry in index")
+
+
+def damage_of_file(file: Path) -> tuple[str, ...]:
+    """Return what SQLite finds wrong in a file: pages, indexes, references; empty where nothing.
+
+    Parameters
+    ----------
+    file : pathlib.Path
+        A database that exists, which may be in use.
+    """
+    try:
+        with sqlite_reader(file) as address, closing(_connected(address)) as connection:
+            said = [row[0] for row in connection.execute("PRAGMA integrity_check(20)")]
+            found = [] if said == ["ok"] else said
+            for table, row, other, _ in connection.execute("PRAGMA foreign_key_check"):
+                found.append(f"{table} {row} points to a row of {other} that doesn't exist")
+    except sqlite3.DatabaseError as error:
+        return (str(error),)
+    return tuple(dict.fromkeys(line for each in found for line in each.splitlines()))
+
+
+def index_damage_only(damage: tuple[str, ...]) -> bool:
+    """Return whether only indexes are damaged, which follow from the rows.
+
+    Examples
+    --------
+    >>> index_damage_only(("row 3 missing from index ix_runs_started",))
+    True
+    """
+    return bool(damage) and all(any(mark in line for mark in _OF_AN_INDEX) for line in damage)
+
+
+def _connected(address: str) -> sqlite3.Connection:
+    return sqlite3.connect(address, uri=True, timeout=5.0)
+
+
+def schema_changes(registry: Database) -> Iterator[Finding]:
+    """Yield tables, indexes and triggers that aren't as this version makes them."""
+    present, expected = _schema(registry), _expected_schema(registry.dialect)
+    for key in sorted(expected.keys() | present.keys()):
+        if present.get(key) == expected.get(key):
+            continue
+        what = "differs from what was made"
+        if key not in present:
+            what = "is missing"
+        elif key not in expected:
+            what = "is none of the registry's"
+        kind, name = key
+        yield Finding("schema", f"{kind} {name}", found=what, remedy=WAY_BACK)
+
+
+Schema = dict[tuple[str, str], str]
+
+
+def _schema(registry: Database) -> Schema:
+    with registry.session() as session:
+        connection = session.connection()
+        if registry.dialect == "sqlite":
+            return _sqlite_schema(connection)
+        return _server_schema(connection)
+
+
+def _sqlite_schema(connection: object) -> Schema:
+    query = text("SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL")
+    rows = connection.execute(query)  # type: ignore[attr-defined]
+    return {(kind, name): " ".join(sql.split()) for kind, name, sql in rows}
+
+
+@functools.cache
+def _expected_schema(dialect: str) -> Schema:
+    if dialect == "sqlite":
+        engine = create_engine("sqlite://", poolclass=StaticPool)
+        upgrade(engine)
+        with engine.connect() as connection:
+            found = _sqlite_schema(connection)
+        engine.dispose()
+        return found
+    expected: Schema = {("table", VERSIONS_TABLE): "version_num"}
+    for table in Base.metadata.sorted_tables:
+        expected["table", table.name] = ", ".join(sorted(column.name for column in table.columns))
+        expected["trigger", f"keep_{table.name}"] = "enabled"
+        for index in table.indexes:
+            expected["index", str(index.name)] = table.name
+    return expected
+
+
+def _server_schema(connection: object) -> Schema:
+    inspector = inspect(connection)
+    found: Schema = {}
+    for table in inspector.get_table_names():
+        columns = sorted(column["name"] for column in inspector.get_columns(table))
+        found["table", table] = ", ".join(columns)
+        for index in inspector.get_indexes(table):
+            if not index.get("duplicates_constraint"):
+                found["index", str(index["name"])] = table
+    triggers = text("SELECT tgname, tgenabled FROM pg_trigger WHERE NOT tgisinternal")
+    for name, enabled in connection.execute(triggers):  # type: ignore[attr-defined]
+        on = enabled in ("O", "A", b"O", b"A")
+        found["trigger", name] = "enabled" if on else "disabled"
+    return found

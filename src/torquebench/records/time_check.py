@@ -1,0 +1,124 @@
+"""Times in the records that can't be right: clocks that ran backwards, expired standards."""
+
+from collections.abc import Iterator
+from datetime import UTC, date, datetime
+
+from sqlalchemy import select
+
+from torquebench.records.database import Database
+from torquebench.records.schema import CalibrationRow, LinkRow, ReportRow, RunEndRow, RunRow
+
+__all__ = ["clock_behind", "expired_on", "time_remarks"]
+
+TOLERANCE_S = 2.0
+"""How far a computer's clock is put back when it is compared with a time server, s."""
+SERVER_TOLERANCE_S = 60.0
+"""How far the clocks of benches that share a registry may differ, s."""
+
+
+def time_remarks(registry: Database) -> Iterator[str]:
+    """Yield what is impossible or doubtful in the times of the records, each in one sentence."""
+    yield from _ends_before_beginnings(registry)
+    yield from _entries_before_earlier_ones(registry)
+    yield from _expired_standards(registry)
+
+
+def clock_behind(registry: Database, now: datetime | None = None) -> str:
+    """Return how far this computer's clock is behind the newest record; empty where it isn't."""
+    moment = now or datetime.now(UTC)
+    with registry.session() as session:
+        query = select(LinkRow.recorded).order_by(LinkRow.sequence.desc()).limit(1)
+        newest = session.scalar(query)
+    if newest is None:
+        return ""
+    recorded = datetime.fromisoformat(newest)
+    behind_s = (recorded - moment).total_seconds()
+    if behind_s <= _tolerance_s(registry):
+        return ""
+    return (
+        f"this computer's clock says {moment:%Y-%m-%d %H:%M:%S} UTC, "
+        f"{_duration(behind_s)} before the newest record"
+    )
+
+
+def expired_on(day: date, due: date | None) -> bool:
+    """Return whether something that counts up to a day, included, has expired on another.
+
+    Examples
+    --------
+    >>> expired_on(date(2026, 1, 31), date(2026, 1, 31)), expired_on(date(2026, 2, 1), None)
+    (False, False)
+    """
+    return due is not None and day > due
+
+
+def _ends_before_beginnings(registry: Database) -> Iterator[str]:
+    query = (
+        select(RunRow.run_id, RunRow.started, RunEndRow.finished)
+        .join(RunEndRow, RunEndRow.run_key == RunRow.id)
+        .where(RunEndRow.finished < RunRow.started)
+        .order_by(RunRow.id)
+    )
+    with registry.session() as session:
+        for run_id, started, finished in session.execute(query):
+            yield (
+                f"run {run_id} ended ({finished:%Y-%m-%d %H:%M:%S}) before it began "
+                f"({started:%Y-%m-%d %H:%M:%S}): the clock was put back meanwhile"
+            )
+
+
+def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
+    query = select(LinkRow.sequence, LinkRow.table, LinkRow.key, LinkRow.recorded)
+    tolerance_s, latest = _tolerance_s(registry), None
+    with registry.session() as session:
+        rows = session.execute(query.order_by(LinkRow.sequence).execution_options(yield_per=1000))
+        for sequence, table, key, text in rows:
+            try:
+                recorded = datetime.fromisoformat(text)
+            except ValueError:  # the chain itself was touched, which is a finding of its own
+                continue
+            if latest is not None:
+                back_s = (latest - recorded).total_seconds()
+                if back_s > tolerance_s:
+                    yield (
+                        f"entry {sequence} ({table} {key}) was recorded {_duration(back_s)} "
+                        f"before the entry before it: the clock ran backwards"
+                    )
+            latest = recorded
+
+
+def _expired_standards(registry: Database) -> Iterator[str]:
+    query = select(CalibrationRow).where(CalibrationRow.standard_key.is_not(None))
+    with registry.session() as session:
+        reports: dict[int, list[ReportRow]] = {}
+        for report in session.scalars(select(ReportRow).order_by(ReportRow.id)):
+            reports.setdefault(report.equipment_key, []).append(report)
+        for row in session.scalars(query.order_by(CalibrationRow.id)):
+            known = [
+                each
+                for each in reports.get(row.standard_key or 0, [])
+                if each.performed is None or each.performed <= row.performed.date()
+            ]
+            if known and expired_on(row.performed.date(), known[-1].due):
+                serial = row.standard.serial if row.standard is not None else ""
+                yield (
+                    f"calibration-{row.id} was made on {row.performed:%Y-%m-%d} against {serial}, "
+                    f"whose certificate {known[-1].number} had expired on {known[-1].due}"
+                )
+
+
+def _tolerance_s(registry: Database) -> float:
+    return TOLERANCE_S if registry.dialect == "sqlite" else SERVER_TOLERANCE_S
+
+
+def _duration(seconds: float) -> str:
+    """Return a duration in words.
+
+    Examples
+    --------
+    >>> _duration(90.0), _duration(5400.0), _duration(200000.0)
+    ('90 s', '1.5 h', '2.3 days')
+    """
+    if seconds < 600.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"

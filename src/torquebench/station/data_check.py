@@ -1,0 +1,187 @@
+"""Whether a whole data directory is as it was written: registry, folders, files, audit log."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
+from torquebench.bench.audit_chain import AuditEnd, audit_end, check_audit
+from torquebench.errors import RecordError
+from torquebench.records import Finding, IntegrityReport, Registry, RunFolder, check_records
+from torquebench.records.chain import START, ChainHead
+from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK, lost_registry
+from torquebench.records.database_check import (
+    damage_of_file,
+    index_damage_only,
+    schema_changes,
+)
+from torquebench.records.time_check import time_remarks
+from torquebench.station.holding import RunHold
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from torquebench.records import RunSummary
+
+__all__ = ["check_data_directory", "run_folders"]
+
+PANEL_DATABASE = "panel.sqlite"
+
+
+def check_data_directory(
+    data: Path, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
+) -> IntegrityReport:
+    """Compare everything in a data directory with what was entered.
+
+    Nothing is written, so that a directory on a read-only file system can be checked.
+
+    Parameters
+    ----------
+    data : pathlib.Path
+    anchors : tuple of ChainHead
+        Ends of the chain that were noted down earlier.
+    folders : bool, default True
+        Whether run folders and files are compared too, which reads all of them.
+
+    Returns
+    -------
+    IntegrityReport
+        With one finding a defect. Where the registry can't be read, nothing behind it is compared.
+    """
+    findings: list[Finding] = []
+    if not os.environ.get(REGISTRY_URL):
+        lost = lost_registry(data)
+        if lost:
+            return _unread([Finding("registry", str(data / REGISTRY_FILE), "", lost, "", WAY_BACK)])
+        findings += _file_damage(data / REGISTRY_FILE)
+    findings += _file_damage(data / PANEL_DATABASE)
+    try:
+        with Registry.open(data) as registry:
+            return _check(registry, findings, anchors, folders=folders)
+    except (RecordError, ValueError) as error:  # ValueError: a row holds what its column can't
+        found = error.found if isinstance(error, RecordError) else str(error)
+        if not any(each.where.endswith(REGISTRY_FILE) for each in findings):
+            where = str(data / REGISTRY_FILE)
+            findings.append(Finding("database", where, "", found, "", WAY_BACK))
+        return _unread(findings)
+
+
+def _unread(findings: list[Finding]) -> IntegrityReport:
+    return IntegrityReport(ChainHead(0, START), 0, 0, 0, tuple(findings))
+
+
+def run_folders(data: Path) -> list[Path]:
+    """Return the folders of all runs of a data directory, the oldest first."""
+    runs = data / "runs"
+    return sorted(path for path in runs.iterdir() if path.is_dir()) if runs.is_dir() else []
+
+
+def _file_damage(file: Path) -> Iterator[Finding]:
+    damage = damage_of_file(file) if file.exists() else ()
+    if not damage:
+        return
+    more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
+    remedy = WAY_BACK
+    if index_damage_only(damage):
+        remedy = "only an index is damaged: `torquebench records rebuild` makes it anew"
+    if file.name == PANEL_DATABASE:
+        remedy = "`torquebench records restore BACKUP`"
+    yield Finding("database", str(file), "", damage[0] + more, "", remedy)
+
+
+def _check(
+    registry: Registry,
+    findings: list[Finding],
+    anchors: tuple[ChainHead, ...],
+    *,
+    folders: bool,
+) -> IntegrityReport:
+    findings += schema_changes(registry)
+    report = check_records(registry, anchors=anchors, folders=folders)
+    runs = _all_runs(registry)
+    findings += report.findings
+    findings += _strangers(registry, {run.run_id for run in runs})
+    findings += _without_folder(runs)
+    log = registry.root / AUDIT_FOLDER
+    audit = check_audit(log, _noted(registry, log, runs if folders else ()))
+    findings += [Finding("audit", where, "", what) for where, what in audit.problems]
+    return replace(
+        report,
+        findings=tuple(findings),
+        audit_lines=audit.lines,
+        remarks=tuple(time_remarks(registry)),
+    )
+
+
+def _all_runs(registry: Registry) -> list[RunSummary]:
+    return registry.runs(limit=registry.number_of_runs() + 1000)
+
+
+def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
+    """Yield folders that the registry doesn't know."""
+    strange = [path for path in run_folders(registry.root) if path.name not in known]
+    if strange and not known:
+        count = f"{len(strange)} run folder{'s' if len(strange) > 1 else ''}"
+        yield Finding("registry", registry.name, "", f"holds no run beside {count}", "", WAY_BACK)
+        return
+    for path in strange:
+        yield from _stranger(registry, path)
+    archive = registry.root / "certificates"
+    issued = {Path(each.archive).name for each in registry.certificates()}
+    for path in sorted(archive.iterdir()) if archive.is_dir() else ():
+        if path.is_dir() and path.name not in issued:
+            yield Finding(
+                "orphan",
+                str(path),
+                "",
+                "no certificate of this number is registered",
+                "",
+                "`torquebench records rebuild` enters it, or take it away",
+            )
+
+
+def _stranger(registry: Registry, path: Path) -> Iterator[Finding]:
+    try:
+        folder = RunFolder.open(path)
+        hold = RunHold(path)
+    except (RecordError, OSError):
+        yield Finding("orphan", str(path), "", "isn't a run", "", "take it away")
+        return
+    if not hold.held:  # it is being written right now
+        return
+    hold.release()
+    if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
+        return
+    state = "a sealed run" if folder.sealed else "a run that was left open"
+    yield Finding(
+        "orphan",
+        str(path),
+        "",
+        f"{state} that isn't in the registry",
+        "",
+        "`torquebench records rebuild` enters it",
+    )
+
+
+def _without_folder(runs: Iterable[RunSummary]) -> Iterator[Finding]:
+    """Yield runs without an end whose folder is gone; those with an end are compared anyway."""
+    for run in runs:
+        if run.finished is None and not run.folder.is_dir():
+            yield Finding("file", str(run.folder), "", "the folder of a run that was begun is gone")
+
+
+def _noted(
+    registry: Registry, log: Path, runs: Iterable[RunSummary]
+) -> Iterator[tuple[AuditEnd, str]]:
+    """Yield what registry and run folders have noted of the audit log."""
+    for run in runs:
+        if run.finished is not None and run.folder.is_relative_to(registry.root):
+            end = audit_end(run.folder / AUDIT_FILE)
+            if end.line:
+                yield end, f"run {run.run_id}"
+    for line, sha256 in registry.audit_ends(log):
+        yield AuditEnd(line, sha256), "the registry"
