@@ -20,7 +20,7 @@ from torquebench.records.database_check import (
     schema_changes,
 )
 from torquebench.records.time_check import time_remarks
-from torquebench.station.holding import RunHold
+from torquebench.station.holding import RunLock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -147,13 +147,13 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
 def _stranger(registry: Registry, path: Path) -> Iterator[Finding]:
     try:
         folder = RunFolder.open(path)
-        hold = RunHold(path)
+        lock = RunLock(path)
     except (RecordError, OSError):
         yield Finding("orphan", str(path), "", "isn't a run", "", "take it away")
         return
-    if not hold.held:  # it is being written right now
+    if not lock.held:  # it is being written right now
         return
-    hold.release()
+    lock.release()
     if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
         return
     state = "a sealed run" if folder.sealed else "a run that was left open"
