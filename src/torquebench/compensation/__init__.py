@@ -1,6 +1,6 @@
 """Models of the measuring chain's error: from a torque reading to the best estimate of the torque.
 
-Every model is a scikit-learn regressor with an uncertainty; this room also selects among them by
+Every model is a scikit-learn regressor with an uncertainty; this package also selects among them by
 cross-validation, stores them as JSON, compiles them to tables that run live or elsewhere, follows
 hysteresis and proposes where to calibrate next.
 """

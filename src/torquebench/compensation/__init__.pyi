@@ -17,9 +17,16 @@ from .design import (
     Proposal as Proposal,
     propose_points as propose_points,
 )
+from .discrepancy import (
+    DiscrepancyUncertainty as DiscrepancyUncertainty,
+)
 from .export import (
     EXPORTS as EXPORTS,
     export_table as export_table,
+)
+from .factory import (
+    make_model as make_model,
+    model_from_state as model_from_state,
 )
 from .gaussian_process import (
     GaussianProcessModel as GaussianProcessModel,
@@ -32,7 +39,7 @@ from .hysteresis import (
     HysteresisOperator as HysteresisOperator,
     LiveTorque as LiveTorque,
 )
-from .kinds import MODELS as MODELS, check_kind as check_kind, make_model as make_model
+from .kinds import MODELS as MODELS, check_kind as check_kind
 from .model_file import (
     Provenance as Provenance,
     StoredModel as StoredModel,

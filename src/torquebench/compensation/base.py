@@ -1,4 +1,4 @@
-"""What every compensation model has in common: columns, checks, range, registry of kinds."""
+"""What every compensation model has in common: columns, checks, range."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import ThreadpoolController
@@ -31,22 +31,17 @@ from torquebench.compensation.columns import (
     feature_column,
     features,
 )
-from torquebench.compensation.curve_uncertainty import CurveUncertainty
-from torquebench.compensation.judging import judge_model
-from torquebench.compensation.kinds import MODELS, make_model, register
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 
 __all__ = [
     "FEATURES",
-    "MODELS",
     "CompensationModel",
     "FloatArray",
     "Progress",
     "feature_column",
     "features",
-    "make_model",
-    "register",
+    "single_blas_thread",
 ]
 
 Progress = Callable[[float, str], None]
@@ -82,8 +77,8 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     N·m, sorted by reading (so that a fit doesn't depend on the order of the rows), and scale
     inside. `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one
     underscore and don't start with one are the model's state: floats, integers, strings, booleans,
-    arrays, lists, tuples, dicts with string keys, other compensation models and dataclasses that
-    are registered with `state.storable`. What can be recomputed from them starts with an underscore
+    arrays, lists, tuples, dicts with string keys and dataclasses that are registered with
+    `state.storable`. What can be recomputed from them starts with an underscore
     and is recomputed in `_after_restore`.
 
     Parameters
@@ -114,36 +109,28 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     degrees_of_freedom_ : float
         Those of `noise_nm_`: points (after averaging) minus effective parameters.
 
-    uncertainty_ : CurveUncertainty or None
-        Standard uncertainty of the curve; None for fewer than eight points, where the model's own
-        covariance stands.
-
     Notes
     -----
-    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve: what the
-    data leave open and what the model's form can't follow, by comparison with the posterior of
-    the truth (see `curve_uncertainty`). The scatter of the single reading that is compensated isn't
-    in it; its estimate is `scatter_nm`, and `single_reading_std` adds both.
+    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve. By itself
+    an estimator knows what the data leave open, and nothing of what its form can't follow: that
+    adds a `DiscrepancyUncertainty` round it, as `make_model` does. The scatter of the single
+    reading that is compensated isn't in it; its estimate is `scatter_nm`, and
+    `single_reading_std` adds both.
     """
 
     range_nm: float | None
     range_margin: float
     outliers: str
 
-    kind: ClassVar[str] = ""
+    kind: str = ""
     """Name in `MODELS`; set by `register`."""
     complexity: ClassVar[int] = 50
-    """Rank for the selection: of equally good models, the one with the lower rank wins."""
-    maximum_points: ClassVar[int | None] = 2000
+    """Rank for the comparison: of equally good models, the one with the lower rank comes first."""
+    maximum_points: int | None = 2000
     """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
     """Columns that the model looks at; others are ignored."""
 
-    judged: ClassVar[bool] = True
-    """Whether the uncertainty comes from a comparison with the hybrid's posterior (`judging`). What
-    a model tabulates as `uncertainty_` stands where it isn't, or where the points are too few."""
-
-    uncertainty_: CurveUncertainty | None
     wild_points_: list[WildPoint]
     full_scale_nm_: float
     reading_low_nm_: float
@@ -200,34 +187,6 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
             NaN, too few points, a constant reading, contradictory duplicates, readings beyond
             `range_nm`, a wild point (with ``outliers="refuse"``), a parameter out of its limits.
         """
-        points, weights = self._fit_values(X, y, progress)
-        if self.judged:
-            with single_blas_thread():
-                judged = judge_model(self, MODELS["hybrid"], points, weights)
-            if judged is not None:
-                self.uncertainty_ = judged
-        return self
-
-    def fit_values(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Fit without an uncertainty, for comparisons that only ask for values.
-
-        Parameters
-        ----------
-        X, y
-            As for `fit`.
-
-        Returns
-        -------
-        self
-        """
-        self._fit_values(X, y, None)
-        return self
-
-    def _fit_values(
-        self, X: ArrayLike, y: ArrayLike, progress: Progress | None
-    ) -> tuple[CalibrationPoints, FloatArray]:
-        """Check and fit; return the points and weights that were used."""
-        self.uncertainty_ = None
         self._check_parameters()
         X_checked, y_checked = self._validated(X, y)
         self.points_ = int(y_checked.size)
@@ -248,7 +207,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
                 "check units and columns, or take a simpler model",
             ) from problem
         self.degrees_of_freedom_ = max(points.y.size - self.effective_parameters_, 1.0)
-        return points, weights
+        return self
 
     @overload
     def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> FloatArray: ...
@@ -284,17 +243,12 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         X_checked = self._validated_rows(X)
         self._refuse_outside_range(X_checked[:, 0])
         torque, std = np.empty(X_checked.shape[0]), np.empty(X_checked.shape[0])
-        curve = self.uncertainty_ if return_std else None
-        own_std = return_std and curve is None
         with single_blas_thread():
             for start in range(0, torque.size, _ROWS_AT_ONCE):
                 rows = slice(start, start + _ROWS_AT_ONCE)
-                torque[rows], of_rows = self._predict(X_checked[rows], own_std)
+                torque[rows], of_rows = self._predict(X_checked[rows], return_std)
                 if of_rows is not None:
                     std[rows] = of_rows
-        if curve is not None:
-            u, branch = X_checked[:, 0] / self.full_scale_nm_, feature_column(X_checked, "branch")
-            std = self.full_scale_nm_ * curve.at(u, branch)
         return (torque, std) if return_std else torque
 
     def additional_torque(self, X: ArrayLike) -> FloatArray:
@@ -330,16 +284,21 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
 
     @property
     def scatter_nm(self) -> float:
-        """Standard deviation of a single reading in N·m.
+        """Standard deviation of a single reading in N·m."""
+        return float(self.noise_nm_)
 
-        About a curve that can't follow the chain, points scatter by more than a reading does. What
-        the form misses is in the curve's uncertainty already, so that the posterior's noise, by
-        which the curve is judged, stands here; `noise_nm_` where there is none.
-        """
-        curve = self.uncertainty_
-        if curve is None or np.isnan(curve.scatter):
-            return float(self.noise_nm_)
-        return float(self.full_scale_nm_ * curve.scatter)
+    @property
+    def kind_parameters(self) -> dict[str, Any]:
+        """Parameters of this kind of model, by name."""
+        parameters: dict[str, Any] = self.get_params(deep=False)
+        return parameters
+
+    def with_range(self, range_nm: float) -> Self:
+        """Return an unfitted copy for a range in N·m, unless this one states its own."""
+        model: Self = clone(self)
+        if model.range_nm is None:
+            model.range_nm = range_nm
+        return model
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -356,7 +315,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         Returns
         -------
         state : dict
-            Keys `kind`, `parameters`, `fitted`; `from_state` rebuilds the model bit for bit.
+            Keys `kind`, `parameters`, `fitted`; `model_from_state` rebuilds the model bit for bit.
         """
         check_is_fitted(self)
         fitted = {
@@ -369,45 +328,20 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         }
         return {"kind": self.kind, "parameters": parameters, "fitted": fitted}
 
-    @staticmethod
-    def from_state(state: dict[str, Any]) -> CompensationModel:
-        """Rebuild a fitted model from `get_state`.
-
-        Parameters
-        ----------
-        state : dict
-            As from `get_state`.
-
-        Returns
-        -------
-        model : CompensationModel
-            Of the kind that the state names.
+    @classmethod
+    def restored(cls, state: dict[str, Any]) -> Self:
+        """Rebuild a fitted model of this class from `get_state`.
 
         Raises
         ------
-        InputError
-            When the kind isn't known or the state isn't complete.
+        KeyError, TypeError, AttributeError, InputError
+            When the state isn't complete.
         """
-        kind = state.get("kind")
-        if kind not in MODELS:
-            raise InputError(
-                f"model kind {kind!r}",
-                ", ".join(sorted(MODELS)),
-                "use the version of torquebench that the model was made with",
-            )
-        try:
-            parameters = {name: decode_value(value) for name, value in state["parameters"].items()}
-            model: CompensationModel = MODELS[str(kind)](**parameters)
-            for name, value in state["fitted"].items():
-                setattr(model, name, decode_value(value))
-            with single_blas_thread():
-                model._after_restore()
-        except (KeyError, TypeError, AttributeError) as problem:
-            raise InputError(
-                f"state of a {kind} model that can't be rebuilt ({problem})",
-                "a complete state as written by this version",
-                "fit the model again",
-            ) from problem
+        model = cls(**{name: decode_value(value) for name, value in state["parameters"].items()})
+        for name, value in state["fitted"].items():
+            setattr(model, name, decode_value(value))
+        with single_blas_thread():
+            model._after_restore()
         return model
 
     # ---- checks ---------------------------------------------------------------------------

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.linalg import lapack
 from sklearn.utils._param_validation import Interval, StrOptions
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
     GROUPS,
     NetworkParameters,
@@ -275,7 +276,7 @@ class BayesianNetworkModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 30
-    maximum_points: ClassVar[int | None] = 600
+    maximum_points: int | None = 600
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **CompensationModel._parameter_constraints,
         "ensemble": [Interval(Integral, 1, 100, closed="both")],

@@ -3,7 +3,7 @@
 What a simple form can't follow is no scatter: a parabola through a chain with a loop and ripple is
 wrong in the same way at the same reading every time, so that the covariance of its coefficients
 says nothing of its error. The truth isn't known, but its posterior is: the hybrid model's, which
-averages over everything a chain may show. A model's value m is therefore judged against it. With
+averages over everything a chain may show. A model's value m is therefore compared with it. With
 the truth f distributed as N(f̂, s²), the model's error is N(m − f̂, s²), a known bias with a known
 spread. This is the discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001)
 425-464), taken conditionally on the calibration; the model's values stay its own.

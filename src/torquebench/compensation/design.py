@@ -102,7 +102,7 @@ def propose_points(
         )
     rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
     full_scale = float(model.full_scale_nm_)
-    process = GaussianProcessModel(range_nm=full_scale, outliers="keep").fit_values(rows, y)
+    process = GaussianProcessModel(range_nm=full_scale, outliers="keep").fit(rows, y)
     low = max(model.reading_low_nm_, -full_scale)
     high = min(model.reading_high_nm_, full_scale)
     places = np.tile(np.linspace(low, high, _PLACES), 2)

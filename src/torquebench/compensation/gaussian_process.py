@@ -9,15 +9,8 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky
 from scipy.optimize import minimize
 
-from torquebench.compensation.base import (
-    CompensationModel,
-    FloatArray,
-    Progress,
-    feature_column,
-    register,
-)
-from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
-from torquebench.compensation.hybrid_effects import path_clocks
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
+from torquebench.compensation.hybrid.effects import path_clocks
 from torquebench.compensation.kernels import (
     PRIOR_MEAN,
     PRIOR_STD,
@@ -26,6 +19,7 @@ from torquebench.compensation.kernels import (
     gradients,
     variance,
 )
+from torquebench.compensation.kinds import register
 
 __all__ = ["GaussianProcessModel", "log_posterior"]
 
@@ -126,7 +120,7 @@ class GaussianProcessModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 45
-    maximum_points: ClassVar[int | None] = 600
+    maximum_points: int | None = 600
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
     thetas_: FloatArray
@@ -177,23 +171,6 @@ class GaussianProcessModel(CompensationModel):
             noise2 = np.exp(2 * theta[-1]) / weights
             traces.append(target.size - float(np.sum(noise2 * np.diag(inverse))))
         self.effective_parameters_ = float(self.shares_ @ traces)
-        self.uncertainty_ = self._tabulated_uncertainty()
-
-    def _tabulated_uncertainty(self) -> CurveUncertainty:
-        """Evaluate the uncertainty once, close-set round the reversal: all members cost time."""
-        near = np.geomspace(5e-4, 0.03, 8)
-        far = np.linspace(0.03, 1.0 + self.range_margin, 60)[1:]
-        nodes = np.concatenate([-far[::-1], -near[::-1], near, far])
-        rows = np.zeros((nodes.size, 2))
-        rows[:, 0] = self.full_scale_nm_ * nodes
-        widening = student_widening(self.train_u_.size - self.effective_parameters_)
-        curves = []
-        for branch in (1.0, -1.0, 0.0):
-            rows[:, 1] = branch
-            _, std = self._predict(rows, return_std=True)
-            curves.append(widening * np.asarray(std) / self.full_scale_nm_)
-        up, down, unknown = curves
-        return CurveUncertainty(nodes, up, down, unknown)
 
     def _after_restore(self) -> None:
         points = self._train_points()

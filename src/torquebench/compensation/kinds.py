@@ -11,7 +11,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = ["MODELS", "check_kind", "make_model", "register"]
+__all__ = ["MODELS", "check_kind", "parsed_kind", "register"]
 
 
 class _Kinds(Mapping[str, "type[CompensationModel]"]):
@@ -80,40 +80,6 @@ def register(kind: str) -> Callable[[_Model], _Model]:
     return enter
 
 
-def make_model(name: str, **parameters: Any) -> CompensationModel:
-    """Make an unfitted model by its name.
-
-    Parameters
-    ----------
-    name : str
-        One of `MODELS`; "polynomial-3" is short for a polynomial of degree 3.
-    **parameters
-        The model's own parameters.
-
-    Returns
-    -------
-    model : CompensationModel
-
-    Raises
-    ------
-    InputError
-        When the name or a parameter isn't known.
-
-    Examples
-    --------
-    >>> make_model("polynomial", degree=3).degree
-    3
-    """
-    kind, parameters = _kind(name, parameters)
-    known = MODELS[kind]._get_param_names()
-    for parameter in parameters:
-        if parameter not in known:
-            raise InputError(
-                f"parameter {parameter!r} of model {name!r}", ", ".join(known), "name one of these"
-            )
-    return MODELS[kind](**parameters)
-
-
 def check_kind(name: str) -> str:
     """Return the name of a model after checking that there is such a kind; nothing is imported.
 
@@ -122,14 +88,21 @@ def check_kind(name: str) -> str:
     InputError
         When there is none.
     """
-    _kind(name, {})
+    parsed_kind(name)
     return name
 
 
-def _kind(name: str, parameters: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+def parsed_kind(name: str) -> tuple[str, dict[str, Any]]:
+    """Return the kind that a name means, and the parameters that are part of the name.
+
+    Examples
+    --------
+    >>> parsed_kind("polynomial-3")
+    ('polynomial', {'degree': 3})
+    """
     stem, _, suffix = name.rpartition("-")
     if stem == "polynomial" and suffix.isdigit():
-        return "polynomial", {"degree": int(suffix), **parameters}
+        return "polynomial", {"degree": int(suffix)}
     if name not in MODELS:
         raise InputError(f"model {name!r}", ", ".join(sorted(MODELS)), "name one of these")
-    return name, parameters
+    return name, {}

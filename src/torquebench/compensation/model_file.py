@@ -170,7 +170,7 @@ def load_model(path: str | Path) -> StoredModel:
         )
     known = {item.name for item in fields(Provenance)}
 
-    from torquebench.compensation.base import CompensationModel
+    from torquebench.compensation.factory import model_from_state
 
     try:
         provenance = Provenance(
@@ -180,7 +180,7 @@ def load_model(path: str | Path) -> StoredModel:
                 if name in known
             }
         )
-        model = CompensationModel.from_state(content["model"])
+        model = model_from_state(content["model"])
     except (KeyError, TypeError, AttributeError) as problem:
         raise InputError(
             f"model file {source} isn't complete ({problem})",

@@ -25,14 +25,9 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from torquebench.compensation.base import (
-    CompensationModel,
-    FloatArray,
-    Progress,
-    feature_column,
-    register,
-)
-from torquebench.compensation.hybrid_effects import path_clocks
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
+from torquebench.compensation.hybrid.effects import path_clocks
+from torquebench.compensation.kinds import register
 
 __all__ = ["PRIOR_SCALES", "ChainPoints", "PhysicsModel", "chain_points", "physics_basis"]
 
@@ -122,7 +117,7 @@ class PhysicsModel(CompensationModel):
     have wide normal priors and are integrated out; the noise comes from the marginal likelihood by
     fixed-point iteration (MacKay, Neural Computation 4 (1992) 415, eq. 4.10) and the step's width
     is averaged over a grid, weighted by the same likelihood. What the form can't follow is part of
-    the uncertainty (`judging`).
+    the uncertainty (`discrepancy`).
 
     Parameters
     ----------
@@ -149,7 +144,7 @@ class PhysicsModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 20
-    maximum_points: ClassVar[int | None] = 600
+    maximum_points: int | None = 600
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
     step_widths_: FloatArray

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils._param_validation import Interval
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.kinds import register
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
 
@@ -187,7 +188,7 @@ class PolynomialModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 10
-    maximum_points: ClassVar[int | None] = None
+    maximum_points: int | None = None
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **CompensationModel._parameter_constraints,
         "degree": [Interval(Integral, 1, 30, closed="both")],

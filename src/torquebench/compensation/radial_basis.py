@@ -10,7 +10,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from sklearn.utils._param_validation import Interval
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.kinds import register
 from torquebench.compensation.network import SpanScaling
 from torquebench.compensation.state import storable
 

@@ -6,19 +6,14 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, stdtrit
 from sklearn.base import clone
 
-from torquebench.compensation.base import (
-    MODELS,
-    CompensationModel,
-    FloatArray,
-    Progress,
-    make_model,
-)
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress
 from torquebench.compensation.checks import (
     CalibrationPoints,
     OutlierWarning,
@@ -27,6 +22,9 @@ from torquebench.compensation.checks import (
     check_points,
     point_weights,
 )
+from torquebench.compensation.discrepancy import FEWEST_POINTS, DiscrepancyUncertainty
+from torquebench.compensation.factory import POSTERIOR_POINTS, make_model
+from torquebench.compensation.hybrid import HybridModel
 from torquebench.compensation.repeats import (
     IntArray,
     NoiseFloor,
@@ -61,6 +59,7 @@ _PERCENT_OF_READING_FROM = 0.05  # of full scale; below it a share of the readin
 _ALIKE_SHARE_OF_RANGE = 1e-6
 """Root mean square errors this near, in full scales, aren't told apart: a table is no nearer."""
 _FEW_STEPS = 8
+_Model = TypeVar("_Model", bound=CompensationModel)
 
 
 @dataclass(frozen=True)
@@ -245,8 +244,7 @@ def compare(
     scored = fold_of_point >= 0
     scored[wild_rows] = False
     candidates = {
-        name: clone(model).set_params(range_nm=model.range_nm or full_scale)
-        for name, model in _candidates(models, outliers).items()
+        name: model.with_range(full_scale) for name, model in _candidates(models, outliers).items()
     }
     trials, refused = _try_all(candidates, features, torque, fold_of_point, fold_count, progress)
     fitted = {name: trial.model for name, trial in trials.items()}
@@ -411,10 +409,7 @@ def _candidates(
 ) -> dict[str, CompensationModel]:
     if isinstance(models, Mapping):
         return dict(models)
-    names = models
-    if names is None:
-        names = [name for name in CANDIDATES if name.startswith("polynomial") or name in MODELS]
-    return {name: make_model(name, outliers=outliers) for name in names}
+    return {name: make_model(name, outliers=outliers) for name in models or CANDIDATES}
 
 
 @dataclass(frozen=True)
@@ -437,6 +432,7 @@ def _try_all(
     """Fit every candidate to all points and without each fold; keep what others refuse with."""
     trials: dict[str, _Trial] = {}
     refused: dict[str, str] = {}
+    posteriors = _Posteriors(X, y)
     for number, (name, model) in enumerate(candidates.items()):
 
         def report(fraction: float, text: str, number: int = number, name: str = name) -> None:
@@ -445,7 +441,7 @@ def _try_all(
 
         try:
             started = time.perf_counter()
-            fitted = _quiet_fit(model, X, y)
+            fitted = _quiet_fit(posteriors.given_to(model), X, y)
             fit_time_s = time.perf_counter() - started
             errors = _left_out_errors(model, X, y, fold_of_point, folds, report)
         except InputError as refusal:
@@ -460,15 +456,31 @@ def _try_all(
     return trials, refused
 
 
-def _quiet_fit(
-    model: CompensationModel, X: FloatArray, y: FloatArray, uncertainty: bool = True
-) -> CompensationModel:
-    """Fit a copy; what every fit would warn of again is part of the comparison already."""
+class _Posteriors:
+    """Posteriors of the truth at all points, fitted once for all candidates of the same range."""
+
+    def __init__(self, X: FloatArray, y: FloatArray) -> None:
+        self._X, self._y = X, y
+        self._fitted: dict[tuple[float | None, float, str], HybridModel] = {}
+
+    def given_to(self, model: CompensationModel) -> CompensationModel:
+        """Return an unfitted copy that is compared with the common posterior."""
+        if not isinstance(model, DiscrepancyUncertainty):
+            copy: CompensationModel = clone(model)
+            return copy
+        form = model.estimator
+        key = (form.range_nm, form.range_margin, form.outliers)
+        if key not in self._fitted and self._y.size >= FEWEST_POINTS:
+            self._fitted[key] = _quiet_fit(HybridModel(*key, POSTERIOR_POINTS), self._X, self._y)
+        return DiscrepancyUncertainty(clone(form), self._fitted.get(key, model.posterior))
+
+
+def _quiet_fit(model: _Model, X: FloatArray, y: FloatArray) -> _Model:
+    """Fit; what every fit would warn of again is part of the comparison already."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutlierWarning)
         warnings.simplefilter("ignore", PointsReducedWarning)
-        copy: CompensationModel = clone(model)
-        return copy.fit(X, y) if uncertainty else copy.fit_values(X, y)
+        return model.fit(X, y)
 
 
 def _left_out_errors(
@@ -481,9 +493,10 @@ def _left_out_errors(
 ) -> FloatArray:
     """Error at each point of a model that was fitted without its fold; NaN where never left out."""
     error = np.full(y.size, np.nan)
+    form = model.estimator if isinstance(model, DiscrepancyUncertainty) else model
     for fold in range(folds):
         here = fold_of_point == fold
-        fitted = _quiet_fit(model, X[~here], y[~here], uncertainty=False)
+        fitted = _quiet_fit(clone(form), X[~here], y[~here])
         error[here] = fitted.predict(X[here]) - y[here]
         report((fold + 1) / folds, f"fold {fold + 1} of {folds}")
     return error

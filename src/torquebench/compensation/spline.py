@@ -11,7 +11,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
 from sklearn.utils._param_validation import StrOptions
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, register
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.kinds import register
 
 __all__ = ["SplineModel", "integrated_wiener_kernel"]
 
@@ -79,7 +80,7 @@ class SplineModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 20
-    maximum_points: ClassVar[int | None] = 600
+    maximum_points: int | None = 600
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **CompensationModel._parameter_constraints,
         "criterion": [StrOptions({"reml", "gcv"})],

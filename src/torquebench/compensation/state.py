@@ -39,7 +39,7 @@ def encode_value(value: Any) -> Any:
 
     Parameters
     ----------
-    value : None, bool, int, float, str, array, list, tuple, dict, model or storable dataclass
+    value : None, bool, int, float, str, array, list, tuple, dict or storable dataclass
         Floats keep all their bits: JSON's shortest form reads back to the same double.
 
     Returns
@@ -73,8 +73,6 @@ def encode_value(value: Any) -> Any:
         return {"tuple": [encode_value(item) for item in value]}
     if isinstance(value, Mapping):
         return {"dict": {str(key): encode_value(item) for key, item in value.items()}}
-    if hasattr(value, "get_state"):
-        return {"model": value.get_state()}
     if is_dataclass(value) and type(value).__name__ in _STORABLE:
         content = {field.name: encode_value(getattr(value, field.name)) for field in fields(value)}
         return {"record": type(value).__name__, "content": content}
@@ -116,10 +114,6 @@ def decode_value(encoded: Any) -> Any:
         return tuple(decode_value(item) for item in encoded["tuple"])
     if "dict" in encoded:
         return {key: decode_value(item) for key, item in encoded["dict"].items()}
-    if "model" in encoded:
-        from torquebench.compensation.base import CompensationModel
-
-        return CompensationModel.from_state(encoded["model"])
     if encoded.get("record") in _STORABLE:
         content = {key: decode_value(item) for key, item in encoded["content"].items()}
         return _STORABLE[encoded["record"]](**content)

@@ -68,7 +68,7 @@ def test_a_wild_point_is_a_remark_and_no_warning_on_the_terminal() -> None:
 @pytest.mark.parametrize("kind", sorted(MODELS))
 def test_every_kind_has_a_title_that_fits_the_table(kind: str) -> None:
     model = make_model(kind)
-    title = model_title(kind, model.get_params(deep=False))
+    title = model_title(kind, model.kind_parameters)
     assert title != kind or "-" not in kind
     assert len(title) <= 27
 

@@ -49,7 +49,7 @@ def test_branch_comes_back_as_sign_and_missing_columns_as_zeros() -> None:
 
 
 def test_names_lead_to_models_and_unknown_ones_to_a_list() -> None:
-    assert make_model("polynomial-5").get_params()["degree"] == 5
+    assert make_model("polynomial-5").kind_parameters["degree"] == 5
     assert all(MODELS[kind].kind == kind for kind in KINDS)
     with pytest.raises(InputError, match="bayesian-network"):
         make_model("oracle")

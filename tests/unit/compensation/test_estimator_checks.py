@@ -17,6 +17,7 @@ NOT_ASKED = {
 }
 # Checks that a model can't pass, with the reason; none so far.
 EXPECTED_TO_FAIL: dict[str, dict[str, str]] = {}
+WRAPPED = ("polynomial",)
 
 
 def quick(kind: str, **parameters: Any) -> CompensationModel:
@@ -26,7 +27,9 @@ def quick(kind: str, **parameters: Any) -> CompensationModel:
         "bayesian-network": {"iterations": 5},
         "radial-basis": {"swarm_steps": 5, "iterations": 3},
     }
-    return make_model(kind, **{**small.get(kind, {}), **parameters})
+    parameters = {**small.get(kind, {}), **parameters}
+    # Bare: what `make_model` wraps round them is one class, checked round the polynomial.
+    return make_model(kind, **parameters) if kind in WRAPPED else MODELS[kind](**parameters)
 
 
 def all_checks() -> Iterator[Any]:

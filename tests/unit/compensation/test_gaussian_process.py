@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import multivariate_normal
 
-from torquebench.compensation import CompensationModel, GaussianProcessModel, features
+from torquebench.compensation import GaussianProcessModel, features, model_from_state
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.compensation.gaussian_process import log_posterior
 from torquebench.compensation.kernels import (
@@ -128,7 +128,7 @@ def test_it_follows_ripple_that_no_polynomial_follows() -> None:
 def test_state_gives_the_same_predictions_bit_for_bit() -> None:
     data = make_chain("kinked", 4).calibration(40)
     model = GaussianProcessModel().fit(data.X, data.standard_nm)
-    again = CompensationModel.from_state(model.get_state())
+    again = model_from_state(model.get_state())
     for one, other in zip(
         model.predict(data.X, return_std=True), again.predict(data.X, return_std=True), strict=True
     ):

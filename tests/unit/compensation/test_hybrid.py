@@ -15,7 +15,7 @@ from torquebench.compensation import (
     load_model,
     save_model,
 )
-from torquebench.compensation.hybrid_effects import (
+from torquebench.compensation.hybrid.effects import (
     EffectPoints,
     all_columns,
     at_zero_time,
@@ -23,14 +23,14 @@ from torquebench.compensation.hybrid_effects import (
     make_effects,
     path_clocks,
 )
-from torquebench.compensation.hybrid_inference import (
+from torquebench.compensation.hybrid.inference import (
     Member,
     Problem,
     deviation_kernel,
     deviation_variance,
 )
-from torquebench.compensation.hybrid_search import explore
-from torquebench.compensation.hybrid_uncertainty import curve_variance
+from torquebench.compensation.hybrid.posterior_variance import curve_variance
+from torquebench.compensation.hybrid.search import explore
 from torquebench.compensation.model_file import Provenance
 
 LINEAR = tuple(Term("power", 3e-3, (side, 1.0), 1) for side in (1.0, -1.0))

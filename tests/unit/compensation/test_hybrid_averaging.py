@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from torquebench.compensation.averaging import Candidates, average_effects
+from torquebench.compensation.hybrid.averaging import Candidates, average_effects
 
 
 def some_kind(seed: int, count: int = 4, width: int = 2, points: int = 10) -> Candidates:

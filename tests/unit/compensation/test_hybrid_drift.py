@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torquebench.compensation.hybrid_drift import NO_DRIFT_SHARE, drift_kinds
+from torquebench.compensation.hybrid.drift import NO_DRIFT_SHARE, drift_kinds
 
 
 @settings(max_examples=20)

@@ -4,7 +4,7 @@ from benchmarks.chains import make_chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from torquebench.compensation import CompensationModel, PhysicsModel, features, make_model
+from torquebench.compensation import PhysicsModel, features, make_model, model_from_state
 from torquebench.compensation.physics import ChainPoints, physics_basis
 
 
@@ -81,7 +81,7 @@ def test_a_drift_during_the_calibration_is_not_part_of_the_curve() -> None:
 def test_state_gives_the_same_predictions_bit_for_bit() -> None:
     data = make_chain("power-law", 4).calibration(50)
     model = make_model("physics").fit(data.X, data.standard_nm)
-    again = CompensationModel.from_state(model.get_state())
+    again = model_from_state(model.get_state())
     for one, other in zip(
         model.predict(data.X, return_std=True), again.predict(data.X, return_std=True), strict=True
     ):

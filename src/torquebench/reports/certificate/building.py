@@ -218,7 +218,7 @@ def _compensation(source: Source) -> tuple[str, str]:
     if source.chain is None:
         return "", ""
     model = source.chain.model
-    kind, parameters = model.kind, model.get_params(deep=False)
+    kind, parameters = model.kind, model.kind_parameters
     degree = f"-{parameters['degree']}" if kind == "polynomial" else ""
     return model_title(kind, parameters), f"{kind}{degree}"
 

@@ -128,11 +128,11 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
 
 def _name(model: CompensationModel) -> str:
     """Return a model's name as comparisons have it."""
-    degree = model.get_params(deep=False).get("degree")
+    degree = model.kind_parameters.get("degree")
     return model.kind if degree is None else f"{model.kind}-{degree}"
 
 
 def _fitted(chain: MeasuringChain) -> FittedModel:
     model = chain.model
-    title = model_title(model.kind, model.get_params(deep=False))
+    title = model_title(model.kind, model.kind_parameters)
     return FittedModel(_name(model), title, model, 0.0, (), chain.stored)

@@ -183,4 +183,4 @@ def _title(chain: MeasuringChain | None) -> str:
     if chain is None:
         return model_title("raw")
     model = chain.model
-    return model_title(model.kind, model.get_params(deep=False))
+    return model_title(model.kind, model.kind_parameters)

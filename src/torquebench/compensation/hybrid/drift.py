@@ -1,16 +1,16 @@
-"""Creep of the zero during a calibration: what it may look like, as covariances over time.
+"""Drift of the zero during a calibration: what it may look like, as covariances over time.
 
 The zero was taken at the beginning; what it has moved since is part of the calibration, not of the
-compensation, and is marginalised with everything else. How a zero creeps isn't known, so each kind
-of creep is a Gaussian process W(t) with W(0) = 0 whose variance is 1 at the end:
+compensation, and is marginalised with everything else. How a zero drifts isn't known, so each kind
+of drift is a Gaussian process W(t) with W(0) = 0 whose variance is 1 at the end:
 
     steady      t with relaxations of long lags: a chain that follows the room
     relaxing    relaxations (1 − exp(−t/τ)) of short lags: a chain that warms up or settles
     anew        as steady, but from each direction's own beginning, where a zero may have been taken
 
-Each is a sum of courses φⱼ with common and own coefficients,
+Each is a sum of functions φⱼ with common and own coefficients,
 W = a Σⱼ φⱼ / m + Σⱼ bⱼ φⱼ / √m, a and bⱼ independent with variance ½. Kinds and their amplitudes
-are averaged by evidence (`hybrid_search`).
+are averaged by evidence (`search`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AMPLITUDES = (0.6e-4, 3e-4)
 """Candidate standard deviations of the drift at the end, as fractions of full scale."""
 
 NO_DRIFT_SHARE = 0.3
-"""Prior probability of a zero that doesn't creep."""
+"""Prior probability of a zero that doesn't drift."""
 
 _STEADY_SHARE, _RELAXING_SHARE, _ANEW_SHARE = 0.35, 0.2, 0.15
 _STEADY_LAGS = (np.inf, 1.0, 0.4)  # as fractions of the calibration
@@ -38,7 +38,7 @@ _COMMON = 0.5
 
 @dataclass(frozen=True)
 class DriftKind:
-    """One kind of creep.
+    """One kind of drift.
 
     Attributes
     ----------
@@ -53,12 +53,12 @@ class DriftKind:
 
 
 def drift_kinds(elapsed: FloatArray) -> list[DriftKind]:
-    """Return the kinds of creep that the path of a calibration can show.
+    """Return the kinds of drift that the path of a calibration can show.
 
     Parameters
     ----------
     elapsed : float64 array of shape (clocks, n)
-        From `hybrid_effects.path_clocks`: the last row runs through the whole calibration.
+        From `effects.path_clocks`: the last row runs through the whole calibration.
 
     Returns
     -------
@@ -84,13 +84,13 @@ def drift_kinds(elapsed: FloatArray) -> list[DriftKind]:
 
 
 def _covariance(time: FloatArray, lags: tuple[float, ...]) -> FloatArray:
-    courses = np.array([_course(time, lag) for lag in lags])
-    mean = courses.mean(axis=0)
-    own = courses.T @ courses / len(courses)
+    relaxations = np.array([_relaxation(time, lag) for lag in lags])
+    mean = relaxations.mean(axis=0)
+    own = relaxations.T @ relaxations / len(relaxations)
     return np.asarray(_COMMON * np.outer(mean, mean) + (1.0 - _COMMON) * own)
 
 
-def _course(time: FloatArray, lag: float) -> FloatArray:
+def _relaxation(time: FloatArray, lag: float) -> FloatArray:
     """Return a relaxation that is 1 at the end."""
     if np.isinf(lag):
         return time

@@ -1,6 +1,6 @@
-"""What repeats say of scatter that stays for a while.
+"""Correlated scatter: what repeats say of scatter that points of one series share.
 
-Parts that seat anew with every loading leave the points of one series off to the same side.
+Parts that re-seat with every loading shift the points of one series to the same side.
 Repeats average that, more points of a series don't (GUM 4.2.7): taken for independent, they make
 the curve look better known than it is, and effects are seen in what only one loading did.
 """
@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 
 from torquebench.compensation.columns import FloatArray
 
-__all__ = ["memory_covariance"]
+__all__ = ["correlated_covariance"]
 
-_FEWEST_SERIES = 3  # of fewer, nobody can tell what a chain remembers from what it is
+_FEWEST_SERIES = 3  # fewer can't tell correlated scatter from the curve
 _LENGTHS = np.geomspace(0.003, 1.0, 8)
-"""Candidate ways, as shares of full scale, after which a chain has forgotten."""
+"""Candidate correlation lengths along the path, as shares of full scale."""
 _CHANCE = 2.5  # standard errors of the correlation
 _LARGEST_SHARE = 0.9
 _SIDED = 5e-4  # readings next to zero are on neither side
 
 
-def memory_covariance(
+def correlated_covariance(
     u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
 ) -> FloatArray | None:
-    """Return the covariance of scatter that stays for a while, for independent scatter of 1.
+    """Return the covariance of correlated scatter, for independent scatter of 1.
 
     Points of different series at the same torque and branch differ by scatter alone. Its
     correlation within a series is taken as m·exp(−d/ℓ) over the way d between two points; m and ℓ
@@ -49,9 +49,9 @@ def memory_covariance(
     >>> u, series = np.tile(np.linspace(0.1, 0.4, 30), 6), np.repeat(np.arange(6.0), 30)
     >>> common = np.repeat([1.0, -1.0, 0.5, -0.5, 2.0, -2.0], 30)
     >>> scatter = np.random.default_rng(1).normal(size=180)
-    >>> memory_covariance(u, np.ones(180), series, scatter) is None
+    >>> correlated_covariance(u, np.ones(180), series, scatter) is None
     True
-    >>> float(memory_covariance(u, np.ones(180), series, scatter + common).max().round(1))
+    >>> float(correlated_covariance(u, np.ones(180), series, scatter + common).max().round(1))
     4.4
     """
     if np.unique(series).size < _FEWEST_SERIES:

@@ -9,7 +9,7 @@ For one setting of noise, deviation and drift, the main form, whose coefficients
 priors, the deviation and the drift are marginalised in closed form (C. E. Rasmussen,
 C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, eq. 2.39-2.42, explicit basis
 functions) by whitening with the Cholesky factor of their covariance plus noise; the effects are
-averaged on the whitened data. `hybrid_search` averages over settings.
+averaged on the whitened data. `search` averages over settings.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 
-from torquebench.compensation.averaging import AveragedEffects, average_effects
 from torquebench.compensation.columns import FloatArray
-from torquebench.compensation.hybrid_drift import (
+from torquebench.compensation.hybrid.averaging import AveragedEffects, average_effects
+from torquebench.compensation.hybrid.drift import (
     AMPLITUDES as DRIFT_AMPLITUDES,
 )
-from torquebench.compensation.hybrid_drift import (
+from torquebench.compensation.hybrid.drift import (
     NO_DRIFT_SHARE,
     drift_kinds,
 )
-from torquebench.compensation.hybrid_effects import (
+from torquebench.compensation.hybrid.effects import (
     Dictionary,
     Effect,
     EffectPoints,
@@ -196,13 +196,13 @@ class Problem:
         Weights of the points.
     prior_scale : float
         Factor on all prior amplitudes.
-    memory : float64 array of shape (n, n), optional
-        Covariance of scatter that stays for a while, for independent scatter of 1.
+    correlated : float64 array of shape (n, n), optional
+        Covariance of correlated scatter, for independent scatter of 1.
 
     Attributes
     ----------
     scatter : float64 array of shape (n,)
-        Variance of a point, with what stays for a while, for independent scatter of 1.
+        Variance of a point, correlated scatter included, for independent scatter of 1.
     """
 
     def __init__(
@@ -211,11 +211,11 @@ class Problem:
         target: FloatArray,
         weights: FloatArray,
         prior_scale: float,
-        memory: FloatArray | None = None,
+        correlated: FloatArray | None = None,
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
-        self._memory = memory
-        self.scatter = np.ones(target.size) if memory is None else 1.0 + np.diag(memory)
+        self._correlated = correlated
+        self.scatter = np.ones(target.size) if correlated is None else 1.0 + np.diag(correlated)
         self.prior_scale = prior_scale
         self._take_main(np.full(_MAIN_SCALES.size, prior_scale))
         self._deviation = prior_scale**2 * deviation_kernel(points.u, points.u)
@@ -306,9 +306,9 @@ class Problem:
         if setting.drift >= 0:
             scale = self.prior_scale * setting.drift_amplitude
             covariance += scale**2 * self.drifts[setting.drift].covariance
-        if self._memory is not None:
+        if self._correlated is not None:
             load = 1.0 / np.sqrt(self.load_weights(setting.growth))
-            covariance += setting.noise**2 * np.outer(load, load) * self._memory
+            covariance += setting.noise**2 * np.outer(load, load) * self._correlated
         covariance[np.diag_indices_from(covariance)] += noise2
         factor = cholesky(covariance, lower=True, check_finite=False)
         effects, left = self._average(factor)

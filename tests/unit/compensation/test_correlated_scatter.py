@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from torquebench.compensation import HybridModel
 from torquebench.compensation.columns import FloatArray, features
-from torquebench.compensation.hybrid_memory import memory_covariance
+from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
 
 LEVELS = np.concatenate([np.linspace(0.001, 0.006, 6), np.linspace(0.01, 0.3, 12)])
 NOISE = 1e-4
@@ -35,7 +35,7 @@ def cycles(
 @pytest.mark.parametrize(("share", "length"), [(0.8, 0.01), (0.6, 0.3)])
 def test_scatter_that_stays_is_found_with_its_size_and_length(share: float, length: float) -> None:
     u, branch, series, scatter = cycles(np.random.default_rng(3), 10, share, length)
-    found = memory_covariance(u, branch, series, scatter)
+    found = correlated_covariance(u, branch, series, scatter)
     assert found is not None
     assert np.array_equal(found, found.T)
     assert found.max() / (1 + found.max()) == pytest.approx(share, abs=0.15)
@@ -47,14 +47,16 @@ def test_the_course_of_the_chain_is_no_scatter() -> None:
     rng = np.random.default_rng(5)
     u, branch, series, _ = cycles(rng, 8, 0.0, 1.0)
     course = 3e-3 * np.tanh(u / 0.004) + 5e-3 * u**2 + 2e-4 * branch
-    assert memory_covariance(u, branch, series, course + NOISE * rng.normal(size=u.size)) is None
+    assert (
+        correlated_covariance(u, branch, series, course + NOISE * rng.normal(size=u.size)) is None
+    )
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 2))
 def test_one_or_two_series_tell_nothing(seed: int, repeats: int) -> None:
     u, branch, series, scatter = cycles(np.random.default_rng(seed), repeats, 0.9, 0.5)
-    assert memory_covariance(u, branch, series, scatter) is None
+    assert correlated_covariance(u, branch, series, scatter) is None
 
 
 @settings(max_examples=20, deadline=None)
@@ -64,9 +66,9 @@ def test_any_points_are_taken_in_any_order(seed: int) -> None:
     size = int(rng.integers(3, 60))
     u, target = rng.normal(size=size), rng.normal(size=size)
     branch, series = rng.choice([-1.0, 0.0, 1.0], size), rng.choice(4, size).astype(float)
-    found = memory_covariance(u, branch, series, target)
+    found = correlated_covariance(u, branch, series, target)
     order = rng.permutation(size)
-    again = memory_covariance(u[order], branch[order], series[order], target[order])
+    again = correlated_covariance(u[order], branch[order], series[order], target[order])
     assert (found is None) == (again is None)
     if found is not None and again is not None:
         np.testing.assert_allclose(again, found[np.ix_(order, order)])

@@ -33,8 +33,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.averaging import Candidates
 from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.hybrid.averaging import Candidates
 from torquebench.compensation.state import storable
 
 __all__ = [

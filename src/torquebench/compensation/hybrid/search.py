@@ -15,7 +15,7 @@ from math import lgamma
 import numpy as np
 
 from torquebench.compensation.columns import FloatArray
-from torquebench.compensation.hybrid_inference import (
+from torquebench.compensation.hybrid.inference import (
     GROWTHS,
     LEAST_NOISE,
     Member,

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from numbers import Integral
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.utils._param_validation import Interval
 
-from torquebench.compensation.base import (
-    CompensationModel,
-    FloatArray,
-    Progress,
-    feature_column,
-    register,
-)
+from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
-from torquebench.compensation.hybrid_effects import (
+from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
+from torquebench.compensation.hybrid.effects import (
     KINDS,
     WAVE_COLUMNS,
     Dictionary,
@@ -24,16 +21,16 @@ from torquebench.compensation.hybrid_effects import (
     at_zero_time,
     path_clocks,
 )
-from torquebench.compensation.hybrid_inference import (
+from torquebench.compensation.hybrid.inference import (
     MANY_CANDIDATES,
     Member,
     Problem,
     deviation_kernel,
     main_columns,
 )
-from torquebench.compensation.hybrid_memory import memory_covariance
-from torquebench.compensation.hybrid_search import explore
-from torquebench.compensation.hybrid_uncertainty import curve_variance
+from torquebench.compensation.hybrid.posterior_variance import curve_variance
+from torquebench.compensation.hybrid.search import explore
+from torquebench.compensation.kinds import register
 
 __all__ = ["HybridModel"]
 
@@ -50,14 +47,16 @@ class HybridModel(CompensationModel):
     Gaussian process per direction for what isn't quadratic, and a sum of structured effects: a step
     at torque reversal, hysteresis, ripple of an unknown period, up to three local bumps. Which
     shapes a chain shows isn't picked but averaged by evidence, as are noise and smoothness
-    (`hybrid_inference`, `hybrid_search`, `averaging`). A zero that creeps during the calibration,
-    steadily or relaxing, is a nuisance that is marginalised and left out (`hybrid_drift`); noise
+    (`inference`, `search`, `averaging`). A zero that creeps during the calibration,
+    steadily or relaxing, is a nuisance that is marginalised and left out (`drift`); noise
     with heavy tails, or noise that grows with the load, is recognised.
 
     Parameters
     ----------
     range_nm, range_margin, outliers
         See `CompensationModel`.
+    maximum_points : int, default 800
+        More points than this are averaged with their neighbours.
 
     Attributes
     ----------
@@ -71,6 +70,8 @@ class HybridModel(CompensationModel):
         Posterior means of the coefficients of every kind of effect.
     present_ : dict of str to float
         Posterior probability that the chain shows a kind of effect at all.
+    uncertainty_ : CurveUncertainty
+        Posterior standard deviation of the curve.
 
     Notes
     -----
@@ -88,9 +89,7 @@ class HybridModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 40
-    maximum_points: ClassVar[int | None] = 800
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
-    judged: ClassVar[bool] = False
 
     dictionary_: Dictionary
     main_: FloatArray
@@ -98,16 +97,24 @@ class HybridModel(CompensationModel):
     effects_: list[FloatArray]
     train_u_: FloatArray
     present_: dict[str, float]
+    uncertainty_: CurveUncertainty
+
+    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
+        **CompensationModel._parameter_constraints,
+        "maximum_points": [Interval(Integral, 8, None, closed="left")],
+    }
 
     def __init__(
         self,
         range_nm: float | None = None,
         range_margin: float = 0.02,
         outliers: str = "downweight",
+        maximum_points: int = 800,
     ) -> None:
         self.range_nm = range_nm
         self.range_margin = range_margin
         self.outliers = outliers
+        self.maximum_points = maximum_points
 
     def _minimum_points(self) -> int:
         return 8
@@ -124,8 +131,8 @@ class HybridModel(CompensationModel):
         series = feature_column(X, "series")
         points = EffectPoints(u, branch, path_clocks(u, branch, series))
         spread = _spread_about_main(u, target, weights)
-        memory = memory_covariance(u, branch, series, target)
-        problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD), memory)
+        correlated = correlated_covariance(u, branch, series, target)
+        problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD), correlated)
         problem, members = explore(problem, max(spread, 1e-5))
         evidence = np.array([member.log_evidence for member in members])
         shares = np.exp(evidence - evidence.max())
@@ -181,7 +188,7 @@ class HybridModel(CompensationModel):
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
         torque = X[:, 0] + self.full_scale_nm_ * self._mean(u, branch)
-        if not return_std or self.uncertainty_ is None:
+        if not return_std:
             return torque, None
         return torque, self.full_scale_nm_ * self.uncertainty_.at(u, branch)
 

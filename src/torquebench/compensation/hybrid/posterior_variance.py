@@ -7,8 +7,8 @@ from numba import njit
 from scipy.linalg import cho_solve
 
 from torquebench.compensation.columns import FloatArray
-from torquebench.compensation.hybrid_effects import all_columns, at_zero_time
-from torquebench.compensation.hybrid_inference import (
+from torquebench.compensation.hybrid.effects import all_columns, at_zero_time
+from torquebench.compensation.hybrid.inference import (
     Member,
     Problem,
     deviation_kernel,
