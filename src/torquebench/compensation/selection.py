@@ -22,9 +22,12 @@ from torquebench.compensation.checks import (
     check_points,
     point_weights,
 )
-from torquebench.compensation.discrepancy import FEWEST_POINTS, DiscrepancyUncertainty
-from torquebench.compensation.factory import POSTERIOR_POINTS, make_model
-from torquebench.compensation.hybrid import HybridModel
+from torquebench.compensation.discrepancy import (
+    FEWEST_POINTS,
+    DiscrepancyUncertainty,
+    fit_posterior,
+)
+from torquebench.compensation.factory import make_model
 from torquebench.compensation.repeats import (
     IntArray,
     NoiseFloor,
@@ -461,7 +464,7 @@ class _Posteriors:
 
     def __init__(self, X: FloatArray, y: FloatArray) -> None:
         self._X, self._y = X, y
-        self._fitted: dict[tuple[float | None, float, str], HybridModel] = {}
+        self._fitted: dict[tuple[float | None, float, str], CompensationModel] = {}
 
     def given_to(self, model: CompensationModel) -> CompensationModel:
         """Return an unfitted copy that is compared with the common posterior."""
@@ -471,7 +474,7 @@ class _Posteriors:
         form = model.estimator
         key = (form.range_nm, form.range_margin, form.outliers)
         if key not in self._fitted and self._y.size >= FEWEST_POINTS:
-            self._fitted[key] = _quiet_fit(HybridModel(*key, POSTERIOR_POINTS), self._X, self._y)
+            self._fitted[key] = fit_posterior(model.posterior, form, self._X, self._y)
         return DiscrepancyUncertainty(clone(form), self._fitted.get(key, model.posterior))
 
 

@@ -72,7 +72,6 @@ class CompensationTable:
         branch: ArrayLike | None = None,
         *,
         out: FloatArray | None = None,
-        workers: int | None = None,
     ) -> FloatArray:
         """Compensate readings, refusing any outside the calibrated range.
 
@@ -84,8 +83,6 @@ class CompensationTable:
             -1, 0 or +1; unknown (0) where not given.
         out : float64 array of shape (n,), optional
             Where to put the result; may be the readings' own array.
-        workers : int, optional
-            Threads, see `lookup.evaluate`.
 
         Returns
         -------
@@ -101,7 +98,7 @@ class CompensationTable:
         kept = reading if out is None or not np.may_share_memory(out, reading) else None
         result = np.empty_like(reading) if out is None else out
         _require_same_shape(reading, signs, result)
-        outside = self.curve.evaluate(reading, signs, result, workers)
+        outside = self.curve.evaluate(reading, signs, result)
         if outside:
             detail = ""
             if kept is not None:

@@ -48,7 +48,7 @@ def test_what_it_cannot_follow_widens_its_intervals() -> None:
     X = features(2000 * u, branch)
     widths = []
     for standard in (plain, rippled):
-        _, std = PhysicsModel().fit(X, standard).predict(X, return_std=True)
+        _, std = make_model("physics").fit(X, standard).predict(X, return_std=True)
         widths.append(float(np.mean(std)))
     assert widths[1] > 2 * widths[0]
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.interpolate import make_smoothing_spline
 
-from torquebench.compensation import SplineModel
+from torquebench.compensation import SplineModel, make_model
 from torquebench.compensation.spline import integrated_wiener_kernel
 
 
@@ -56,7 +56,7 @@ def test_intervals_cover_the_truth(criterion: str) -> None:
     inside = []
     for seed in range(20):
         reading, standard = noisy(50, seed)
-        model = SplineModel(criterion=criterion).fit(reading[:, None], standard)
+        model = make_model("spline", criterion=criterion).fit(reading[:, None], standard)
         torque, std = model.predict(at[:, None], return_std=True)
         inside.append(np.abs(torque - truth(at)) < 1.96 * std)
     # without a branch or a physical form the posterior allows for more than this truth shows
