@@ -1,10 +1,10 @@
 """Latency of the live path, block by block: ``python -m benchmarks.live_path [--quick]``.
 
 Eight channels of one core: a block of 10 ms of 60 kHz edges with 5 ns of jitter becomes frequency,
-torque, compensated torque with its standard uncertainty (compiled table), and is judged by the
+torque, compensated torque with its standard uncertainty (compiled table), and is checked by the
 supervisor; then the journal takes it, with every edge, and a viewer that nobody empties. Every
 part is the one that a bench runs, with the priority that the system grants acquisition. Exits with
-1 where the median exceeds 2 ms.
+1 where more than 1 % of the blocks take more than 2 ms.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class LivePath:
         self.index = 0
 
     def push(self, edges: dict[str, EdgeBlock]) -> AcquiredBlock:
-        """Turn edges into a judged block."""
+        """Turn edges into a checked block."""
         samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
         compensated: dict[str, CompensatedSamples] = {
             name: self.compensation.samples(each.torque_nm, 0.0, 23.0)
@@ -147,11 +147,11 @@ def measure(duration_s: float) -> NDArray[np.float64]:
         for edges in edge_blocks(duration_s):
             begun = time.perf_counter()
             block = path.push(edges)
-            judged = time.perf_counter()
+            checked = time.perf_counter()
             journal.write(block)
             viewer.put(block)
             done = time.perf_counter()
-            latencies.append((judged - begun, done - begun))
+            latencies.append((checked - begun, done - begun))
             time.sleep(max(0.0, BLOCK_S - (done - begun)))
         journal.close()
         writer.close()
@@ -180,16 +180,16 @@ def main() -> int:
     print(f"programs beside it, ms a block of {BLOCK_S * 1e3:g} ms:")
     print(f"{'':36}" + "".join(f"{name:>9}" for name in ("median", "90 %", "99 %", "worst")))
     for title, row in zip(
-        ("edges to judged, compensated torque", "with journal (edges) and viewer"),
+        ("edges to checked, compensated torque", "with journal (edges) and viewer"),
         latencies,
         strict=True,
     ):
         print(f"{title:36}" + "".join(f"{value:9.3f}" for value in np.percentile(row, PERCENTILES)))
     late = int(np.sum(latencies[1] > LIMIT_MS))
     print(f"{late} of {latencies.shape[1]} blocks above {LIMIT_MS:g} ms")
-    median = float(np.median(latencies[1]))
-    met = median <= LIMIT_MS
-    print(f"median {median:.3f} ms (aim ≤ {LIMIT_MS:g} ms) {'met' if met else 'MISSED'}")
+    most = float(np.percentile(latencies[1], 99.0))
+    met = most <= LIMIT_MS
+    print(f"99 % within {most:.3f} ms (aim ≤ {LIMIT_MS:g} ms) {'met' if met else 'MISSED'}")
     return 0 if met else 1
 
 

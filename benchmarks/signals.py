@@ -1,4 +1,4 @@
-"""Speed and noise of the signal path, against other solutions and against plain reads of memory.
+"""Speed and noise of the signal path, beside other solutions and plain reads of memory.
 
 ``python -m benchmarks.signals [--quick]`` prints what it measures and exits with 1 where an aim
 is missed. Everything runs in one thread. Times are the processor's time for this process, the
@@ -35,8 +35,10 @@ METHODS: tuple[CounterMethod, ...] = ("gated", "reciprocal", "regression", "tria
 BLOCK_EDGES = 2**22
 BLOCK_BYTES = 2**22
 JITTER_S = 5e-9
-# The obvious formulations; others are shown beside them.
-AIMED_AT = ("regression by NumPy (add.reduceat)", "regression by polars (group_by)")
+DAY_EDGES = 4 * 60e3 * 86_400
+"""Recorded in a day by four transducers."""
+DAY_LIMIT_S = 60.0
+LIVE_LIMIT_MS = 2.0
 
 Ticks = NDArray[np.int64]
 
@@ -111,22 +113,12 @@ def measure_counters(console: Console, frequency_hz: float, edges: int, rounds: 
         share, times = rate / rates["plain read (sum)"], rates["regression"] / rate
         table.add_row(name, f"{rate:.0f}", f"{share:.3f}", f"{times:.1f}")
     console.print(table)
-    aims = [
-        Aim(
-            f"regression at {frequency_hz / 1e3:g} kHz, of a plain read",
-            rates["regression"] / rates["plain read (sum)"],
-            0.7,
-        )
-    ]
-    aims.extend(
-        Aim(f"times faster than {name}", rates["regression"] / rates[name], 30.0)
-        for name in others
-        if name in AIMED_AT
-    )
-    return aims
+    day_s = DAY_EDGES / (2 * rates["regression"] * 1e6)
+    name = f"s for a day of four channels on two cores, counted at {frequency_hz / 1e3:g} kHz"
+    return [Aim(name, day_s, DAY_LIMIT_S, at_least=False)]
 
 
-def measure_bits(console: Console, size: int, rounds: int) -> list[Aim]:
+def measure_bits(console: Console, size: int, rounds: int) -> None:
     """Edge finding in packed bits: 100 million samples per second of a 60 kHz wave."""
     samples = 8 * size
     half = TIMEBASE_HZ / 60e3 / 2
@@ -155,7 +147,6 @@ def measure_bits(console: Console, size: int, rounds: int) -> list[Aim]:
     ):
         table.add_row(name, f"{rate:.2f}", f"{rate / (size / seconds['read'] / 1e9):.3f}")
     console.print(table)
-    return [Aim("edges in packed bits, of a plain read", seconds["read"] / seconds["find"], 0.5)]
 
 
 def noise_ratio(method: CounterMethod, both_edges: bool, windows: int) -> tuple[float, float]:
@@ -232,7 +223,7 @@ def measure_live_path(console: Console, blocks: int) -> list[Aim]:
         aims.append(value)
     table.add_row(*(f"{value:.3f}" for value in aims))
     console.print(table)
-    return [Aim("ms for a block of 10 ms, half of all blocks", aims[0], 2.0, at_least=False)]
+    return [Aim("ms for a block of 10 ms, 99 % of blocks", aims[2], LIVE_LIMIT_MS, at_least=False)]
 
 
 def main() -> int:
@@ -245,7 +236,7 @@ def main() -> int:
     rounds = 60 if quick else 100
     aims = measure_counters(console, 60e3, edges, rounds)
     aims += measure_counters(console, 240e3, edges, rounds)
-    aims += measure_bits(console, edges * 4, rounds)
+    measure_bits(console, edges * 4, rounds)
     aims += measure_noise(console, 8_000 if quick else 40_000)
     aims += measure_live_path(console, 1_000 if quick else 10_000)
     if "polars" not in "".join(solutions.available()):

@@ -42,47 +42,60 @@ _BESIDE_ZERO = 1e-12
 
 
 _NO_BRANCHES = np.empty(0, dtype=np.int8)
+_BLOCK = 1024  # readings whose places stay in the first-level cache
 
 
 @njit(cache=True, nogil=True)
-def _location(value, grid):  # type: ignore[no-untyped-def] # Numba infers
-    """Return where a reading lies on the scale of the intervals, at the limits from beyond them."""
+def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # Numba infers
+    """Fill in every reading's interval and its place there; return how many are outside."""
     scale, zero, extra, near, low, high, _ = grid
-    # not a number compares false and lies at the lower limit, so that it has an interval, too
-    clamped = value if value > low else low
-    clamped = clamped if clamped < high else high
-    central = min(max(clamped, -near), near)
-    return clamped * scale + (central * extra + zero), clamped != value
-
-
-@njit(cache=True, nogil=True)
-def _linear(reading, branch, out, coefficients, grid):  # type: ignore[no-untyped-def] # Numba infers
     outside = 0
     for i in range(reading.size):
         value = reading[i]
-        location, is_outside = _location(value, grid)
-        interval = int(location + 0.5)
-        place = location - interval
-        row = coefficients[branch[i] + 1 if branch.size else 1, interval]
-        # not `gain · value`: an infinite or missing reading times 0 would not be 0
-        base = value if grid[6] != 0.0 else 0.0
-        out[i] = base + (row[0] + place * row[1])
-        outside += is_outside
+        # not a number compares false and lies at the lower limit, so that it has an interval, too
+        clamped = value if value > low else low
+        clamped = clamped if clamped < high else high
+        central = min(max(clamped, -near), near)
+        location = clamped * scale + (central * extra + zero) + 0.5
+        number = np.int32(location)
+        interval[i] = number
+        place[i] = location - number - 0.5
+        outside += clamped != value
     return outside
 
 
 @njit(cache=True, nogil=True)
-def _cubic(reading, branch, out, coefficients, grid):  # type: ignore[no-untyped-def] # Numba infers
+def _evaluate(reading, branch, out, table, intervals, order, grid):  # type: ignore[no-untyped-def] # Numba infers
+    """Evaluate block by block: what locates is vectorised, what fetches coefficients isn't."""
+    first_of = np.empty(_BLOCK, dtype=np.int32)
+    place = np.empty(_BLOCK)
     outside = 0
-    for i in range(reading.size):
-        value = reading[i]
-        location, is_outside = _location(value, grid)
-        interval = int(location + 0.5)
-        place = location - interval
-        row = coefficients[branch[i] + 1 if branch.size else 1, interval]
-        base = value if grid[6] != 0.0 else 0.0
-        out[i] = base + (row[0] + place * (row[1] + place * (row[2] + place * row[3])))
-        outside += is_outside
+    for start in range(0, reading.size, _BLOCK):
+        part, result = reading[start : start + _BLOCK], out[start : start + _BLOCK]
+        outside += _locate(part, grid, first_of, place)
+        if branch.size:
+            signs = branch[start : start + _BLOCK]
+            for i in range(part.size):
+                first_of[i] = order * (first_of[i] + intervals * (signs[i] + 1))
+        else:
+            for i in range(part.size):
+                first_of[i] = order * (first_of[i] + intervals)
+        if order == 2:
+            for i in range(part.size):
+                k = np.uint64(first_of[i])
+                place[i] = table[k] + place[i] * table[k + np.uint64(1)]
+        else:
+            for i in range(part.size):
+                k, f = np.uint64(first_of[i]), place[i]
+                square = table[k + np.uint64(2)] + f * table[k + np.uint64(3)]
+                place[i] = table[k] + f * (table[k + np.uint64(1)] + f * square)
+        # not `gain · value`: an infinite or missing reading times 0 would not be 0
+        if grid[6] != 0.0:
+            for i in range(part.size):
+                result[i] = part[i] + place[i]
+        else:
+            for i in range(part.size):
+                result[i] = place[i]
     return outside
 
 
@@ -158,9 +171,9 @@ class PiecewisePolynomial:
             Number of readings outside the limits, or not a number.
         """
         grid = (self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain)
-        kernel = _linear if self.degree == 1 else _cubic
         signs = branch if self.branch_aware and branch is not None else _NO_BRANCHES
-        return int(kernel(reading, signs, out, self.coefficients, grid))
+        table, order = self.coefficients.reshape(-1), self.degree + 1
+        return int(_evaluate(reading, signs, out, table, self.intervals, order, grid))
 
     def nodes(self) -> FloatArray:
         """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""

@@ -9,16 +9,9 @@ order and runs eight times slower.
 import numpy as np
 from numba import int64, njit
 
-from torquebench.signals._lanes import LANES, slope_and_intervals_in_lanes
-from torquebench.signals._processor import prefetch
-
 GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
 # A window whose pulse train is irregular; it is looked at more closely outside the hot loop.
 SUSPECT = 255
-# Distance of the prefetch in edges: well inside the first cache, and far enough ahead of the
-# memory's latency.
-_AHEAD = 1024
-_EDGES_PER_CACHE_LINE = 8
 # Windows whose integers stay in the inner caches until they become frequencies.
 _GROUP = 2048
 
@@ -57,20 +50,19 @@ def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
 def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Sum of (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
 
-    What `slope_and_intervals_in_lanes` does, for windows of few edges or the first of a train.
-    The weights add up to zero, so absolute ticks need no origin, and a sum that overflows on
-    its way comes back right: 64-bit integers wrap around.
+    Intervals are those that end at the edges. The weights add up to zero, so absolute ticks need
+    no origin, and a sum that overflows on its way comes back right: 64-bit integers wrap around.
     """
-    slope = int64(0)
     shortest = int64(2**62)
     longest = int64(-(2**62))
-    weight = 1 - (high - low)
-    for i in range(low, high):
-        slope += ticks[i] * weight
-        weight += 2
-        if i > 0:
-            shortest = min(shortest, ticks[i] - ticks[i - 1])
-            longest = max(longest, ticks[i] - ticks[i - 1])
+    if low > 0:
+        shortest = longest = ticks[low] - ticks[low - 1]
+    slope = ticks[low] * (1 - (high - low))
+    for i in range(low + 1, high):
+        slope += ticks[i] * (2 * i + 1 - low - high)
+        interval = ticks[i] - ticks[i - 1]
+        shortest = min(shortest, interval)
+        longest = max(longest, interval)
     return slope, shortest, longest
 
 
@@ -105,19 +97,13 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
         last_stop = stop
         high = _first_at_or_after(ticks, low + n, stop)
         n = high - low
-        for ahead in range(low + _AHEAD, min(high + _AHEAD, ticks.size), _EDGES_PER_CACHE_LINE):
-            prefetch(ticks, ahead)
         edges[k] = n
         code = 0
         if n < fewest:
             numerator[k] = 0
             code = 1 if n == 0 else 2
         else:
-            # Here and not in a function of its own: handing over the array would count references.
-            if n >= LANES and low > 0:
-                slope, shortest, longest = slope_and_intervals_in_lanes(ticks, low, high)
-            else:
-                slope, shortest, longest = slope_and_intervals(ticks, low, high)
+            slope, shortest, longest = slope_and_intervals(ticks, low, high)
             if low > 1:
                 before = ticks[low - 1] - ticks[low - 2]
                 shortest = min(shortest, before)

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
-from torquebench.signals._digital_kernels import CHUNK, MOST_PER_WORD, find_transitions
 from torquebench.signals.edges import EdgeBlock
 
 __all__ = ["BitOrder", "DigitalInput", "edges_of_bits", "edges_of_bytes"]
 
 BitOrder = Literal["lowest first", "highest first"]
 
-_BYTES_PER_WORD = 8
+_BitOrder = Literal["big", "little"]
+"""Of NumPy."""
 
 
 class DigitalInput:
@@ -45,8 +45,7 @@ class DigitalInput:
         if bit_order not in ("lowest first", "highest first"):
             raise InputError(f"bit order {bit_order!r}", "'lowest first' or 'highest first'")
         self.sample_rate_hz = float(sample_rate_hz)
-        self._highest_first = bit_order == "highest first"
-        self._flags = np.zeros(CHUNK, dtype=np.uint8)
+        self._order: _BitOrder = "big" if bit_order == "highest first" else "little"
         self._samples = 0
         self._level: bool | None = None
 
@@ -63,7 +62,7 @@ class DigitalInput:
         InputError
             When the array isn't a row of bytes.
         """
-        return self._push(_row_of_bytes(packed), self._highest_first)
+        return self._push(_row_of_bytes(packed), self._order)
 
     def push_bytes(self, samples: ArrayLike, channel: int = 0) -> EdgeBlock:
         """Take the next samples, one in a byte.
@@ -84,10 +83,10 @@ class DigitalInput:
             raise InputError(f"channel {channel}", "a bit of the byte, 0 to 7")
         level = _row_of_bytes(samples) & np.uint8(1 << channel)
         packed = np.packbits(level, bitorder="little")
-        return self._push(packed, highest_first=False, samples=level.size)
+        return self._push(packed, "little", samples=level.size)
 
     def _push(
-        self, packed: NDArray[np.uint8], highest_first: bool, samples: int | None = None
+        self, packed: NDArray[np.uint8], order: _BitOrder, samples: int | None = None
     ) -> EdgeBlock:
         count = 8 * packed.size if samples is None else samples
         start = self._samples
@@ -95,11 +94,12 @@ class DigitalInput:
         if not count:
             none = np.empty(0, dtype=np.int64)
             return EdgeBlock(none, start, start, self.sample_rate_hz, none)
-        before = _bit(packed, 0, highest_first) if self._level is None else self._level
-        self._level = _bit(packed, count - 1, highest_first)
-        words = _as_words(packed, count, self._level)
-        first, second = _transitions(words, before, highest_first, start, self._flags)
-        rising, falling = (second, first) if before else (first, second)
+        level = _level_of(packed[:1], 0, order) if self._level is None else self._level
+        self._level = _level_of(packed, count - 1, order)
+        changes = _changes(packed, level, order)
+        changes = start + changes[: changes.searchsorted(count)]
+        first, second = changes[0::2].copy(), changes[1::2].copy()
+        rising, falling = (second, first) if level else (first, second)
         return EdgeBlock(rising, start, self._samples, self.sample_rate_hz, falling)
 
 
@@ -142,52 +142,18 @@ def _row_of_bytes(samples: ArrayLike) -> NDArray[np.uint8]:
     return np.ascontiguousarray(array, dtype=np.uint8)
 
 
-def _bit(packed: NDArray[np.uint8], sample: int, highest_first: bool) -> bool:
-    place = 7 - sample % 8 if highest_first else sample % 8
-    return bool((int(packed[sample // 8]) >> place) & 1)
+def _level_of(packed: NDArray[np.uint8], sample: int, order: _BitOrder) -> bool:
+    byte = packed[sample // 8 : sample // 8 + 1]
+    return bool(np.unpackbits(byte, bitorder=order)[sample % 8])
 
 
-def _as_words(packed: NDArray[np.uint8], count: int, last_level: bool) -> NDArray[np.uint64]:
-    """Whole words; what is missing at the end repeats the last level, which makes no edge.
-
-    Only samples that came one in a byte leave a byte half full; those are packed lowest first.
-    """
-    whole = count // (8 * _BYTES_PER_WORD) * _BYTES_PER_WORD
-    if whole == packed.size and packed.ctypes.data % _BYTES_PER_WORD == 0:
-        return packed.view("<u8")
-    size = -(-packed.size // _BYTES_PER_WORD) * _BYTES_PER_WORD
-    padded = np.full(size, 0xFF if last_level else 0, dtype=np.uint8)
-    padded[: packed.size] = packed
-    if count % 8 and last_level:
-        padded[packed.size - 1] |= 0xFF & ~((1 << count % 8) - 1)
-    return padded.view("<u8")
-
-
-def _transitions(
-    words: NDArray[np.uint64],
-    before: bool,
-    highest_first: bool,
-    offset: int,
-    flags: NDArray[np.uint8],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Find changes of the level: the first, third, fifth … and those between."""
-    level = np.uint64(2**64 - 1 if before else 0)
-    # Room for one change per word, but for several in a short record; memory that isn't
-    # touched costs nothing.
-    room = words.size // 2 + CHUNK * MOST_PER_WORD
-    parts: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
-    word = total = 0
-    while word < words.size:
-        found = np.empty((2, room), dtype=np.int64)
-        count, after = find_transitions(words, word, level, highest_first, offset, flags, found)
-        pair = found[0, : (count + 1) // 2], found[1, : count // 2]
-        parts.append(pair if total % 2 == 0 else pair[::-1])
-        total += count
-        if after < words.size:
-            last = words[after - 1]
-            level = np.uint64(int(last.byteswap() if highest_first else last))
-            room = (words.size - after) * MOST_PER_WORD // 2
-        word = after
-    if len(parts) == 1:
-        return parts[0]
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+def _changes(packed: NDArray[np.uint8], before: bool, order: _BitOrder) -> NDArray[np.int64]:
+    """Find the samples at which the level differs from the sample before."""
+    previous = np.empty_like(packed)
+    previous[:1], previous[1:] = 255 if before else 0, packed[:-1]
+    uniform = (packed == 0) | (packed == 255)
+    places = np.flatnonzero((packed != previous) | ~uniform)  # few: only these are unpacked
+    bits = np.unpackbits(packed[places, None], axis=1, bitorder=order)
+    last = np.unpackbits(previous[places, None], axis=1, bitorder=order)[:, -1:]
+    row, bit = np.nonzero(np.diff(np.hstack([last, bits]), axis=1))
+    return np.asarray(8 * places[row] + bit, dtype=np.int64)
