@@ -15,10 +15,10 @@ STILL_CIRCLES = {
     ("torquebench.bench.encoder_certificate", "torquebench.bench.drivers.base"),
     ("torquebench.calibration.staircase", "torquebench.calibration.profile"),
     ("torquebench.cli.resume", "torquebench.cli.calibrate"),
-    ("torquebench.panel.pages.calibrate_end", "torquebench.panel.pages.calibrate"),
-    ("torquebench.panel.pages.calibrate_measure", "torquebench.panel.pages.calibrate"),
-    ("torquebench.panel.pages.calibrate_models", "torquebench.panel.pages.calibrate"),
-    ("torquebench.panel.pages.calibrate_verify", "torquebench.panel.pages.calibrate"),
+    ("torquebench.panel.pages.calibrate.sign", "torquebench.panel.pages.calibrate.wizard"),
+    ("torquebench.panel.pages.calibrate.measure", "torquebench.panel.pages.calibrate.wizard"),
+    ("torquebench.panel.pages.calibrate.models", "torquebench.panel.pages.calibrate.wizard"),
+    ("torquebench.panel.pages.calibrate.verify", "torquebench.panel.pages.calibrate.wizard"),
 }
 """Imports that close a circle (importer, imported) and are still to be mended; never add one."""
 

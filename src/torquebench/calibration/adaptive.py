@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.steps import Step
-from torquebench.compensation import FEATURES, make_model
+from torquebench.compensation import FEATURES
 
 __all__ = [
     "Adaptive",
@@ -194,6 +194,8 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
         Where the model refuses the points.
     """
     from torquebench.compensation import propose_points  # models take a second to import
+
+    from torquebench.compensation import make_model  # loads what only a fit needs
 
     model = make_model(settings.model, range_nm=data.range_nm)
     X = data.features(1 + max(FEATURES.index(name) for name in model.used_features))
