@@ -193,9 +193,10 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
     InputError
         Where the model refuses the points.
     """
-    from torquebench.compensation import propose_points  # models take a second to import
-
-    from torquebench.compensation import make_model  # loads what only a fit needs
+    from torquebench.compensation import (
+        make_model,  # loads what only a fit needs
+        propose_points,  # models take a second to import
+    )
 
     model = make_model(settings.model, range_nm=data.range_nm)
     X = data.features(1 + max(FEATURES.index(name) for name in model.used_features))
