@@ -1,10 +1,18 @@
 """A bench of separate instruments, all simulated, on ports that nobody else has."""
 
+import contextlib
+import re
+import socket
 import tomllib
+from collections.abc import Iterator
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
+from tests.system.command_line import started
+
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
+from torquebench.bench.drivers.simulation_control import SimulationControl
 from torquebench.validation import validated
 
 ANY_PORT = "127.0.0.1:0"
@@ -76,3 +84,30 @@ def described(**sections: Any) -> BenchDescription:
     chosen = values["driver"]
     values["driver"] = {key: section for key, section in chosen.items() if section is not None}
     return validated(BenchDescription, values, "networked.toml")
+
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "networked.toml"
+
+
+@contextlib.contextmanager
+def simulating(folder: Path, *options: str) -> Iterator[tuple[Path, SimulationControl]]:
+    """Run `torquebench simulate` on the networked example, on ports that nobody else has.
+
+    Yields the bench's description and the simulators' control.
+    """
+    text = EXAMPLE.read_text(encoding="utf-8")
+    with contextlib.ExitStack() as reserved:
+        for used in sorted(set(re.findall(r"\b170\d\d\b", text))):
+            taken = reserved.enter_context(socket.create_server(("127.0.0.1", 0)))
+            text = re.sub(rf"\b{used}\b", str(taken.getsockname()[1]), text)
+    bench = folder / "networked.toml"
+    bench.write_text(text, encoding="utf-8")
+    with started("simulate", "--bench", bench, *options, cwd=folder) as process:
+        assert process.stdout is not None
+        assert any(line.strip() == "Ready." for line in process.stdout), process.stderr
+        address = tomllib.loads(text)["driver"]["simulation"]["control"]
+        control = SimulationControl(address)
+        try:
+            yield bench, control
+        finally:
+            control.close()

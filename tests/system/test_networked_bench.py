@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,14 @@ def station(simulators: Simulators, tmp_path: Path) -> Iterator[Station]:
         yield opened
 
 
+def becomes(condition: Callable[[], object]) -> bool:
+    """Wait patiently for something."""
+    deadline = time.monotonic() + 60.0
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return bool(condition())
+
+
 def test_a_staircase_over_sockets_states_the_true_torque(station: Station) -> None:
     record = station.run(staircase(station.devices, [0.0, 400.0, 800.0]), kind="calibrate-output")
     rows = record.result
@@ -65,8 +73,10 @@ def test_a_frozen_counter_brings_the_bench_to_its_safe_state(
     simulators.misbehaviour.start("output_drive", "lie")
     with pytest.raises(TorquebenchError, match="drive"):
         station.run(staircase(station.devices, [0.0, 200.0]), kind="load")
-    assert station.supervisor.wait_safe(5.0)
+    assert not station.supervisor.wait_safe(30.0), "it says that it is on"
+    assert "output side: drive still on" in station.supervisor.alarm.found
     simulators.misbehaviour.heal()
+    assert becomes(lambda: station.supervisor.safe)
     assert not any(drive.state().enabled for drive in simulators.plant.bench.drives.values())
 
 

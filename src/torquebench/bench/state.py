@@ -59,6 +59,8 @@ class SideCommands:
         Bench time of the last change of a set point.
     enabled_wall_s : float
         Monotonic wall time at which the drive was enabled: what it said before doesn't count.
+    switching : bool
+        Whether the drive is being switched on: it may have power already.
     set_point : SetPoint
         The last one, from the moment at which the drive is asked for it.
     """
@@ -68,6 +70,7 @@ class SideCommands:
     speed_rad_s: float = 0.0
     changed_s: float = 0.0
     enabled_wall_s: float = 0.0
+    switching: bool = False
     set_point: SetPoint = field(default_factory=SetPoint)
 
     def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> None:

@@ -302,7 +302,8 @@ class Cia402Node:
             self._state, self._next = self._next[1], None
             if self._state == "operation enabled":
                 self._drive.enable()
-                self._pursue()
+                if any(self._targets.values()):
+                    self._pursue()
 
     def _pursue(self) -> None:
         """Go to the target of the present mode, whenever it was written."""

@@ -203,7 +203,11 @@ class Station:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except BenchError as unsafe:
+            if error is None or str(error) != str(unsafe):  # else that has been said
+                raise
 
     def close(self) -> None:
         """Zero torque, end every thread, close the instruments. A second call does nothing.
@@ -211,7 +215,8 @@ class Station:
         Raises
         ------
         BenchError
-            A plan under way asks for it: it would wait for itself.
+            A plan under way asks for it: it would wait for itself. Or, when all is closed, a drive
+            isn't off: what is still on, and how much.
         """
         if self._closed:
             return
@@ -225,6 +230,9 @@ class Station:
         if self.engine.running:
             self.abort("the bench is being closed")
         self._come_to_rest(disable=True)
+        unsafe = self.supervisor.unsafe
+        if unsafe is None and self.supervisor.unconfirmed:
+            unsafe = self.supervisor.read_off(torque=True)
         self.acquisition.close()
         self.supervisor.close()
         self.engine.close()
@@ -236,6 +244,8 @@ class Station:
             self.registry.close()
         if self._lock is not None:
             self._lock.release()
+        if unsafe is not None:
+            raise unsafe.error()
 
     def _note_audit_end(self) -> None:
         """Have the registry remember the audit log, so that its last lines can't be removed."""
@@ -354,8 +364,8 @@ class Station:
             if not aborted and outcome.plan_result is not None:
                 writer.write_results(outcome.plan_result)
         except Exception as error:
-            cause = self._cause(error, alarms_before)
-            recording.end_failed(finish, cause)
+            recording.end_failed(finish, self._cause(error, alarms_before))
+            cause = self._cause(error, alarms_before)  # at rest nothing may be on any more
             if cause is error:
                 raise
             raise cause from error
@@ -388,7 +398,9 @@ class Station:
         recording.end(status, reason)
 
     def _cause(self, error: Exception, alarms_before: int) -> Exception:
-        """Return the alarm that ended a run, or else the error itself."""
+        """Return what is still on, else the alarm that ended a run, or else the error itself."""
+        if (unsafe := self.supervisor.unsafe) is not None:
+            return unsafe.error()
         alarms = self.supervisor.history[alarms_before:]
         return alarms[0].error() if alarms else error
 

@@ -20,6 +20,7 @@ from torquebench.signals import SignalFaultKind
 ROOT = Path(torquebench.__file__).parent
 OPERATORS_ROOMS = (
     "bench/prompts.py",
+    "bench/safety/stopping.py",
     "bench/safety/supervisor.py",
     "bench/safety/heartbeats.py",
     "bench/safety/signals.py",

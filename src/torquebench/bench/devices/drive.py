@@ -82,7 +82,7 @@ class DriveSwitch(StandardReadable):
 
     @AsyncStatus.wrap
     async def set(self, value: bool) -> None:
-        """Enable the drive at zero torque, or ramp to zero and disable it.
+        """Enable the drive at zero torque, or ramp to zero, disable it and read that back.
 
         Raises
         ------
@@ -91,23 +91,31 @@ class DriveSwitch(StandardReadable):
         SignalFault
             Enabling while this side's torque signal is missing.
         BenchError
-            The drive doesn't confirm that it has power, which is an alarm.
+            The drive doesn't confirm that it has power, or has none any more; that is an alarm.
         """
         context, side = self._context, self._side
         drive, commands = context.drivers.drives[side], context.commands.side(side)
         if value:
             context.interlocks.check_enable(side)
+            commands.switching = True
             try:
                 await context.tell_drive(side, "switch on", drive.enable)
+                commands.at_zero(context.clock.now())
+                commands.on()
             except BaseException:  # it may have power nevertheless
                 await self._take_off()
                 raise
-            commands.at_zero(context.clock.now())
-            commands.on()
+            finally:
+                commands.switching = False
             return
         await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
+        if context.supervisor.alarm is not None:
+            return  # the supervisor takes the power off when zero is read back
         commands.off(context.clock.now())  # before: a drive that goes off by itself is an alarm
         await self._take_off()
+        alarm = await context.call(context.supervisor.read_off, (side,))
+        if alarm is not None:
+            raise alarm.error()
 
     async def _take_off(self) -> None:
         context, side = self._context, self._side

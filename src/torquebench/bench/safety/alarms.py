@@ -39,6 +39,7 @@ class AlarmKind(Enum):
     SUPERVISOR = "supervisor failed"
     DRIVER = "instrument failed"
     STOP = "stop requested"
+    NOT_SAFE = "not in the safe state"
 
 
 class AlarmLevel(IntEnum):
@@ -161,7 +162,10 @@ class AlarmBook:
 
     @property
     def latched(self) -> Alarm | None:
-        """The critical alarm that stopped the bench, None when there is none."""
+        """The critical alarm that stopped the bench, None when there is none.
+
+        One that says that the bench isn't safe takes the place of what it began with.
+        """
         return self._latched
 
     @property
@@ -172,8 +176,12 @@ class AlarmBook:
     @property
     def standing(self) -> tuple[StandingAlarm, ...]:
         """Those that still concern the bench: the worst first, then the oldest."""
-        standing = [entry for entry in self.entries if entry.stands]
-        return tuple(sorted(standing, key=lambda entry: (-entry.alarm.level, entry.alarm.number)))
+
+        def urgency(entry: StandingAlarm) -> tuple[bool, int, int]:
+            alarm = entry.alarm
+            return alarm.kind is not AlarmKind.NOT_SAFE, -alarm.level, alarm.number
+
+        return tuple(sorted((entry for entry in self.entries if entry.stands), key=urgency))
 
     def add(self, alarm: Alarm) -> Alarm:
         """Note an alarm under its number; the first critical one is the one that latches.
@@ -183,9 +191,19 @@ class AlarmBook:
         with self._lock:
             numbered = replace(alarm, number=len(self._entries) + 1)
             self._entries.append(StandingAlarm(numbered))
-            if self._latched is None and numbered.level is AlarmLevel.CRITICAL:
+            urgent = self._latched is None or numbered.kind is AlarmKind.NOT_SAFE
+            if urgent and numbered.level is AlarmLevel.CRITICAL:
                 self._latched = numbered
         return numbered
+
+    def restate(self, number: int, found: str) -> None:
+        """Say anew what an alarm has found, as it has changed meanwhile; see `announce`."""
+        with self._lock:
+            entry = self._entries[number - 1]
+            alarm = replace(entry.alarm, found=found)
+            self._entries[number - 1] = replace(entry, alarm=alarm)
+            if self._latched is not None and self._latched.number == number:
+                self._latched = alarm
 
     def announce(self, *numbers: int) -> None:
         """Tell the listeners of alarms, or of what has become of them."""

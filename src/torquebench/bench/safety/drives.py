@@ -80,16 +80,31 @@ class DriveWorker:
             self._orders.put(None)
             self._thread.join(ENDING_S)
 
+    def read(self, since: float) -> DriveState | None:
+        """Return its state where it was asked for it after a moment, and has answered.
+
+        Parameters
+        ----------
+        since : float
+            In `time.monotonic` seconds.
+        """
+        return self.state if self.asked > since and not self.failure else None
+
     # -- what the supervisor asks for -------------------------------------------------------
 
     def ask(self, *, feed: bool) -> None:
         """Ask for the state and feed the watchdog; on a thread, once at a time."""
         if self._thread is None:
             self._ask(feed)
-        elif self._idle.is_set():
+        elif self.idle:
             self._put = time.monotonic()
             self._idle.clear()
             self._orders.put(lambda: self._ask(feed))
+
+    @property
+    def idle(self) -> bool:
+        """Whether no question waits for its answer."""
+        return self._idle.is_set()
 
     def silent_s(self, since: float) -> float:
         """Return how long a question waits for its answer, s of wall time; 0 where none waits.
@@ -124,10 +139,11 @@ class DriveWorker:
             return ""
         return state.fault or ("" if state.enabled else "lost its enable")
 
-    def wait_asked(self) -> None:
+    def wait_asked(self, patience_s: float | None = None) -> None:
         """Wait until the drive has been asked, as long as patience lasts."""
-        if self._thread is not None and self._patience_s:
-            self._idle.wait(self._patience_s)
+        patience_s = self._patience_s if patience_s is None else patience_s
+        if self._thread is not None and patience_s:
+            self._idle.wait(patience_s)
 
     def ramp_to_zero(self, duration_s: float) -> None:
         """Tell the drive to go to zero torque and speed, and disable one that can't."""

@@ -13,10 +13,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
-import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
@@ -35,6 +35,14 @@ from torquebench.bench.safety.heartbeats import Heartbeats
 from torquebench.bench.safety.limits import LimitBook, SideLimits, StepLimits
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
 from torquebench.bench.safety.signals import Change, FastCheck, SignalJudge
+from torquebench.bench.safety.stopping import (
+    PRESS_STOP,
+    Deadline,
+    ReadBack,
+    Remaining,
+    Stage,
+    said,
+)
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
@@ -55,15 +63,23 @@ WATCH_PERIOD_S = 0.005
 IDLE_PERIOD_S = 0.05
 """The same in simulated time, where acquisition does most of it, block by block."""
 UNLOAD_SETTLING_S = 0.2
-"""How long shafts and drives swing after an orderly ramp to zero, s of bench time."""
+"""How long shafts and drives swing after a ramp to zero, s of bench time."""
+GOING_OFF_S = 1.0
+"""How long power and torque may take to be gone, s; a drive's own watchdog comes on top."""
+UNREAD_S = 0.5
+"""So long after power is off the supervisor waits for a torque to be read, s."""
+NEWS = 0.05
+"""An alarm that says how much is still on says it anew when it has changed by this share."""
+RETOLD_S = 1.0
+"""So often a drive that is on although it was told to go off is told again, s of wall time."""
 FAST_PATIENCE = 15.0
 """How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
+FAST_SILENCE_S = 0.5
+"""Without a block for so long drives are asked without one in simulated time, s of wall time."""
 DRIVE_PATIENCE_S = 0.1
 """How long simulated time stands for a drive that takes its time to answer, s of wall time."""
 ANSWER_S = 10.0
 """How long a drive may take to be told to go off, with all tries of its wire, s of wall time."""
-
-ROUNDING_S = 1e-6
 
 
 class SafetySupervisor:
@@ -108,14 +124,20 @@ class SafetySupervisor:
         self._lock = threading.RLock()
         self._book = AlarmBook()
         self._unloaded_s = 0.0
-        self._disable_at_s = 0.0
-        self._disable_at_wall = 0.0
-        self._cut = False
-        self._left_alone_s = self._left_alone_wall = math.inf
-        self._safe = threading.Event()
-        self._safe.set()
-        self._told: Mapping[Side, bool] = dict.fromkeys(self._workers, True)
-        self._answered_wall = math.inf
+        self._read_back = ReadBack(description, self._workers)
+        self._stage = Stage.SAFE
+        self._stage_s, self._stage_wall = 0.0, 0.0  # when it began, bench and wall time
+        self._deadline = self._unread = Deadline(clock, 0.0, 0.0)
+        self._ended = threading.Event()  # the way to the safe state: there, or given up
+        self._ended.set()
+        self._powered = False  # since power and torque were last read back as gone
+        self._off_s: float | None = None  # when power was last taken off in order, bench time
+        self._told_wall = 0.0
+        self._untold: dict[Side, float] = {}
+        self._on_since: dict[Side, float] = {}
+        self._remains: int | None = None
+        self._stated: list[Remaining] = []
+        self._news: list[int] = []  # numbers of alarms to be announced without the lock
         self._failed = ""
         self._busy_since: float | None = None
         self._checked_wall = time.monotonic()
@@ -149,8 +171,21 @@ class SafetySupervisor:
 
     @property
     def safe(self) -> bool:
-        """Whether no way to the safe state is being gone: the drives are off after an alarm."""
-        return self._safe.is_set()
+        """Whether no way to the safe state is being gone: after an alarm it was read back."""
+        return self._stage is Stage.SAFE
+
+    @property
+    def unsafe(self) -> Alarm | None:
+        """The alarm that says what is still on after a stop; None where nothing is known to be."""
+        latched = self._book.latched
+        if latched is None or latched.kind is not AlarmKind.NOT_SAFE or self.safe:
+            return None
+        return latched
+
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether drives had power, and nobody has read back since that it is gone."""
+        return self._powered
 
     def raise_if_latched(self) -> None:
         """Raise the latched alarm's error."""
@@ -159,11 +194,23 @@ class SafetySupervisor:
             raise alarm.error()
 
     def wait_safe(self, timeout_s: float) -> bool:
-        """Wait (wall time) until the drives are disabled after an alarm; True when they are."""
-        return self._safe.wait(timeout_s)
+        """Wait (wall time) until the safe state was read back; False when it isn't reached."""
+        self._ended.wait(timeout_s)
+        return self.safe
+
+    def still_on(self) -> Sequence[Remaining]:
+        """Return what power and torque there still are, as read back, or aren't known to be gone.
+
+        Nothing while drives are meant to have power.
+        """
+        if self._commands.any_enabled and self._book.latched is None:
+            return ()
+        since_s, since = self._stage_s, self._stage_wall
+        found = self._read_back.remaining(since_s, since, torque=self._powered)
+        return [each for each in found if not each.gone]
 
     def acknowledge(self, who: str) -> Alarm | None:
-        """Clear the latched alarm, once the safe state is reached; return what was cleared.
+        """Clear the latched alarm, once the safe state was read back; return what was cleared.
 
         A cause that is still there, such as heat within the hysteresis of its limit, raises its
         alarm again at once.
@@ -182,11 +229,18 @@ class SafetySupervisor:
             alarm = self._book.latched
             if alarm is None:
                 return None
-            if not self._safe.is_set():
+            if self._stage is Stage.RAMPING:
                 raise InterlockError(
                     f"alarm {alarm.kind.value} while the drives still ramp to zero",
                     "acknowledgement in the safe state",
                     "wait a moment",
+                )
+            if still := self.still_on():
+                known = self._stage is Stage.NOT_SAFE or any(each.power for each in still)
+                raise InterlockError(
+                    f"alarm {alarm.kind.value}, {said(still)}",
+                    self._read_back.allowed(),
+                    PRESS_STOP if known else "wait a moment; see that drive and signal are read",
                 )
             if not who.strip():
                 raise InterlockError("acknowledgement by nobody", "a person's name")
@@ -255,13 +309,10 @@ class SafetySupervisor:
         """Judge a block; act on what is wrong, go on with an action that has begun."""
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
+        self._read_back.take(block)
         if self._clock.fast:  # time passes with blocks only, so the rest is looked at with them
             self._look_around()
-        if not self._safe.is_set():
-            if block.stop_s > self._left_alone_s - ROUNDING_S:
-                self._arrive()
-            elif block.stop_s > self._disable_at_s - ROUNDING_S and not self._cut:
-                self.disable()
+        self._go_on(block.stop_s)
 
     def _act(self, violation: Violation | None, changes: list[Change]) -> None:
         if violation is not None and self._book.latched is None:
@@ -285,15 +336,18 @@ class SafetySupervisor:
             if not self._commands.side(side).enabled:
                 self._enabled_since.pop(side, None)
             else:
+                self._powered = True
                 self._enabled_since.setdefault(side, time.monotonic())
-        feed = not latched or not (self._cut or self._safe.is_set())
+        feed = not latched or self._stage is Stage.RAMPING
         for worker in self._workers.values():
             worker.ask(feed=feed)
         for worker in self._workers.values():
             worker.wait_asked()
-        if latched or not self._commands.any_enabled:
+        if latched:
             return
-        violation = self._drive_violation() or self.heartbeats.missing()
+        violation = self._unasked_power()
+        if violation is None and self._commands.any_enabled:
+            violation = self._drive_violation() or self.heartbeats.missing()
         if violation is not None:
             self._trip_for(violation)
 
@@ -316,6 +370,25 @@ class SafetySupervisor:
                 )
         return None
 
+    def _unasked_power(self) -> Violation | None:
+        """Notice a drive that has power although nobody here wants it to."""
+        now = self._clock.now() if self._clock.fast else time.monotonic()
+        for side, worker in self._workers.items():
+            commands = self._commands.side(side)
+            state = worker.read(time.monotonic() - GOING_OFF_S)
+            if commands.enabled or commands.switching or state is None or not state.enabled:
+                self._on_since.pop(side, None)
+            elif now - self._on_since.setdefault(side, now) > GOING_OFF_S:
+                torque_nm = self._read_back.torque_nm(side, self._clock.now() - GOING_OFF_S)
+                return self._not_safe([Remaining(side, True, torque_nm)])
+        return None
+
+    def _not_safe(self, remaining: Sequence[Remaining]) -> Violation:
+        sides = " and ".join(each.side for each in remaining)
+        return Violation(
+            AlarmKind.NOT_SAFE, sides, said(remaining), self._read_back.allowed(), PRESS_STOP
+        )
+
     # -- acting -----------------------------------------------------------------------------
 
     def trip(self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str) -> Alarm:
@@ -326,31 +399,155 @@ class SafetySupervisor:
         with self._lock:
             first = self._book.latched is None
             if first:  # before anybody else sees that a way to safety is being gone
-                settled_s = self._allow_for_ramp()
-                self._cut = False
-                self._left_alone_s = self._left_alone_wall = math.inf
-                self._safe.clear()
-            alarm = self._book.add(Alarm(kind, source, found, allowed, remedy, self._clock.now()))
+                self._powered = self._powered or self._commands.any_enabled
+                self._begin_ramp()
+            violation = Violation(kind, source, found, allowed, remedy)
+            alarm = self._book.add(_alarm(violation, self._clock.now()))
             if first:
                 for side in SIDES:
                     self._ramp_to_zero(side, self._description.safety.ramp_to_zero_s)
-                settled_s = self._allow_for_ramp()
+                self._begin_ramp()
         if first:
             self._clock.interrupt(alarm.error())
-            self._clock.require(settled_s)
+            self._go_on()
         self._book.announce(alarm.number)  # without the lock: a listener may wait for a disk
         return alarm
 
-    def _allow_for_ramp(self) -> float:
-        """Put off the end of the power until a ramp from now is over; return that bench time."""
-        ramp_s = self._description.safety.ramp_to_zero_s
-        settled_s = self._clock.now() + ramp_s + self._description.counter.block_s
-        self._disable_at_s = settled_s
-        self._disable_at_wall = time.monotonic() + ramp_s + self._description.safety.stall_s
-        return settled_s
+    def _begin_ramp(self) -> None:
+        """Give a ramp from now its time; power goes off when zero is read back, or it is over."""
+        safety = self._description.safety
+        lasts_s = safety.ramp_to_zero_s + UNLOAD_SETTLING_S + self._description.counter.block_s
+        self._enter(Stage.RAMPING, lasts_s, safety.stall_s)
+        self._unloaded_s = max(self._unloaded_s, self._clock.now() + lasts_s)
 
-    def _trip_for(self, found: Violation) -> None:
-        self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
+    def _enter(self, stage: Stage, lasts_s: float, patience_s: float) -> None:
+        self._stage = stage
+        self._stage_s, self._stage_wall = self._clock.now(), time.monotonic()
+        self._deadline = Deadline(self._clock, lasts_s, lasts_s + patience_s)
+        self._ended.clear()
+
+    def _go_on(self, now_s: float | None = None) -> None:
+        """Go on with the way to the safe state, as far as what is read back allows."""
+        now_s = self._clock.now() if now_s is None else now_s
+        with self._lock:
+            violation = self._advance(now_s)
+            if self._clock.fast and self._stage in (Stage.RAMPING, Stage.GOING_OFF):
+                self._clock.require(self._clock.now() + 2.0 * self._description.counter.block_s)
+            news, self._news = self._news, []
+        self._book.announce(*news)
+        if violation is not None:
+            self._trip_for(violation)
+
+    def _advance(self, now_s: float) -> Violation | None:
+        """Take the next step of the way; return what must stop the bench anew."""
+        stage, since_s, since = self._stage, self._stage_s, self._stage_wall
+        if stage is Stage.RAMPING:
+            if self._deadline.passed(now_s) or self._read_back.at_zero(since_s, since):
+                self._take_power_off()
+        elif stage is not Stage.SAFE:
+            self._await_off(now_s)
+        elif self._book.latched is not None:
+            states = [worker.read(since) for worker in self._workers.values()]
+            if any(state is not None and state.enabled for state in states):
+                self._take_power_off()
+        elif self._commands.any_enabled:
+            self._off_s = None
+        elif self._powered:
+            return self._watch_torque_go(now_s)
+        return None
+
+    def _trip_for(self, found: Violation) -> Alarm:
+        return self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
+
+    def _take_power_off(self) -> None:
+        """Take the power off both drives; from now on nobody feeds their watchdogs."""
+        drives = [self._description.module(side).drive for side in self._workers]
+        lasts_s = max(drive.watchdog_s for drive in drives) + GOING_OFF_S
+        lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
+        self._unread = Deadline(self._clock, UNREAD_S, 2.0 * UNREAD_S)
+        self._enter(Stage.GOING_OFF, lasts_s, FAST_PATIENCE * lasts_s if self._clock.fast else 0.0)
+        self._told_wall = time.monotonic()
+        for side, worker in self._workers.items():
+            self._commands.side(side).off(self._clock.now())
+            worker.disable(lambda _told: None)
+
+    def _await_off(self, now_s: float) -> None:
+        """Read back whether power and torque are gone; say it where they aren't in time."""
+        found = self._read_back.remaining(self._stage_s, self._stage_wall, torque=self._powered)
+        known = [each for each in found if each.known]
+        if all(each.gone for each in found):
+            self._powered = False
+        if not known:
+            # Torque that nobody can read holds up the acknowledgement only.
+            if all(each.gone for each in found) or self._unread.passed(now_s):
+                self._stage = Stage.SAFE
+                self._ended.set()
+            return
+        if self._stage is Stage.GOING_OFF and self._deadline.passed(now_s):
+            self._stage = Stage.NOT_SAFE
+        if self._stage is Stage.NOT_SAFE:
+            self._state_what_is_on(known)
+            self._ended.set()
+        if time.monotonic() - self._told_wall > RETOLD_S:
+            self._told_wall = time.monotonic()
+            for side in (each.side for each in known if each.power is not False):
+                if self._workers[side].idle:
+                    self._workers[side].disable(lambda _told: None)
+
+    def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
+        """Say in the alarm what is on and how much, again where that has changed."""
+        latched, found = self._book.latched, self._not_safe(known)
+        if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
+            self._news.append(self._book.add(_alarm(found, self._clock.now())).number)
+        elif self._differs(known):
+            self._book.restate(latched.number, found.found)
+            self._news.append(latched.number)
+        else:
+            return
+        self._stated = list(known)
+
+    def _differs(self, known: Sequence[Remaining]) -> bool:
+        """Whether that is news: another state of the power, or 5 % of the range."""
+        if [(each.side, each.power) for each in known] != [
+            (each.side, each.power) for each in self._stated
+        ]:
+            return True
+        return any(
+            abs(each.torque_nm - before.torque_nm)
+            > NEWS * self._description.module(each.side).range_nm
+            for each, before in zip(known, self._stated, strict=True)
+        )
+
+    def _watch_torque_go(self, now_s: float) -> Violation | None:
+        """Watch that torque goes after an orderly stop; return torque that a drive may make."""
+        if self._off_s is None:
+            self._off_s = now_s
+        found = self._read_back.remaining(self._off_s, self._stage_wall, torque=True)
+        if all(each.gone for each in found):
+            self._powered, self._off_s = False, None
+            if self._remains is not None:
+                self._book.clear(self._remains)
+                self._remains = None
+            return None
+        loaded = [each for each in found if abs(each.torque_nm) > 0.0]
+        if not loaded or now_s - self._off_s <= GOING_OFF_S:
+            return None
+        violation = self._not_safe(loaded)
+        if any(abs(each.torque_nm) > self._much_nm(each.side) for each in loaded):
+            return violation
+        if self._remains is None:
+            warning = replace(
+                violation, remedy="release the shafts by hand before you reach in, or zero again"
+            )
+            alarm = _alarm(warning, self._clock.now(), AlarmLevel.WARNING)
+            self._remains = self._book.add(alarm).number
+            self._news.append(self._remains)
+        return None
+
+    def _much_nm(self, side: Side) -> float:
+        """Torque that a drive may make, not what friction holds in a shaft, N·m."""
+        share = self._description.safety.following_percent / 100.0
+        return share * self._description.module(side).range_nm
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
         """Bring drives to zero torque and speed at their own rates, as no alarm demands haste.
@@ -380,41 +577,58 @@ class SafetySupervisor:
         self._commands.side(side).at_zero(self._clock.now(), ramp_s)
 
     def disable(self) -> None:
-        """Take the power off both drives; with an alarm latched this ends the way to safety.
+        """Take the power off both drives at the end of something; watch that it goes.
 
-        A drive that can't be told is an alarm. It isn't fed any more, and the bench counts as safe
-        when that drive's own watchdog has had its time to act.
+        With an alarm latched the supervisor does so by itself, after the ramp. A drive that can't
+        be told is an alarm.
         """
-        told: dict[Side, bool] = {}
-        self._told = told
-        self._answered_wall = time.monotonic() + ANSWER_S
-        self._cut = True
+        with self._lock:
+            if self._book.latched is not None and self._stage is not Stage.SAFE:
+                return
+            self._untold = dict.fromkeys(self._workers, time.monotonic())
 
-        def done(side: Side, was_told: bool) -> None:
-            told[side] = was_told
-            if not was_told and self._book.latched is None:
-                self._trip_for(unreachable(side))
-            elif len(told) == len(self._workers):
-                self._arrive() if all(told.values()) else self._leave_alone(told)
+            def done(side: Side, was_told: bool) -> None:
+                self._untold.pop(side, None)
+                if not was_told and self._book.latched is None:
+                    self._trip_for(unreachable(side))
 
-        for side, worker in self._workers.items():
-            self._commands.side(side).off(self._clock.now())  # from now on it may be off
-            worker.disable(functools.partial(done, side))
+            for side, worker in self._workers.items():
+                self._commands.side(side).off(self._clock.now())  # from now on it may be off
+                worker.disable(functools.partial(done, side))
 
-    def _leave_alone(self, told: Mapping[Side, bool]) -> None:
-        """Give drives that couldn't be told the time that their own watchdogs need."""
-        drives = [self._description.module(side).drive for side in told if not told[side]]
-        lasts_s = max(drive.watchdog_s for drive in drives)
-        lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
-        self._left_alone_s = self._clock.now() + lasts_s
-        patience = FAST_PATIENCE if self._clock.fast else 1.0
-        self._left_alone_wall = time.monotonic() + patience * lasts_s
-        self._clock.require(self._left_alone_s)
+    def read_off(self, sides: Sequence[Side] = SIDES, *, torque: bool = False) -> Alarm | None:
+        """Read back that drives are off after an orderly stop; else raise and return an alarm.
 
-    def _arrive(self) -> None:
-        """End the way to the safe state."""
-        self._left_alone_s = self._left_alone_wall = math.inf
-        self._safe.set()
+        Parameters
+        ----------
+        sides : sequence of {"input", "output"}
+            Drives that were told to go off.
+        torque : bool
+            Whether the torque must be gone, too.
+        """
+        if self._book.latched is not None:
+            self.wait_safe(GOING_OFF_S)
+            return self.unsafe
+        begun, begun_s = time.monotonic(), self._clock.now() - GOING_OFF_S
+        while True:
+            for side in sides:
+                self._workers[side].ask(feed=True)
+                self._workers[side].wait_asked(GOING_OFF_S)
+            found = self._read_back.remaining(begun_s, begun, torque=torque)
+            left = [
+                each
+                for each in found
+                if each.side in sides
+                and (each.power is not False or abs(each.torque_nm) > self._much_nm(each.side))
+            ]
+            if not left:
+                return None
+            if time.monotonic() - begun > GOING_OFF_S:
+                break
+            time.sleep(WATCH_PERIOD_S)
+        found = self._read_back.remaining(begun_s, begun, torque=True)
+        violation = self._not_safe([each for each in found if each.side in sides])
+        return self._trip_for(violation)
 
     # -- the supervisor's own thread --------------------------------------------------------
 
@@ -452,14 +666,17 @@ class SafetySupervisor:
             self.trip(AlarmKind.STALL, "acquisition", found, "a block in its own time", remedy)
         if not self._clock.fast:
             self._look_around()
-        now = time.monotonic()
-        if self._cut and len(self._told) < len(self._workers) and now > self._answered_wall:
-            self._give_up()
-        elif not self._safe.is_set():
-            if now > self._left_alone_wall:
-                self._arrive()
-            elif now > self._disable_at_wall and not self._cut:
-                self.disable()
+        elif self._stage is not Stage.SAFE:
+            if time.monotonic() - self._checked_wall > FAST_SILENCE_S:  # no blocks any more
+                self._look_around()
+            if self._stage is Stage.NOT_SAFE:  # time goes on with the wall until it is safe
+                self._clock.require(self._clock.now() + self._description.counter.block_s)
+        self._go_on()
+        for side, since in tuple(self._untold.items()):
+            if time.monotonic() - since > ANSWER_S:
+                self._untold.pop(side, None)
+                if self._book.latched is None:
+                    self._trip_for(unreachable(side))
 
     def _stalls(self) -> bool:
         """Whether a block takes too long, or in real time none is being made any more."""
@@ -468,15 +685,6 @@ class SafetySupervisor:
             return now - busy_since > self._stall_s
         between_s = self._stall_s + self._description.counter.block_s
         return not self._clock.fast and now - self._checked_wall > between_s
-
-    def _give_up(self) -> None:
-        """Leave alone drives that haven't even answered to being told to go off."""
-        self._answered_wall = math.inf
-        silent = [side for side in self._workers if side not in self._told]
-        if self._book.latched is None:
-            self._trip_for(unreachable(silent[0]))  # and then the way to safety, with a second try
-        else:
-            self._leave_alone({**dict.fromkeys(silent, False), **self._told})
 
     def _fail(self, error: Exception) -> None:
         """Go to the safe state, since the supervisor can't tell any more whether all is well."""
@@ -497,3 +705,7 @@ class SafetySupervisor:
             logger.exception("the supervisor can't stop the bench in order")
             for worker in self._workers.values():
                 worker.disable(lambda _told: None)
+
+
+def _alarm(found: Violation, time_s: float, level: AlarmLevel = AlarmLevel.CRITICAL) -> Alarm:
+    return Alarm(found.kind, found.source, found.found, found.allowed, found.remedy, time_s, level)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.safety import AlarmKind, StandingAlarm, supervisor
+from torquebench.bench.safety import AlarmKind, StandingAlarm
 from torquebench.bench.safety.signals import SignalJudge
-from torquebench.errors import BenchError
+from torquebench.errors import BenchError, InterlockError
 
 if TYPE_CHECKING:
     from tests.unit.bench.conftest import LowBench
@@ -113,7 +113,7 @@ class Deaf:
 
 
 def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
-    open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+    open_bench: OpenBench,
 ) -> None:
     deaf: dict[str, Deaf] = {}
 
@@ -121,15 +121,17 @@ def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
         deaf.update({side: Deaf(drive) for side, drive in drivers.drives.items()})
         return replace(drivers, drives=deaf, blocking=True)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(supervisor, "ANSWER_S", 0.2)
     with open_bench(real_time=True, wrap=wrap) as bench:
         bench.load_output(100.0)
         bench.supervisor.trip(AlarmKind.STOP, "test", "a stop", "", "")
-        assert bench.supervisor.wait_safe(PATIENCE_S)
+        assert not bench.supervisor.wait_safe(PATIENCE_S)
         assert not deaf["output"].drive.state().enabled, "its watchdog wasn't fed"
-        assert bench.supervisor.acknowledge("A. Tester") is not None
+        with pytest.raises(InterlockError, match="doesn't say whether it is off"):
+            bench.supervisor.acknowledge("A. Tester")
         for each in deaf.values():
             each.released.set()
+        assert comes(lambda: bench.supervisor.safe)
+        assert bench.supervisor.acknowledge("A. Tester") is not None
 
 
 def test_a_listener_that_waits_for_a_disk_does_not_hold_up_a_stop(bench: LowBench) -> None:

@@ -1,0 +1,194 @@
+"""The way to the safe state: zero, power off, and both read back before anybody may go on.
+
+A drive that takes an order hasn't carried it out. So its power state and the torque at its side
+are read after every stop, until both are gone.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.safety.drives import DriveWorker
+from torquebench.bench.samples import AcquiredBlock
+from torquebench.units import RPM_PER_RAD_S
+
+__all__ = ["PRESS_STOP", "Deadline", "ReadBack", "Remaining", "Stage", "said"]
+
+PRESS_STOP = (
+    "press the emergency stop and keep away from the bench; then find out why the drive doesn't "
+    "go off"
+)
+NO_SET_POINT = 1e-3
+"""A set point below this share of the range is zero."""
+
+
+class Stage(Enum):
+    """How far the way to the safe state has been gone."""
+
+    SAFE = "safe"
+    RAMPING = "ramping to zero"
+    GOING_OFF = "going off"
+    NOT_SAFE = "not safe"
+
+
+class Deadline:
+    """A time-out in bench time; where bench time stands still, in wall time.
+
+    Parameters
+    ----------
+    clock : BenchClock
+    lasts_s : float
+        From now on.
+    longest_wall_s : float
+        At most so long by the wall.
+    """
+
+    def __init__(self, clock: BenchClock, lasts_s: float, longest_wall_s: float) -> None:
+        self._clock = clock
+        self._bench_s = clock.now() + lasts_s
+        self._wall_s = time.monotonic() + longest_wall_s
+
+    def passed(self, now_s: float | None = None) -> bool:
+        """Whether it is over, at a bench time or now."""
+        now_s = self._clock.now() if now_s is None else now_s
+        return now_s > self._bench_s - 1e-6 or time.monotonic() > self._wall_s
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What one side still has after a stop, as read back.
+
+    Parameters
+    ----------
+    side : {"input", "output"}
+    power : bool or None
+        None where the drive doesn't say.
+    torque_nm : float
+        NaN where it can't be read, 0 where it is gone or was never there.
+    """
+
+    side: Side
+    power: bool | None
+    torque_nm: float
+
+    @property
+    def known(self) -> bool:
+        """Whether something is known to be there, or power isn't known to be gone."""
+        return self.power is not False or abs(self.torque_nm) > 0.0
+
+    @property
+    def gone(self) -> bool:
+        """Whether power and torque were read back as gone."""
+        return self.power is False and self.torque_nm == 0.0
+
+    @property
+    def words(self) -> str:
+        """Say it."""
+        if math.isnan(self.torque_nm):
+            torque = "torque can't be read"
+        else:
+            torque = f"{self.torque_nm:.1f} N·m"
+        if self.power is False:
+            return f"{self.side} side: drive off, {torque}"
+        if self.power:
+            return f"{self.side} side: drive still on, {torque}"
+        return f"{self.side} side: drive doesn't say whether it is off, {torque}"
+
+
+class ReadBack:
+    """What drives and transducers say after a stop.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    workers : mapping of side to DriveWorker
+    """
+
+    def __init__(self, description: BenchDescription, workers: Mapping[Side, DriveWorker]) -> None:
+        self._description = description
+        self._workers = workers
+        self._torque: dict[Side, tuple[float, float]] = {}
+
+    def take(self, block: AcquiredBlock) -> None:
+        """Take the newest torque of each side: its own, or else the mounted standard's."""
+        for side in SIDES:
+            for name in (torque_channel(side), reference_channel(side)):
+                samples = block.channels.get(name)
+                if samples is None or samples.torque_nm.size == 0 or samples.fault[-1]:
+                    continue
+                torque_nm = float(samples.torque_nm[-1])
+                if math.isfinite(torque_nm):
+                    self._torque[side] = (block.stop_s, torque_nm)
+                    break
+
+    def torque_nm(self, side: Side, since_s: float) -> float:
+        """Return the torque read after a bench time, 0 below `unloaded_percent`; NaN where none."""
+        read_s, torque_nm = self._torque.get(side, (-math.inf, math.nan))
+        if read_s <= since_s:
+            return math.nan
+        return 0.0 if abs(torque_nm) <= self.unloaded_nm(side) else torque_nm
+
+    def unloaded_nm(self, side: Side) -> float:
+        """Torque below which a side counts as unloaded, N·m."""
+        share = self._description.safety.unloaded_percent / 100.0
+        return share * self._description.module(side).range_nm
+
+    def at_zero(self, since_s: float, since: float) -> bool:
+        """Whether every drive is off or at zero set points, and no torque is read.
+
+        Parameters
+        ----------
+        since_s, since : float
+            Bench time and `time.monotonic` seconds; what was read before doesn't count.
+        """
+        return all(
+            self._without_set_point(side, since) and self.torque_nm(side, since_s) == 0.0
+            for side in self._workers
+        )
+
+    def _without_set_point(self, side: Side, since: float) -> bool:
+        state = self._workers[side].read(since)
+        if state is None:
+            return False
+        module = self._description.module(side)
+        speed_rpm = (state.speed_rad_s or 0.0) * RPM_PER_RAD_S
+        return not state.enabled or (
+            abs(state.torque_nm or 0.0) <= NO_SET_POINT * module.range_nm
+            and abs(speed_rpm) <= self._description.safety.standstill_rpm
+        )
+
+    def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
+        """Return what each side has.
+
+        Parameters
+        ----------
+        since_s, since : float
+            As above.
+        torque : bool
+            Whether torque counts: without power before, it isn't a drive's.
+        """
+        found = []
+        for side, worker in self._workers.items():
+            state = worker.read(since)
+            power = None if state is None else state.enabled
+            found.append(Remaining(side, power, self.torque_nm(side, since_s) if torque else 0.0))
+        return found
+
+    def allowed(self) -> str:
+        """Say what a safe bench has."""
+        limits = ", ".join(
+            f"{self.unloaded_nm(side):g} N·m at the {side}" for side in self._workers
+        )
+        return f"no power, and torque of at most {limits}"
+
+
+def said(remaining: Iterable[Remaining]) -> str:
+    """Say what is left, the sides where nothing is left out."""
+    return "; ".join(each.words for each in remaining if not each.gone)
