@@ -14,7 +14,12 @@ from torquebench.errors import InputError
 from torquebench.units import ARCMIN, ARCSEC
 
 if TYPE_CHECKING:
-    from torquebench.reducers import AnyResult, FrictionResult, QuantityVerdict, ReducerDescription
+    from torquebench.reducers import (
+        FrictionResult,
+        QuantityVerdict,
+        ReducerDescription,
+        ReducerResult,
+    )
 
 __all__ = ["register"]
 
@@ -95,7 +100,7 @@ def _ratio(ratio: float | None, described: ReducerDescription | None) -> float:
 def _finish(
     test: str,
     data: Path,
-    result: AnyResult | FrictionResult,
+    result: ReducerResult | FrictionResult,
     described: ReducerDescription | None,
     output: Path | None,
     **settings: Any,

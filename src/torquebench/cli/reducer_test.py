@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.cli.console import note, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
@@ -35,19 +36,7 @@ if TYPE_CHECKING:
     from torquebench.campaign.reducers.settings import ReducerTestSettings
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["ABOUT", "register"]
-
-ABOUT = {
-    "starting": "Input torque rises slowly, output free, until the input turns.",
-    "back-driving": "Output torque rises slowly, input free, until the output turns.",
-    "transmission-error": "Both angles over full output revolutions, without load, in both "
-    "directions.",
-    "hysteresis": "Input locked, output loaded: stiffness, backlash, lost motion, loop energy.",
-    "no-load": "Input driven in steps of speed, output free, warm: friction against speed.",
-    "efficiency": "Input driven, output braking, warm: efficiency over torque and speed.",
-    "full": "All tests, cold ones first, in one report.",
-}
-"""What each test does; here too, so that help needs no bench to be imported."""
+__all__ = ["register"]
 
 MORE = """
 
@@ -139,8 +128,8 @@ def register(app: typer.Typer) -> None:
         rich_markup_mode=HELP_MARKUP,
         help="Test a mounted reducer, with uncertainties and a verdict against its data sheet.",
     )
-    for name, about in ABOUT.items():
-        tests.command(name, help=about + MORE)(_command(name))
+    for name, test in TESTS.items():
+        tests.command(name, help=test.about + MORE)(_command(name))
     tests.command("compare")(compare)
     app.add_typer(tests)
 

@@ -67,6 +67,8 @@ from .running.no_load_points import (
     NoLoadPoint as NoLoadPoint,
 )
 from .quantities import (
+    LimitedQuantity as LimitedQuantity,
+    ReducerResult as ReducerResult,
     Contribution as Contribution,
     Finding as Finding,
     ResultQuantity as ResultQuantity,
@@ -74,7 +76,6 @@ from .quantities import (
     refuse as refuse,
 )
 from .quantity_verdicts import (
-    AnyResult as AnyResult,
     QuantityVerdict as QuantityVerdict,
     verdicts as verdicts,
 )

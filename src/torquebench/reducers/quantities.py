@@ -1,13 +1,27 @@
 """What all evaluations share: values with their budgets, and findings about the data."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf, sqrt
+from typing import TYPE_CHECKING, Protocol
 
 from torquebench.errors import InputError
 from torquebench.uncertainty import Budget, BudgetLine, Distribution, welch_satterthwaite
 
-__all__ = ["Contribution", "Finding", "ResultQuantity", "budget", "refuse"]
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
+
+__all__ = [
+    "Contribution",
+    "Finding",
+    "LimitedQuantity",
+    "ReducerResult",
+    "ResultQuantity",
+    "budget",
+    "refuse",
+]
 
 
 @dataclass(frozen=True)
@@ -84,6 +98,39 @@ class ResultQuantity:
     title: str
     estimate: Budget
     rule: str = ""
+
+
+@dataclass(frozen=True)
+class LimitedQuantity:
+    """A value of a result and what the data sheet allows.
+
+    Parameters
+    ----------
+    key, title : str
+    estimate : Budget
+    lower, upper : float or None
+        Limits in the estimate's unit; None where there is none.
+    """
+
+    key: str
+    title: str
+    estimate: Budget
+    lower: float | None = None
+    upper: float | None = None
+
+
+class ReducerResult(Protocol):
+    """What the evaluation of a reducer test returns."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a reader has to know about the data."""
+
+    def quantities(self) -> tuple[ResultQuantity, ...]:
+        """Return the values under their names, for tables and reports."""
+
+    def limited(self, limits: DataSheetLimits) -> Iterable[LimitedQuantity]:
+        """Return the values that the data sheet limits; those without a limit may be left out."""
 
 
 def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Budget:

@@ -8,7 +8,6 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.campaign.reducers.results import budget_from_plain
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
-from torquebench.cli.reducer_test import ABOUT
 from torquebench.errors import InputError
 from torquebench.records import RunFolder
 from torquebench.reducers import load_reducer
@@ -22,10 +21,6 @@ def bench() -> BenchDescription:
     settings = described.bench.model_copy(update={"reducer_ratio": REDUCER.ratio})
     driver = {**described.driver, "reducer": "rv-40e"}
     return described.model_copy(update={"driver": driver, "bench": settings})
-
-
-def test_help_says_of_every_test_what_it_does() -> None:
-    assert {test.name: test.about for test in TESTS.values()} == ABOUT
 
 
 def test_a_rehearsal_tells_durations_and_stays_within_the_data_sheet(tmp_path: Path) -> None:

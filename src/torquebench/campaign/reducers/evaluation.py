@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +24,11 @@ from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.reducers import (
     AngleUncertainty,
-    AnyResult,
     FlangeInertia,
     LoopSettings,
     LoopUncertainty,
     ReducerDescription,
+    ReducerResult,
     TorqueUncertainty,
     evaluate_breakaway,
     evaluate_efficiency,
@@ -40,7 +38,14 @@ from torquebench.reducers import (
 )
 from torquebench.units import ARCMIN
 
-__all__ = ["EVALUATIONS", "Evaluated"]
+__all__ = [
+    "Evaluated",
+    "evaluate_angles",
+    "evaluate_grid",
+    "evaluate_loops",
+    "evaluate_ramps",
+    "evaluate_running",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -55,7 +60,7 @@ TAKEN_AWAY = 0.85
 class Evaluated:
     """A result, and what a reader has to know beside it."""
 
-    result: AnyResult
+    result: ReducerResult
     remarks: tuple[str, ...]
 
 
@@ -315,14 +320,3 @@ def evaluate_angles(
     ]
     remarks += [f"the {side} encoder is corrected by its certificate" for side in certified]
     return Evaluated(result, (*remarks, *_temperature(turning.temperature_c)))
-
-
-EVALUATIONS: dict[str, Callable[[Bench, ReducerDescription, Any], Evaluated]] = {
-    "no-load": evaluate_running,
-    "starting": evaluate_ramps,
-    "back-driving": evaluate_ramps,
-    "hysteresis": evaluate_loops,
-    "transmission-error": evaluate_angles,
-    "efficiency": evaluate_grid,
-}
-"""Evaluation by the name of the test."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.roles import Side
+from torquebench.campaign.reducers.catalogue import ReducerTest
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.twist import TwistCompliance, twist_compliances
 from torquebench.campaign.reducers.uncertainty import tares_of
@@ -19,8 +20,6 @@ from torquebench.reducers import Tare
 from torquebench.units import ARCMIN
 
 __all__ = ["Known", "Preparation", "preparations"]
-
-RUNNING = frozenset({"no-load", "efficiency"})
 
 
 @dataclass
@@ -66,14 +65,14 @@ class Preparation:
 
 
 def preparations(
-    tests: Collection[str], limits: ReducerLimits, settings: ReducerTestSettings
+    tests: Collection[ReducerTest], limits: ReducerLimits, settings: ReducerTestSettings
 ) -> list[Preparation]:
     """Return what has to be measured before some tests; one mounting after the other.
 
     Parameters
     ----------
-    tests : collection of str
-        Names of the tests that follow.
+    tests : collection of ReducerTest
+        The tests that follow.
     limits : ReducerLimits
     settings : ReducerTestSettings
     """
@@ -84,7 +83,8 @@ def preparations(
         "output": largest_nm,
         "input": largest_nm / abs(limits.ratio),
     }
-    if "hysteresis" in tests and twist is not None and settings.twist_arcmin_per_nm is None:
+    needed = any(test.bench_twist for test in tests) and settings.twist_arcmin_per_nm is None
+    if needed and twist is not None:
 
         def twisted(known: Known, recording: Any) -> None:
             known.twists = twist_compliances(recording)
@@ -98,7 +98,7 @@ def preparations(
             )
         )
     empty = settings.empty_run
-    if empty is not None and RUNNING & set(tests):
+    if empty is not None and any(test.empty_run for test in tests):
         within = empty.within(limits)
 
         def emptied(known: Known, recording: Any) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from math import inf, isfinite
-from typing import Any, Literal
+from typing import Any
 
+from torquebench.campaign.reducers.catalogue import TestName
 from torquebench.reducers import Finding
 from torquebench.station import RunRecord
 from torquebench.uncertainty import Budget, BudgetLine, Distribution, Verdict
@@ -18,13 +19,8 @@ __all__ = [
     "ReducerTestQuantity",
     "ReducerTestRecord",
     "ReducerTestRehearsal",
-    "TestName",
     "budget_from_plain",
     "plain_budget",
-]
-
-TestName = Literal[
-    "no-load", "starting", "back-driving", "hysteresis", "transmission-error", "efficiency", "full"
 ]
 
 

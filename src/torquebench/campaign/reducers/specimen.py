@@ -9,8 +9,8 @@ from typing import Any
 from torquebench import __version__
 from torquebench.campaign.measuring import OnPause, measure, operator_name
 from torquebench.campaign.progress import Progress
-from torquebench.campaign.reducers.catalogue import ReducerTest, plan_of
-from torquebench.campaign.reducers.evaluation import EVALUATIONS, Evaluated
+from torquebench.campaign.reducers.catalogue import ReducerTest
+from torquebench.campaign.reducers.evaluation import Evaluated
 from torquebench.campaign.reducers.preparation import Known, Preparation
 from torquebench.campaign.reducers.results import (
     ReducerTestOutcome,
@@ -21,7 +21,7 @@ from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.procedures import Plan
 from torquebench.records import Equipment
-from torquebench.reducers import AnyResult, QuantityVerdict, ReducerDescription, verdicts
+from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
 from torquebench.station import RunRecord, Station
 from torquebench.uncertainty import Verdict
 
@@ -74,16 +74,17 @@ class Specimen:
     def test(self, test: ReducerTest) -> ReducerTestOutcome:
         """Run a test and return what it found."""
         bench = Bench(self.station.description, self.known.twists, self.known.tares)
-        evaluation = EVALUATIONS[test.name]
+        assert test.evaluate is not None
+        evaluate = test.evaluate
         kept: list[tuple[Any, Evaluated, tuple[QuantityVerdict, ...]]] = []
 
         def plan() -> Plan[Any]:
             limits = reducer_limits(self.reducer)
-            return plan_of(test, self.station.devices, limits, self.settings)
+            return test.plan(self.station.devices, limits, self.settings)
 
         def evaluated() -> Plan[Any]:
             recording = yield from plan()
-            found = evaluation(bench, self.reducer, recording)
+            found = evaluate(bench, self.reducer, recording)
             judged = verdicts(found.result, self.reducer)
             kept.append((recording, found, judged))
             return self._results(test, found, judged)
@@ -151,7 +152,7 @@ class Specimen:
 
 
 def _quantities(
-    result: AnyResult, judged: tuple[QuantityVerdict, ...]
+    result: ReducerResult, judged: tuple[QuantityVerdict, ...]
 ) -> tuple[ReducerTestQuantity, ...]:
     limits = {each.key: each for each in judged}
     rows = []

@@ -11,7 +11,7 @@ from torquebench import __version__
 from torquebench.bench.roles import SIDES
 from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
 from torquebench.campaign.progress import NO_PROGRESS, Progress
-from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests, plan_of
+from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests
 from torquebench.campaign.reducers.preparation import preparations
 from torquebench.campaign.reducers.results import (
     ReducerTestFailure,
@@ -28,9 +28,6 @@ from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["TESTS", "ReducerTest", "rehearse_reducer_test", "run_reducer_test"]
-
-LOADED = frozenset({"hysteresis", "efficiency"})
-"""Tests that load the output as far as their plans say."""
 
 
 def rehearse_reducer_test(
@@ -55,17 +52,20 @@ def rehearse_reducer_test(
     """
     settings, limits = settings or ReducerTestSettings(), reducer_limits(reducer)
     tests, devices = chosen_tests(name), station.devices
-    before = preparations([test.name for test in tests], limits, settings)
+    before = preparations(tests, limits, settings)
     parts = [
         _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices))) for each in before
     ]
     for test in tests:
-        found = rehearse(devices, plan_of(test, devices, limits, settings))
+        found = rehearse(devices, test.plan(devices, limits, settings))
         longest = found
-        if test.repeats_on:
-            longest = rehearse(devices, plan_of(test, devices, limits, settings.longest()))
-        part = _rehearsed(test.name, test.title, found, longest.duration_s, test.warm_up(settings))
-        _check_calibrated(station, part)
+        if test.until_known:
+            longest = rehearse(devices, test.plan(devices, limits, settings.longest()))
+        part = _rehearsed(
+            test.name, test.title, found, longest.duration_s, test.warm_up_s(settings)
+        )
+        if test.loads_output:
+            _check_calibrated(station, part)
         parts.append(part)
     return tuple(parts)
 
@@ -73,7 +73,7 @@ def rehearse_reducer_test(
 def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
     """Refuse a test that loads the output beyond what its model was calibrated to."""
     active = station.devices.context.acquisition.compensation("output")
-    if active is None or part.name not in LOADED:
+    if active is None:
         return
     model, torque = active.model, part.largest_torque_nm["output"]
     reached = min(-model.reading_low_nm_, model.reading_high_nm_)
@@ -192,10 +192,9 @@ def _all_parts(
     outcomes: list[ReducerTestOutcome] = []
     failures: list[ReducerTestFailure] = []
     limits = reducer_limits(specimen.reducer)
-    names = [test.name for test in tests]
     parts: list[tuple[str, str, Callable[[], ReducerTestOutcome | None]]] = [
         (each.name, each.title, partial(specimen.prepare, each))
-        for each in preparations(names, limits, specimen.settings)
+        for each in preparations(tests, limits, specimen.settings)
     ]
     parts += [(test.name, test.title, partial(specimen.test, test)) for test in tests]
     for part, title, action in parts:

@@ -1,7 +1,10 @@
 """Starting and back-driving torque: the quasi-static torque at which a reducer begins to turn."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +15,16 @@ from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
+    LimitedQuantity,
     ResultQuantity,
     budget,
     refuse,
 )
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
+
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
 
 __all__ = ["BreakawayResult", "BreakawayRun", "evaluate_breakaway"]
 
@@ -105,6 +112,13 @@ class BreakawayResult:
                     )
                 )
         return tuple(rows)
+
+    def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return the values that the data sheet limits; those without a limit may be left out."""
+        starting = self.kind == "starting"
+        limit = limits.starting_torque_nm if starting else limits.back_driving_torque_nm
+        only = self.quantities()[0]
+        yield LimitedQuantity(only.key, only.title, only.estimate, upper=limit)
 
 
 def evaluate_breakaway(

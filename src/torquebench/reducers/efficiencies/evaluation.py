@@ -1,6 +1,10 @@
 """Efficiency over torque and speed: η = T_o/(R·T_i) when the input drives, with iso-lines."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +22,16 @@ from torquebench.reducers.efficiencies.points import (
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
+    LimitedQuantity,
     ResultQuantity,
     budget,
     refuse,
 )
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
+
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
 
 __all__ = ["EfficiencyMap", "EfficiencyPoint", "evaluate_efficiency"]
 
@@ -122,6 +130,18 @@ class EfficiencyMap:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         return tuple(each.quantity for each in (*self.means, *self.points))
+
+    def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return the values that the data sheet limits; those without a limit may be left out."""
+        for limit in limits.efficiency:
+            for sign in (1.0, -1.0):
+                try:
+                    found = self.at(limit.torque_nm, sign * limit.speed_rpm)
+                except InputError:
+                    continue
+                title = f"efficiency at {limit.torque_nm:g} N·m, {sign * limit.speed_rpm:g} rpm"
+                key = f"efficiency_{limit.torque_nm:g}_nm_{sign * limit.speed_rpm:g}_rpm"
+                yield LimitedQuantity(key, title, found, lower=limit.percent)
 
 
 def evaluate_efficiency(

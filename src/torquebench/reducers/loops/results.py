@@ -1,13 +1,20 @@
 """What a torque-angle loop is evaluated to."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.reducers.loops.rules import LoopSettings, LostMotionRule
-from torquebench.reducers.quantities import Finding, ResultQuantity
+from torquebench.reducers.quantities import Finding, LimitedQuantity, ResultQuantity
 from torquebench.uncertainty import Budget
+
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
 
 __all__ = ["HysteresisResult", "KeyPoint", "LoopCurve", "LoopFeatures", "StiffnessRegions"]
 
@@ -193,3 +200,14 @@ class HysteresisResult:
             ResultQuantity("hysteresis_loss", "hysteresis loss", self.energy, "per loop"),
         ]
         return tuple(rows)
+
+    def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return the values that the data sheet limits; those without a limit may be left out."""
+        estimates = {each.key: each for each in self.quantities()}
+        for key, lower, upper in (
+            ("stiffness", limits.stiffness_nm_per_arcmin, None),
+            ("backlash", None, limits.backlash_arcmin),
+            ("lost_motion", None, limits.lost_motion_arcmin),
+            ("hysteresis_loss", None, limits.hysteresis_loss_j),
+        ):
+            yield LimitedQuantity(key, estimates[key].title, estimates[key].estimate, lower, upper)

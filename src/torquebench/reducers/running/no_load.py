@@ -1,13 +1,24 @@
 """No-load running torque: what keeps the input turning at a speed, output free."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns, labels
-from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget, refuse
+from torquebench.reducers.quantities import (
+    Contribution,
+    Finding,
+    LimitedQuantity,
+    ResultQuantity,
+    budget,
+    refuse,
+)
 from torquebench.reducers.running.friction import FrictionCurve, FrictionResult, evaluate_friction
 from torquebench.reducers.running.no_load_points import (
     NoLoadPoint,
@@ -21,6 +32,9 @@ from torquebench.reducers.running.tare import Tare
 from torquebench.reducers.saturation import missed_speed
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
 from torquebench.uncertainty import Budget
+
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
 
 __all__ = ["NoLoadPoint", "NoLoadResult", "TorqueUncertainty", "evaluate_no_load"]
 
@@ -76,6 +90,15 @@ class NoLoadResult:
                 )
             )
         return tuple(rows)
+
+    def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return the values that the data sheet limits; those without a limit may be left out."""
+        for limit in limits.no_load:
+            for point in self.points:
+                if abs(abs(point.speed_rpm) - limit.speed_rpm) <= 0.02 * limit.speed_rpm:
+                    title = f"no-load torque at {point.speed_rpm:.0f} rpm"
+                    torque = point.magnitude()
+                    yield LimitedQuantity(point.key, title, torque, upper=limit.torque_nm)
 
 
 def evaluate_no_load(

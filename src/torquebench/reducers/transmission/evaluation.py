@@ -1,14 +1,23 @@
 """Transmission error over full output revolutions: peak to peak, orders, both directions."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.reducers.columns import finite_columns
-from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
+from torquebench.reducers.quantities import (
+    Contribution,
+    Finding,
+    LimitedQuantity,
+    ResultQuantity,
+    budget,
+)
 from torquebench.reducers.transmission.curve import Revolution, mean_revolution
 from torquebench.reducers.transmission.segments import (
     TURN,
@@ -20,6 +29,9 @@ from torquebench.reducers.transmission.segments import (
 )
 from torquebench.uncertainty import Budget
 from torquebench.units import ARCSEC
+
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
 
 __all__ = [
     "AngleUncertainty",
@@ -158,6 +170,12 @@ class TransmissionErrorResult:
         if self.reversal_arcsec is not None:
             rows.append(ResultQuantity("reversal", "gap at reversal", self.reversal_arcsec))
         return tuple(rows)
+
+    def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return the values that the data sheet limits; those without a limit may be left out."""
+        only = self.quantities()[0]
+        limit = limits.transmission_error_arcsec
+        yield LimitedQuantity(only.key, only.title, only.estimate, upper=limit)
 
 
 def evaluate_transmission_error(

@@ -19,15 +19,6 @@ from torquebench.panel.service import SIGNALS, JobView
 
 __all__ = ["reducer_page"]
 
-AXES = {
-    "no-load": ("input_speed_rpm", "input_torque_nm"),
-    "starting": ("input_angle_deg", "input_torque_nm"),
-    "back-driving": ("output_angle_deg", "output_torque_nm"),
-    "hysteresis": ("output_angle_deg", "output_torque_nm"),
-    "transmission-error": ("input_angle_deg", "output_angle_deg"),
-    "efficiency": ("output_torque_nm", "input_torque_nm"),
-}
-"""Live signals that a test is about: across and up; torque is compensated where it can be."""
 PAST_S = 600.0
 POINTS = 800
 
@@ -144,7 +135,7 @@ class _ReducerPage:
         if self._began is None or self._stage != job.stage:
             self._stage, self._began = job.stage, live.bench_time_s
         part = self._runs_of(job)
-        x, y = (self._read(name) for name in AXES[part])
+        x, y = (self._read(name) for name in TESTS[part].axes)
         past = live.trend(min(PAST_S, live.bench_time_s - self._began), (x, y), POINTS)
         names = {
             signal.name: f"{self.text.core(signal.title)}, {signal.unit}" for signal in SIGNALS
@@ -174,7 +165,7 @@ class _ReducerPage:
         """Return which test is under way; a full test has several, one after the other."""
         asked = str(job.request["test"])
         parts = [test.name for test in TESTS.values() if test.title == job.stage]
-        return asked if asked in AXES else next(iter(parts), "hysteresis")
+        return asked if asked in TESTS and asked != "full" else next(iter(parts), "hysteresis")
 
 
 def reducer_page(visitor: Visitor) -> None:

@@ -12,7 +12,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from torquebench.campaign.reducers.results import ReducerTestOutcome, ReducerTestRehearsal, TestName
+from torquebench.campaign.reducers.catalogue import TestName
+from torquebench.campaign.reducers.results import ReducerTestOutcome, ReducerTestRehearsal
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
 from torquebench.panel.service.fields import WHOLE, Flag, ProfileName
