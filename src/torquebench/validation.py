@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -17,7 +18,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from torquebench.errors import InputError
 
-__all__ = ["ConflictError", "parse_toml", "validated"]
+__all__ = ["ConflictError", "parse_toml", "refuse_future", "validated"]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -166,3 +167,20 @@ def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
             else:
                 metadata.append(item)
     return annotation, metadata, unit
+
+
+def refuse_future(performed: datetime) -> None:
+    """Refuse a day of measurement that hasn't come yet anywhere on earth.
+
+    Raises
+    ------
+    InputError
+        With the day and today.
+    """
+    today = (datetime.now(UTC) + timedelta(hours=14)).date()  # where the day begins first
+    if performed.date() > today:
+        raise InputError(
+            f"a measurement performed on {performed.date()}",
+            f"up to today, {datetime.now().astimezone().date()}",
+            "correct the day",
+        )

@@ -197,3 +197,23 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     assert "positions[1].series[0]" in said
     assert "reference.in_date" in said
     assert "the profile refuses a certificate" in done.stderr
+    assert "evaluated by the table's own steps: 0, 10, 20" in said
+    assert "class 0.1 over the whole range" in said
+
+    tomorrow = f"{datetime.now() + timedelta(days=2):%Y-%m-%d}"
+    done = run("evaluate", "static", "whole.csv", *options, "--performed", tomorrow, cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"a measurement performed on {tomorrow}" in done.stderr
+
+    write_calibration_csv(tmp_path / "named.csv", replace(points, transducer_serial="T-1"))
+    done = run("evaluate", "static", "named.csv", *options, "--transducer", "T-9", cwd=tmp_path)
+    said = " ".join(done.stderr.split())
+    assert "named.csv says transducer_serial = T-1; T-9 was given and is taken" in said
+
+
+def test_a_list_says_that_there_is_more(calibrated):
+    more = "There are more than these 1: --limit NUMBER, or --all"
+    for kind in ("runs", "equipment"):
+        assert more in records(calibrated, "list", kind, "--limit", 1).stdout
+        assert "more" not in records(calibrated, "list", kind, "--limit", 1, "--all").stdout
+    assert more not in records(calibrated, "list", "models", "--limit", 1).stdout

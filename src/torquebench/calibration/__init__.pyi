@@ -44,6 +44,11 @@ from .evaluation import (
     StaticEvaluation as StaticEvaluation,
     evaluate_static as evaluate_static,
 )
+from .own_steps import (
+    EvaluablePoints as EvaluablePoints,
+    evaluable_points as evaluable_points,
+    own_steps as own_steps,
+)
 from .profile import (
     Profile as Profile,
     available_profiles as available_profiles,

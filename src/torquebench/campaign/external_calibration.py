@@ -26,6 +26,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
+from torquebench.validation import refuse_future
 
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
 
@@ -165,6 +166,7 @@ def register_table(
 
 
 def _require(circumstances: ExternalCalibration) -> None:
+    refuse_future(circumstances.performed)
     for value, what, option in (
         (circumstances.transducer.serial, "the transducer's serial number", "--transducer"),
         (circumstances.indicator, "the counter or amplifier it was read with", "--indicator"),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         CalibrationResults,
         Deviation,
         DirectionResults,
+        EvaluablePoints,
         Profile,
         StaticEvaluation,
     )
@@ -95,13 +96,15 @@ def static(
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
 
     The table is held against the profile; each departure is named with the clause that it breaks.
-    Exit code 1 where the profile refuses a certificate because of one. With --register, table,
+    A table that lacks series or steps of the profile is evaluated by its own steps. Exit code 1
+    where the profile refuses a certificate because of a departure. With --register, table,
     equipment and circumstances are entered, whatever was found.
     """
     from torquebench.calibration import (
         CalibrationRecord,
         ReferenceStandard,
         assign_nominal,
+        evaluable_points,
         find_deviations,
         load_profile,
     )
@@ -110,8 +113,16 @@ def static(
     chosen = load_profile(profile)
     if result is not None:
         check_output(result, data)
+    if performed is not None:
+        from torquebench.validation import refuse_future
+
+        refuse_future(performed)
     read = read_calibration_csv(
-        data, range_nm=range_nm, transducer_serial=transducer, counter_identity=indicator
+        data,
+        range_nm=range_nm,
+        transducer_serial=transducer,
+        counter_identity=indicator,
+        remark=warn,
     )
     points = assign_nominal(read, chosen)
     moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)
@@ -122,8 +133,11 @@ def static(
     deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)
     _print_heading(points, chosen)
     _print_deviations(deviations)
-    if not any(each.kind in ("missing_series", "missing_step") for each in deviations):
-        _evaluate(points, chosen, deviations, resolution, reference_uncertainty, model, result)
+    evaluable = evaluable_points(read, points, chosen, deviations)
+    uncertainties = (resolution, reference_uncertainty)
+    found = _evaluate(evaluable, uncertainties, model)
+    if result is not None:
+        _write_results(result, found, evaluable, points, chosen, deviations)
     if register:
         from torquebench.campaign.external_calibration import ExternalCalibration
 
@@ -149,35 +163,51 @@ def static(
 
 
 def _evaluate(
+    points: EvaluablePoints, uncertainties: tuple[float, float], model: Path | None
+) -> CalibrationResults | None:
+    """Evaluate and print; uncertainties are the resolution in N·m and the reference's U in %."""
+    from torquebench.calibration import calibration_results
+
+    for remark in points.remarks:
+        warn(remark)
+    if points.data is None:
+        return None
+    if not points.of_profile:
+        assert points.data.nominal_nm is not None
+        steps = ", ".join(f"{step:g}" for step in sorted(set(points.data.nominal_nm.tolist())))
+        say(f"evaluated by the table's own steps: {steps} N·m")
+    resolution_nm, reference_percent = uncertainties
+    results = calibration_results(
+        points.data,
+        resolution_nm=resolution_nm,
+        reference_uncertainty_percent=reference_percent,
+        torque_nm=None if model is None else _compensated(model, points.data),
+    )
+    _print_results(results)
+    return results
+
+
+def _write_results(
+    file: Path,
+    results: CalibrationResults | None,
+    evaluated: EvaluablePoints,
     points: CalibrationData,
     profile: Profile,
     deviations: tuple[Deviation, ...],
-    resolution_nm: float,
-    reference_percent: float,
-    model: Path | None,
-    result: Path | None,
 ) -> None:
     from torquebench.atomic_write import atomic_write
-    from torquebench.calibration import calibration_results, ladder_points
     from torquebench.records import json_text
 
-    stepped = points.subset(ladder_points(points, profile))
-    results = calibration_results(
-        stepped,
-        resolution_nm=resolution_nm,
-        reference_uncertainty_percent=reference_percent,
-        torque_nm=None if model is None else _compensated(model, stepped),
-    )
-    _print_results(results)
-    if result is not None:
-        content = {
-            "profile": {"name": profile.name, "sha256": profile.sha256},
-            "data_sha256": points.sha256(),
-            "deviations": deviations,
-            "results": results,
-        }
-        atomic_write(result, json_text(content, indent=2) + "\n")
-        say(f"Every number: {result}")
+    content = {
+        "profile": {"name": profile.name, "sha256": profile.sha256},
+        "data_sha256": points.sha256(),
+        "deviations": deviations,
+        "steps_of_profile": evaluated.of_profile,
+        "left_out": evaluated.remarks,
+        "results": results,
+    }
+    atomic_write(file, json_text(content, indent=2) + "\n")
+    say(f"Every number: {file}")
 
 
 def _register(

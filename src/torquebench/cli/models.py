@@ -90,6 +90,7 @@ def fit(
         both_directions=not one_direction,
         transducer_serial=serial,
         counter_identity=counter,
+        remark=warn,
     )
 
     from torquebench.campaign.chains import mounting_effect, reference_effect

@@ -61,12 +61,14 @@ class Kind(StrEnum):
 def list_records(
     kind: Annotated[Kind, typer.Argument(help="What to list.")] = Kind.all,
     limit: Annotated[int, typer.Option(min=1, help="At most so many of each, newest first.")] = 20,
+    everything: Annotated[bool, typer.Option("--all", help="All of them.")] = False,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """List runs, calibrations, models and equipment, the newest first."""
     folder = data_directory(data)
-    if kind is Kind.runs and (runs := _runs_at_once(folder, limit)) is not None:
-        _print_runs(runs)
+    limit = MOST_LISTED if everything else limit
+    if kind is Kind.runs and (runs := _runs_at_once(folder, limit + 1)) is not None:
+        _print_runs(runs, limit)
         return
     from torquebench.records import Registry
 
@@ -109,24 +111,25 @@ def show_record(
 
 
 def _list_runs(registry: Registry, limit: int) -> None:
-    _print_runs(registry.runs(limit=limit))
+    _print_runs(registry.runs(limit=limit + 1), limit)
 
 
-def _print_runs(runs: Sequence[RunLine | RunSummary]) -> None:
+def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
     table = narrow_table("Runs")
     for heading in ("run", "started (UTC)", "status", "bench"):
         table.add_column(heading, overflow="fold")
-    for run in runs:
+    for run in runs[:limit]:
         where = "simulated" if run.simulated else run.bench
         table.add_row(run.run_id, _moment(run.started), run.status, where)
-    _print_list(table)
+    _print_list(table, more=len(runs) > limit)
 
 
 def _list_calibrations(registry: Registry, limit: int) -> None:
     table = narrow_table("Calibrations")
     for heading in ("name", "performed (UTC)", "transducer", "points", "range", "profile"):
         table.add_column(heading, overflow="fold")
-    for entry in registry.calibrations(limit=limit):
+    found = registry.calibrations(limit=limit + 1)
+    for entry in found[:limit]:
         table.add_row(
             f"calibration-{entry.calibration_id}",
             _moment(entry.performed),
@@ -135,14 +138,15 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             entry.profile_name,
         )
-    _print_list(table)
+    _print_list(table, more=len(found) > limit)
 
 
 def _list_models(registry: Registry, limit: int) -> None:
     table = narrow_table("Models")
     for heading in ("name", "created (UTC)", "kind", "transducer", "range", "in use"):
         table.add_column(heading, overflow="fold")
-    for entry in registry.models(limit=limit):
+    found = registry.models(limit=limit + 1)
+    for entry in found[:limit]:
         table.add_row(
             f"model-{entry.model_id}",
             _moment(entry.created),
@@ -151,7 +155,7 @@ def _list_models(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             "yes" if _in_use(registry, entry) else "",
         )
-    _print_list(table)
+    _print_list(table, more=len(found) > limit)
 
 
 def _list_equipment(registry: Registry, limit: int) -> None:
@@ -159,17 +163,20 @@ def _list_equipment(registry: Registry, limit: int) -> None:
     table.add_column("kind", no_wrap=True)
     for heading in ("serial", "what", "range"):
         table.add_column(heading, overflow="fold")
-    for entry in registry.equipment()[:limit]:
+    found = registry.equipment()
+    for entry in found[:limit]:
         span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
         what = f"{entry.manufacturer} {entry.model}".strip()
         table.add_row(entry.kind, entry.serial, what, span)
-    _print_list(table)
+    _print_list(table, more=len(found) > limit)
 
 
-def _print_list(table: Table) -> None:
+def _print_list(table: Table, *, more: bool) -> None:
     if not table.row_count:
         table.caption = "none yet"
         table.show_header = False
+    if more:
+        table.caption = f"There are more than these {table.row_count}: --limit NUMBER, or --all"
     out().print(table)
 
 
@@ -196,6 +203,7 @@ def _find_run(registry: Registry, name: str) -> RunSummary:
 
 
 MANY_RUNS = 1000
+MOST_LISTED = 10**9
 
 
 def _show_run(run: RunSummary) -> None:

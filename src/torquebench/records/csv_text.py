@@ -15,6 +15,8 @@ __all__ = ["CsvTable", "decode_csv", "parse_csv", "read_csv"]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
+_SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
+"""How a spreadsheet writes a cell that it can't compute, in its languages."""
 _COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
 _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
 
@@ -76,7 +78,7 @@ class CsvTable:
         return values
 
     def _number(self, row: int, column: str, text: str) -> float:
-        if not text or text.lower() in ("nan", "n/a", "na", "-", "#n/a"):
+        if not text or text.lower() in ("nan", "n/a", "na", "-"):
             raise InputError(
                 f"{self.place(row, column)}: " + (f"{text!r}" if text else "an empty cell"),
                 "a number in every cell",
@@ -156,7 +158,8 @@ def parse_csv(text: str, origin: str) -> CsvTable:
     """Return the table in a CSV text.
 
     The separator (comma, semicolon or tab) is that of the header line. Lines that begin with
-    ``#`` are comments; blank lines are passed over.
+    ``#`` are comments, except where a spreadsheet's error such as ``#DIV/0!`` stands there; blank
+    lines are passed over.
 
     Parameters
     ----------
@@ -206,10 +209,15 @@ def _remarks(text: str) -> Iterator[tuple[str, str]]:
             yield match[1].lower(), match[2].rstrip(",; \t").lstrip()
 
 
+def _is_comment(line: str) -> bool:
+    line = line.lstrip()
+    return line.startswith("#") and _SPREADSHEET_ERROR.match(line) is None
+
+
 def _uncommented(text: str) -> list[str]:
     """Return the lines with comments blanked, so that line numbers stay those of the file."""
     return [
-        "" if line.lstrip().startswith("#") else line
+        "" if _is_comment(line) else line
         for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     ]
 
@@ -269,6 +277,8 @@ def _row(
 
 
 def _what_number(text: str) -> tuple[str, str]:
+    if _SPREADSHEET_ERROR.match(text):
+        return "a number: this is a spreadsheet's error", "mend its formula, or remove the line"
     if re.fullmatch(r"[+-]?[0-9][0-9.,' ]*", text):
         return (
             "one decimal comma or point and no thousands separators",

@@ -1,7 +1,7 @@
 """Tables of calibrations and readings: read with every complaint named, written whole."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +53,7 @@ def read_calibration_csv(
     side: str = "",
     transducer_serial: str = "",
     counter_identity: str = "",
+    remark: Callable[[str], None] | None = None,
 ) -> CalibrationData:
     r"""Return the calibration in a CSV file.
 
@@ -73,14 +74,26 @@ def read_calibration_csv(
         Whether clockwise and counter-clockwise torque must both occur.
     side, transducer_serial, counter_identity : str
         The chain, where the file doesn't name it or names it wrongly.
+    remark : callable, optional
+        Called with a sentence for each of them that the file names differently.
 
     Raises
     ------
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
+    table = read_csv(path)
+    chain = {
+        "side": side,
+        "transducer_serial": transducer_serial,
+        "counter_identity": counter_identity,
+    }
+    for name, value in chain.items():
+        noted = table.remarks.get(name, value)
+        if value and remark is not None and noted != value:
+            remark(f"{path} says {name} = {noted}; {value} was given and is taken")
     return _calibration(
-        read_csv(path), range_nm, both_directions, (side, transducer_serial, counter_identity)
+        table, range_nm, both_directions, (side, transducer_serial, counter_identity)
     )
 
 

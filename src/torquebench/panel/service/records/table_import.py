@@ -7,7 +7,7 @@ name that it goes by, is ever taken for a path.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -19,12 +19,13 @@ from torquebench.calibration import (
     CalibrationRecord,
     Deviation,
     ErrorSummary,
+    EvaluablePoints,
     Profile,
     ReferenceStandard,
     assign_nominal,
     calibration_results,
+    evaluable_points,
     find_deviations,
-    ladder_points,
     summarise_errors,
 )
 from torquebench.campaign.external_calibration import ExternalCalibration, register_table
@@ -147,7 +148,8 @@ class TableView:
     certifiable : bool
         Whether the profile lets it have a certificate.
     directions : tuple of TableDirection
-        Empty where series or steps are missing.
+        By the profile's steps, or by the table's own where it lacks some of those; empty where
+        it isn't in steps.
     """
 
     points: int
@@ -228,7 +230,8 @@ class TableImport:
             There is no such profile.
         """
         asked = _validated(TableRequest, request)
-        points, profile = self._points(asked)
+        read, profile = self._points(asked)
+        points = assign_nominal(read, profile)
         deviations = _deviations(points, profile, asked)
         return TableView(
             points=len(points),
@@ -242,7 +245,7 @@ class TableImport:
             raw=summarise_errors(points.reading_nm, points.standard_nm, points.range_nm),
             deviations=deviations[:MOST_DEVIATIONS],
             certifiable=not any(each.consequence == "refuse" for each in deviations),
-            directions=_directions(points, profile, deviations, asked),
+            directions=_directions(evaluable_points(read, points, profile, deviations), asked),
         )
 
     def enter(self, actor: Actor, request: Mapping[str, Any] | EnterTableRequest) -> EnteredTable:
@@ -259,7 +262,8 @@ class TableImport:
         """
         require(actor, "metrologist")
         asked = _validated(EnterTableRequest, request)
-        points, profile = self._points(asked, asked.transducer_serial, asked.indicator)
+        read, profile = self._points(asked, asked.transducer_serial, asked.indicator)
+        points = assign_nominal(read, profile)
         with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
             table = Path(scratch) / "table.csv"
             table.write_text(asked.content, encoding="utf-8", newline="")
@@ -290,7 +294,7 @@ class TableImport:
         )
         if read.range_nm > LARGEST_NM:
             raise InputError(f"a range of {read.range_nm:g} N·m", f"at most {LARGEST_NM:g} N·m")
-        return assign_nominal(read, profile), profile
+        return read, profile
 
 
 def _validated(model: type[Request], request: Mapping[str, Any] | TableRequest) -> Request:
@@ -322,16 +326,11 @@ def _deviations(
     return find_deviations(CalibrationRecord(points, asked.performed, standard), profile)
 
 
-def _directions(
-    points: CalibrationData,
-    profile: Profile,
-    deviations: Sequence[Deviation],
-    asked: TableRequest,
-) -> tuple[TableDirection, ...]:
-    if any(each.kind in ("missing_series", "missing_step") for each in deviations):
+def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDirection, ...]:
+    if points.data is None:
         return ()
     results = calibration_results(
-        points.subset(ladder_points(points, profile)),
+        points.data,
         resolution_nm=asked.resolution_nm,
         reference_uncertainty_percent=asked.reference_uncertainty_percent,
     )
