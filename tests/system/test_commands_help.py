@@ -32,6 +32,12 @@ def test_version(tmp_path: Path) -> None:
     )
 
 
+def test_the_package_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "torquebench", "--version"]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == f"torquebench {torquebench.__version__}"
+
+
 def test_help_names_every_command(tmp_path: Path) -> None:
     result = run("--help", cwd=tmp_path)
     assert result.returncode == 0
