@@ -175,9 +175,9 @@ def _print_list(table: Table, *, more: bool) -> None:
     if not table.row_count:
         table.caption = "none yet"
         table.show_header = False
-    if more:
-        table.caption = f"There are more than these {table.row_count}: --limit NUMBER, or --all"
     out().print(table)
+    if more:
+        say(f"There are more than these {table.row_count}: --limit NUMBER, or --all")
 
 
 _LISTS = {

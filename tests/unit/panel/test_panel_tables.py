@@ -84,7 +84,8 @@ def test_a_table_is_judged_and_nothing_is_kept(looking: TableImport, table: str)
 def test_what_a_profile_misses_is_named(looking: TableImport) -> None:
     view = looking.preview({**CIRCUMSTANCES, "content": "reading_nm,standard_nm\n1.1,1\n2.1,2\n"})
     assert not view.certifiable
-    assert view.directions == ()
+    (direction,) = view.directions
+    assert direction.torque_nm == (1.0, 2.0)  # evaluated by its own steps
     assert any(each.kind == "missing_step" for each in view.deviations)
 
 
