@@ -18,7 +18,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from torquebench.bench.description import BenchDescription
 from torquebench.errors import InputError
@@ -38,7 +38,8 @@ class BenchLock:
 
     Parameters
     ----------
-    description : BenchDescription
+    description : BenchDescription or None
+        None locks the records alone.
     data_dir : pathlib.Path
         Where the records are kept; made where it doesn't exist.
 
@@ -56,13 +57,13 @@ class BenchLock:
     ...     lock.release()
     """
 
-    def __init__(self, description: BenchDescription, data_dir: Path) -> None:
+    def __init__(self, description: BenchDescription | None, data_dir: Path) -> None:
         self._files: list[int] = []
         data_dir.mkdir(parents=True, exist_ok=True)
         owner = _owner(description)
         try:
             self._hold(data_dir / LOCK_FILE, owner, f"the records in {data_dir}")
-            for place, what in _drives(description):
+            for place, what in () if description is None else _drives(description):
                 self._hold(place, owner, what)
         except BaseException:
             self.release()
@@ -91,6 +92,12 @@ class BenchLock:
             os.truncate(file, 0)
             os.write(file, json.dumps(owner, ensure_ascii=False).encode() + b"\n")
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
     def release(self) -> None:
         """Let go. A second call does nothing."""
         files, self._files = self._files, []
@@ -100,10 +107,10 @@ class BenchLock:
             os.close(file)
 
 
-def _owner(description: BenchDescription) -> dict[str, str]:
+def _owner(description: BenchDescription | None) -> dict[str, str]:
     """Say who this process is, for whoever is refused."""
     return {
-        "bench": description.name,
+        "bench": "" if description is None else description.name,
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "pid": str(os.getpid()),
         "host": socket.gethostname(),

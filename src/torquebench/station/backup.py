@@ -1,0 +1,468 @@
+"""A second copy of a data directory, made while the bench runs, and the way back from it.
+
+A backup is itself a data directory: it can be listed, verified and exported from. The registry is
+copied first, in one consistent state; everything that it names was complete before it was named.
+Sealed runs never change, so each is copied once.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from torquebench import __version__
+from torquebench.atomic_write import atomic_write
+from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
+from torquebench.bench.audit_chain import audit_end, check_audit, files_aside
+from torquebench.errors import InputError, RecordError
+from torquebench.records import ChainHead, Registry, RunFolder, anchor_of, sha256_of_file
+from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK
+from torquebench.records.database_check import damage_of_file
+from torquebench.records.files import read_json
+from torquebench.records.read_only import sqlite_reader
+from torquebench.station.bench_lock import LOCK_FILE, BenchLock
+from torquebench.station.data_check import run_folders
+
+__all__ = [
+    "ASIDE",
+    "BACKUP_FILE",
+    "Backup",
+    "Restored",
+    "back_up",
+    "require_file_registry",
+    "restore",
+]
+
+BACKUP_FILE = "backup.json"
+"""Says of a folder that it is a backup, of when, and where the chain ended."""
+ASIDE = "replaced-"
+"""Beginning of the folder in which `restore` keeps what it took away."""
+ATTEMPTS = 5
+
+
+@dataclass
+class Backup:
+    """What a backup copied.
+
+    Attributes
+    ----------
+    head : ChainHead
+        Of the registry's copy.
+    runs, known_runs : int
+        Run folders that were copied, and that were there already.
+    open_runs : list of str
+        Runs that were under way: their copy is as after a power cut.
+    files : int
+        Other files that were copied.
+    problems : list of str
+        What couldn't be copied since it is damaged or missing.
+    outside : list of str
+        Files that the registry names and that lie outside the data directory.
+    """
+
+    head: ChainHead
+    runs: int = 0
+    known_runs: int = 0
+    open_runs: list[str] = field(default_factory=list)
+    files: int = 0
+    problems: list[str] = field(default_factory=list)
+    outside: list[str] = field(default_factory=list)
+
+
+def back_up(data: Path, target: Path, progress: Callable[[str], None] = lambda _: None) -> Backup:
+    """Copy a data directory, whose bench may be at work, into a folder; again and again.
+
+    Parameters
+    ----------
+    data : pathlib.Path
+    target : pathlib.Path
+        A new or empty folder, or an earlier backup of the same records.
+    progress : callable
+        Told what is being copied.
+
+    Raises
+    ------
+    InputError
+        Where the target is something else, or the registry lies on a server.
+    RecordError
+        Where the registry is damaged; an earlier backup stays as it is.
+    """
+    require_file_registry("a backup")
+    _require_target(data, target)
+    target.mkdir(parents=True, exist_ok=True)
+    copy = target / f".{REGISTRY_FILE}.part"
+    try:
+        progress(REGISTRY_FILE)
+        _copy_database(data / REGISTRY_FILE, copy)
+        damage = damage_of_file(copy)
+        if damage:
+            raise RecordError(
+                f"the registry {data / REGISTRY_FILE} is damaged: {damage[0]}",
+                "a sound one; an earlier backup stays as it is",
+                WAY_BACK,
+            )
+        with Registry(f"sqlite:///{copy}", data) as registry:
+            _require_same_records(registry, target)
+            backup = _copy_files(registry, data, target, progress)
+        for leftover in (f"{copy.name}-wal", f"{copy.name}-shm"):
+            copy.with_name(leftover).unlink(missing_ok=True)
+        copy.replace(target / REGISTRY_FILE)
+    finally:
+        copy.unlink(missing_ok=True)
+    said = {
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "of": str(data.resolve()),
+        "chain_end": str(backup.head),
+        "software_version": __version__,
+    }
+    atomic_write(target / BACKUP_FILE, json.dumps(said, indent=2) + "\n")
+    return backup
+
+
+def require_file_registry(what: str) -> None:
+    """Refuse to work on the file of a registry that lies on a server."""
+    if os.environ.get(REGISTRY_URL):
+        raise InputError(
+            f"{what} of a registry on a server",
+            "a registry in its data directory",
+            "use the server's own tool (`pg_dump`), and copy the data directory beside it",
+        )
+
+
+def _require_target(data: Path, target: Path) -> None:
+    here, there = data.resolve(), target.resolve()
+    if there.is_relative_to(here) or here.is_relative_to(there):
+        raise InputError(
+            f"{target} and {data} lie in each other", "two folders apart", "name another folder"
+        )
+    if target.is_dir() and any(target.iterdir()) and not (target / BACKUP_FILE).exists():
+        begun = {path.name for path in target.iterdir()} <= {"runs", f".{REGISTRY_FILE}.part"}
+        if not begun:  # else a first backup that was interrupted
+            raise InputError(
+                f"{target} holds something else", "a new folder, or a backup", "name another folder"
+            )
+
+
+def _require_same_records(registry: Registry, target: Path) -> None:
+    if not (target / BACKUP_FILE).exists():
+        return
+    before = _noted_head(target)
+    if before.sequence and not _passes_through(registry, before):
+        raise InputError(
+            f"the registry doesn't pass through the end of the chain in {target}, entry "
+            f"{before.sequence}",
+            "an earlier backup of the same records",
+            "look with `torquebench records verify` whether the registry was replaced; or name "
+            "another folder, and keep this backup",
+        )
+
+
+def _noted_head(backup: Path) -> ChainHead:
+    return anchor_of(str(read_json(backup / BACKUP_FILE).get("chain_end", "")))
+
+
+def _passes_through(registry: Registry, head: ChainHead) -> bool:
+    from sqlalchemy import select
+
+    from torquebench.records.schema import LinkRow
+
+    with registry.session() as session:
+        query = select(LinkRow.sha256).where(LinkRow.sequence == head.sequence)
+        return session.scalar(query) == head.sha256
+
+
+def _copy_database(source: Path, target: Path) -> None:
+    """Copy a SQLite database in one state of it, whoever writes it meanwhile."""
+    target.unlink(missing_ok=True)
+    with (
+        sqlite_reader(source) as address,
+        closing(sqlite3.connect(address, uri=True, timeout=30.0)) as origin,
+        closing(sqlite3.connect(target)) as copy,
+    ):
+        target.chmod(source.stat().st_mode & 0o777)
+        try:
+            origin.backup(copy)
+            copy.execute("PRAGMA journal_mode=DELETE")  # one file, readable anywhere
+        except sqlite3.DatabaseError as error:
+            raise RecordError(
+                f"{source} can't be read: {error}", "a sound file", WAY_BACK
+            ) from error
+
+
+def _copy_files(
+    registry: Registry, data: Path, target: Path, progress: Callable[[str], None]
+) -> Backup:
+    backup = Backup(registry.head())
+    ended = {
+        run.folder.name: run.manifest_sha256
+        for run in registry.runs(limit=registry.number_of_runs() + 1)
+        if run.finished is not None
+    }
+    for folder in run_folders(data):
+        copied = target / "runs" / folder.name
+        registered = ended.pop(folder.name, None)
+        if registered is not None and _manifest_sha256(copied) == registered:
+            backup.known_runs += 1
+            continue
+        progress(folder.name)
+        problem = _copy_run(folder, copied, registered)
+        if problem:
+            backup.problems.append(problem)
+            continue
+        backup.runs += 1
+        if not RunFolder(copied).sealed:
+            backup.open_runs.append(folder.name)
+    backup.problems += [f"run {name} has no folder" for name in ended]
+    for path in _other_files(data):
+        name = path.relative_to(data)
+        if path.suffix == ".sqlite":
+            part = target / f".{path.name}.part"
+            _copy_database(path, part)
+            part.replace(target / name)
+        elif not _same(path, target / name):
+            progress(str(name))
+            _copy_file(path, target / name)
+            backup.files += 1
+    _copy_audit(data / AUDIT_FOLDER, target / AUDIT_FOLDER)
+    backup.outside += sorted(_outside(registry, data))
+    return backup
+
+
+def _manifest_sha256(folder: Path) -> str:
+    manifest = folder / "manifest.json"
+    return sha256_of_file(manifest) if manifest.is_file() else ""
+
+
+def _copy_run(folder: Path, copied: Path, registered: str | None) -> str:
+    """Copy a run's folder whole or not at all; return what is wrong with it."""
+    part = copied.with_name(f".{copied.name}.part")
+    for _ in range(ATTEMPTS):
+        shutil.rmtree(part, ignore_errors=True)
+        was_sealed = RunFolder(folder).sealed
+        try:
+            shutil.copytree(folder, part, ignore=shutil.ignore_patterns(".*.part"))
+        except (shutil.Error, FileNotFoundError):  # it is being sealed: its files change names
+            continue
+        if was_sealed == RunFolder(folder).sealed:
+            break
+    try:
+        if (part / "manifest.json").exists():
+            RunFolder.open(part).verify()
+        if registered is not None and _manifest_sha256(part) != registered:
+            return f"run {folder.name}: its manifest isn't the one that is registered"
+        if copied.exists():
+            shutil.rmtree(copied)  # of a run that was open at the last backup, or was changed
+        part.replace(copied)
+    except RecordError as error:
+        return f"run {folder.name}: {error.found}"
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    return ""
+
+
+def _other_files(data: Path) -> Iterator[Path]:
+    """Yield what belongs to the records beside registry, runs and audit log."""
+    for path in sorted(data.rglob("*")):
+        top = path.relative_to(data).parts[0]
+        own = top in ("runs", AUDIT_FOLDER, REGISTRY_FILE, LOCK_FILE, BACKUP_FILE)
+        passing = path.name.endswith((".part", "-wal", "-shm", "-journal"))
+        kept_aside = top.startswith((ASIDE, "registry-damaged-"))
+        if path.is_file() and not own and not passing and not kept_aside:
+            yield path
+
+
+def _same(first: Path, second: Path) -> bool:
+    if not second.is_file() or first.stat().st_size != second.stat().st_size:
+        return False
+    return sha256_of_file(first) == sha256_of_file(second)
+
+
+def _copy_file(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    part = target.with_name(f".{target.name}.part")
+    try:
+        shutil.copy2(source, part)
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _copy_audit(source: Path, target: Path) -> None:
+    """Copy whole lines of a log that may be written, and put aside, meanwhile."""
+    if not source.is_dir():
+        return
+    target.mkdir(parents=True, exist_ok=True)
+    for _ in range(ATTEMPTS):
+        before = files_aside(source)
+        for path in before:
+            if not _same(path, target / path.name):
+                _copy_file(path, target / path.name)
+        content = (source / AUDIT_FILE).read_bytes() if (source / AUDIT_FILE).exists() else b""
+        if files_aside(source) == before:
+            break
+    atomic_write(target / AUDIT_FILE, content[: content.rfind(b"\n") + 1])
+
+
+def _outside(registry: Registry, data: Path) -> set[str]:
+    named = [entry.file for entry in registry.models()]
+    for equipment in registry.equipment():
+        named += [each.file for each in registry.reports(equipment.serial) if each.file is not None]
+    return {str(file) for file in named if not file.resolve().is_relative_to(data.resolve())}
+
+
+# -- the way back -----------------------------------------------------------------------------
+
+
+@dataclass
+class Restored:
+    """What was brought back from a backup.
+
+    Attributes
+    ----------
+    restored : list of str
+        What was missing, and is there again.
+    replaced : list of str
+        What differed, was put aside and is as in the backup now.
+    kept : list of str
+        What is newer than the backup and stays.
+    aside : pathlib.Path or None
+        Where the replaced ones lie.
+    """
+
+    restored: list[str] = field(default_factory=list)
+    replaced: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    aside: Path | None = None
+
+
+def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
+    """Bring back what is missing in a data directory, and with `replace` what is damaged.
+
+    Nothing that is there is overwritten: what differs from the backup is named, and with
+    `replace` put aside into a folder of its own. What is newer than the backup stays.
+
+    Parameters
+    ----------
+    backup : pathlib.Path
+        Made by `back_up`.
+    data : pathlib.Path
+        It needn't exist.
+    replace : bool
+        Whether what differs is put aside and brought back.
+
+    Raises
+    ------
+    InputError
+        Where it isn't a backup, something differs, or the bench is open. Nothing is changed then.
+    RecordError
+        Where the backup itself is damaged.
+    """
+    require_file_registry("restoring")
+    if not (backup / BACKUP_FILE).is_file():
+        raise InputError(f"{backup} is no backup", f"a folder with {BACKUP_FILE}")
+    damage = damage_of_file(backup / REGISTRY_FILE)
+    if damage:
+        raise RecordError(f"the backup's own registry is damaged: {damage[0]}", "", "take another")
+    done = Restored()
+    data.mkdir(parents=True, exist_ok=True)
+    with BenchLock(None, data):
+        missing, differing = _compare(backup, data, done)
+        if differing and not replace:
+            shown = ", ".join(differing[:8]) + (", …" if len(differing) > 8 else "")
+            raise InputError(
+                f"{len(differing)} in {data} differ from the backup: {shown}",
+                "what is missing or as in the backup; nothing was changed",
+                "--replace puts them aside into a folder of their own and restores them",
+            )
+        if differing:
+            done.aside = data / f"{ASIDE}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}"
+        for name in differing:
+            _put_aside(data, name, done)
+        for name in (*missing, *differing):
+            _bring_back(backup / name, data / name)
+        done.restored, done.replaced = missing, differing
+    return done
+
+
+def _compare(backup: Path, data: Path, done: Restored) -> tuple[list[str], list[str]]:
+    """Return what is missing and what differs; what is newer goes to `kept`."""
+    missing: list[str] = []
+    differing: list[str] = []
+
+    def sort(name: str, same: bool, newer: bool = False) -> None:
+        if not (data / name).exists():
+            missing.append(name)
+        elif newer:
+            done.kept.append(name)
+        elif not same:
+            differing.append(name)
+
+    sort(REGISTRY_FILE, *_registry_state(backup, data))
+    for folder in run_folders(backup):
+        here = data / "runs" / folder.name
+        sort(f"runs/{folder.name}", _same_run(folder, here), not RunFolder(folder).sealed)
+    for path in _other_files(backup):
+        name = path.relative_to(backup).as_posix()
+        registered = name.startswith(("models/", "certificates/"))
+        damaged = (
+            path.suffix == ".sqlite" and (data / name).exists() and damage_of_file(data / name)
+        )
+        same = _same(path, data / name)
+        sort(name, same, not same and not registered and not damaged)
+    if (backup / AUDIT_FOLDER).is_dir():
+        end = audit_end(backup / AUDIT_FOLDER / AUDIT_FILE)
+        problems = check_audit(data / AUDIT_FOLDER, [(end, "the backup")]).problems
+        sort(AUDIT_FOLDER, not problems)
+    return missing, differing
+
+
+def _registry_state(backup: Path, data: Path) -> tuple[bool, bool]:
+    """Return whether the registry is as in the backup, and whether it is newer and sound."""
+    file = data / REGISTRY_FILE
+    if not file.exists() or not file.stat().st_size or damage_of_file(file):
+        return False, False
+    head = _noted_head(backup)
+    try:
+        with Registry(f"sqlite:///{file.resolve()}", data) as registry:
+            same = registry.head() == head
+            return same, not same and (not head.sequence or _passes_through(registry, head))
+    except RecordError:
+        return False, False
+
+
+def _same_run(copy: Path, here: Path) -> bool:
+    if not here.is_dir():
+        return False
+    try:
+        RunFolder.open(here).verify()
+    except RecordError:
+        return False
+    return _manifest_sha256(copy) == _manifest_sha256(here)
+
+
+def _put_aside(data: Path, name: str, done: Restored) -> None:
+    assert done.aside is not None
+    (done.aside / name).parent.mkdir(parents=True, exist_ok=True)
+    (data / name).replace(done.aside / name)
+    for ending in ("-wal", "-shm") if name.endswith(".sqlite") else ():
+        beside = data / f"{name}{ending}"
+        if beside.exists():
+            beside.replace(done.aside / beside.name)
+
+
+def _bring_back(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if source.is_file():
+        _copy_file(source, target)
+        return
+    part = target.with_name(f".{target.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    shutil.copytree(source, part)
+    part.replace(target)
