@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli import audit, drift, equipment, export, export_data, record_checks
+from torquebench.cli import (
+    audit,
+    drift,
+    equipment,
+    export,
+    export_data,
+    record_backup,
+    record_checks,
+)
 from torquebench.cli.console import narrow_table, out, say
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -40,6 +48,7 @@ app = typer.Typer(
 
 
 record_checks.register(app)
+record_backup.register(app)
 export.register(app)
 export_data.register(app)
 drift.register(app)

@@ -237,6 +237,12 @@ class Database:
                 "make room on its disk, or look whether it runs; what it has is unchanged",
             ) from error
 
+    def execute(self, *statements: str) -> None:
+        """Run statements on the schema in one transaction, past the records."""
+        with self._session(writes=True) as session:
+            for statement in statements:
+                session.execute(text(statement))
+
     def head(self) -> ChainHead:
         """Return the end of the chain, which covers every record so far."""
         with self.session() as session:

@@ -15,7 +15,7 @@ from torquebench.records.read_only import sqlite_reader
 from torquebench.records.schema import Base
 from torquebench.records.schema_version import VERSIONS_TABLE
 
-__all__ = ["damage_of_file", "index_damage_only", "schema_changes"]
+__all__ = ["damage_of_file", "index_damage_only", "mend_schema", "schema_changes"]
 
 _OF_AN_INDEX = ("missing from index", "entries in index", "non-unique entry in index")
 
@@ -67,6 +67,23 @@ def schema_changes(registry: Database) -> Iterator[Finding]:
             what = "is none of the registry's"
         kind, name = key
         yield Finding("schema", f"{kind} {name}", found=what, remedy=WAY_BACK)
+
+
+def mend_schema(registry: Database) -> list[str]:
+    """Make indexes and triggers of a SQLite registry again that are missing or differ.
+
+    Returns
+    -------
+    list of str
+        What was made again.
+    """
+    present, expected = _schema(registry), _expected_schema(registry.dialect)
+    mended = []
+    for (kind, name), sql in sorted(expected.items()):
+        if kind in ("index", "trigger") and present.get((kind, name)) != sql:
+            registry.execute(f"DROP {kind} IF EXISTS {name}", sql)
+            mended.append(f"{kind} {name}")
+    return mended
 
 
 Schema = dict[tuple[str, str], str]

@@ -15,6 +15,7 @@ from torquebench.records.database import Database, content_of
 from torquebench.records.entries import archived_at
 from torquebench.records.files import sha256_of_file
 from torquebench.records.run_folder import MANIFEST, RunFolder
+from torquebench.records.run_records import RunRecords
 from torquebench.records.schema import (
     Base,
     CalibrationRow,
@@ -165,7 +166,7 @@ def anchor_of(text: str) -> ChainHead:
 
 
 def check_records(
-    registry: Database, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
+    registry: RunRecords, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
 ) -> IntegrityReport:
     """Compare every record with what was entered.
 
@@ -200,8 +201,9 @@ def check_records(
 class _Check:
     """One pass over a registry."""
 
-    def __init__(self, registry: Database) -> None:
+    def __init__(self, registry: RunRecords) -> None:
         self.registry = registry
+        self.entered_again = {run for *_, runs in registry.rebuilt() for run in runs}
         self.files = 0
         self.compared = 0
         with registry.session() as session:
@@ -262,6 +264,8 @@ class _Check:
         try:
             noted = RunFolder(path).metadata.get("registry_head")
         except RecordError:
+            return
+        if path.name in self.entered_again:  # it notes the chain of a registry that was lost
             return
         if isinstance(noted, str):
             try:

@@ -1,5 +1,6 @@
 """The registry's runs: entered when they start, and again when they end."""
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,16 @@ from torquebench.errors import RecordError
 from torquebench.records.database import Database, run_row
 from torquebench.records.entries import RunSummary
 from torquebench.records.files import sha256_of_file
-from torquebench.records.schema import AuditEndRow, RunEndRow, RunRow
+from torquebench.records.schema import AmendmentRow, AuditEndRow, RunEndRow, RunRow
 
 if TYPE_CHECKING:
     from torquebench.records.run_folder import RunFolder
 
 __all__ = ["RunRecords"]
 
+REBUILT = "registry"
+"""Subject of the entries that say that runs were entered again from their folders."""
+CHUNK = 500
 _BEGIN = (
     "run_id",
     "kind",
@@ -113,6 +117,45 @@ class RunRecords(Database):
         with self.session() as session:
             found = session.execute(query.where(AuditEndRow.log == self.stored(log)))
             return [(line, sha256) for line, sha256 in found]
+
+    def entered_runs(self, run_ids: Iterable[str]) -> dict[str, bool]:
+        """Return which of some runs are registered, and whether their ends are."""
+        wanted, found = list(run_ids), {}
+        with self.session() as session:
+            for start in range(0, len(wanted), CHUNK):
+                query = (
+                    select(RunRow.run_id, RunEndRow.id)
+                    .outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
+                    .where(RunRow.run_id.in_(wanted[start : start + CHUNK]))
+                )
+                found.update({name: end is not None for name, end in session.execute(query)})
+        return found
+
+    def note_rebuilt(self, run_ids: list[str], *, by: str, anew: bool) -> None:
+        """Enter that runs were entered again from their folders, by whom and when.
+
+        The end of a chain that such a folder notes may be that of a registry that is lost.
+        """
+        with self.writing() as session:
+            session.add(
+                AmendmentRow(
+                    subject=REBUILT,
+                    subject_key=0,
+                    amended=datetime.now(UTC),
+                    amended_by=by,
+                    reason="made anew from run folders" if anew else "completed from run folders",
+                    changes={"runs": run_ids},
+                )
+            )
+
+    def rebuilt(self) -> list[tuple[datetime, str, str, list[str]]]:
+        """Return when, by whom, how and with which runs the registry was rebuilt."""
+        query = select(AmendmentRow).where(AmendmentRow.subject == REBUILT)
+        with self.session() as session:
+            return [
+                (row.amended, row.amended_by, row.reason, list(row.changes.get("runs", ())))
+                for row in session.scalars(query.order_by(AmendmentRow.id))
+            ]
 
     def runs(self, limit: int = 100, offset: int = 0, kind: str | None = None) -> list[RunSummary]:
         """Return runs, the newest first.

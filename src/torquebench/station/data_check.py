@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["check_data_directory", "run_folders"]
 
 PANEL_DATABASE = "panel.sqlite"
+OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` makes it anew"
 
 
 def check_data_directory(
@@ -87,7 +88,7 @@ def _file_damage(file: Path) -> Iterator[Finding]:
     more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
     remedy = WAY_BACK
     if index_damage_only(damage):
-        remedy = "only an index is damaged: `torquebench records rebuild` makes it anew"
+        remedy = OF_AN_INDEX
     if file.name == PANEL_DATABASE:
         remedy = "`torquebench records restore BACKUP`"
     yield Finding("database", str(file), "", damage[0] + more, "", remedy)
@@ -103,6 +104,9 @@ def _check(
     findings += schema_changes(registry)
     report = check_records(registry, anchors=anchors, folders=folders)
     runs = _all_runs(registry)
+    if any(each.kind == "changed" for each in report.findings):
+        # A damaged row no longer fits its index: that is one defect, named with the row.
+        findings = [each for each in findings if each.remedy != OF_AN_INDEX]
     findings += report.findings
     findings += _strangers(registry, {run.run_id for run in runs})
     findings += _without_folder(runs)
@@ -113,8 +117,16 @@ def _check(
         report,
         findings=tuple(findings),
         audit_lines=audit.lines,
-        remarks=tuple(time_remarks(registry)),
+        remarks=(*_rebuilt(registry), *time_remarks(registry)),
     )
+
+
+def _rebuilt(registry: Registry) -> Iterator[str]:
+    for when, by, how, runs in registry.rebuilt():
+        yield (
+            f"the registry was {how} by {by or 'somebody'} on {when:%Y-%m-%d %H:%M:%S} UTC "
+            f"({len(runs)} runs); ends of the chain noted before may not be in it"
+        )
 
 
 def _all_runs(registry: Registry) -> list[RunSummary]:

@@ -1,0 +1,120 @@
+"""`torquebench records backup`, `restore` and `rebuild`: a second copy, and the ways back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from torquebench.cli.console import note, say, warn
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("backup")(backup)
+    app.command("restore")(restore)
+    app.command("rebuild")(rebuild)
+
+
+def backup(
+    target: Annotated[
+        Path,
+        typer.Argument(help="A new folder, or an earlier backup, which is brought up to date."),
+    ],
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Copy all records into a folder, also while the bench runs.
+
+    The registry is copied in one consistent state, and everything that it names with it: runs,
+    models, certificates, audit log, accounts of the panel. Sealed runs are copied once. The copy
+    is a data directory itself: `--data` takes it for listing, verifying and exporting. Ends with 1
+    where something is damaged and couldn't be copied.
+    """
+    from torquebench.station.backup import back_up
+
+    done = back_up(data_directory(data), target, note)
+    say(
+        f"{done.runs} run folders and {done.files} other files copied to {target}, "
+        f"{done.known_runs} run folders were there already"
+    )
+    if done.open_runs:
+        say(f"under way, copied as after a power cut: {', '.join(done.open_runs)}")
+    for file in done.outside:
+        warn(f"{file} lies outside the data directory and isn't in the backup")
+    for problem in done.problems:
+        warn(f"not copied: {problem}")
+    say(f"chain end {done.head}")
+    if done.problems:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def restore(
+    source: Annotated[Path, typer.Argument(help="A backup.")],
+    replace: Annotated[
+        bool,
+        typer.Option(
+            "--replace", help="Put aside what differs from the backup, and restore that too."
+        ),
+    ] = False,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Bring back from a backup what is missing, and with `--replace` what is damaged.
+
+    Nothing is overwritten: without `--replace` the command refuses where something differs, and
+    with it what differs is kept in a folder of its own. What is newer than the backup stays.
+    """
+    from torquebench.station.backup import restore as restore_backup
+
+    done = restore_backup(source, data, replace=replace)
+    say(f"{len(done.restored)} restored, {len(done.replaced)} replaced, {len(done.kept)} kept")
+    for title, names in (("restored", done.restored), ("replaced", done.replaced)):
+        for name in names[:20]:
+            say(f"{title}  {name}")
+        if len(names) > 20:
+            say(f"{title}  and {len(names) - 20} more")
+    for name in done.kept:
+        say(f"newer than the backup, kept  {name}")
+    if done.aside is not None:
+        say(f"what was replaced lies in {done.aside}")
+    say(
+        "see `torquebench records verify`; runs that are newer than the backup are entered by "
+        "`torquebench records rebuild`"
+    )
+
+
+def rebuild(data: DataOption = DEFAULT_DATA) -> None:
+    """Make a lost or damaged registry anew from the run folders, or complete a sound one.
+
+    A damaged registry is kept under another name. Runs, their benches and zeros, calibrations,
+    models and certificates are entered again; what only the registry knew is named. Restore a
+    backup instead where there is one.
+    """
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.cli.record_checks import checked_directory
+    from torquebench.station.rebuilding import NOT_REBUILT
+    from torquebench.station.rebuilding import rebuild as rebuild_registry
+
+    done = rebuild_registry(checked_directory(data), operator_name(), note)
+    if done.aside is not None:
+        say(f"the registry as it was found lies in {done.aside}")
+    for what in done.mended:
+        say(f"made again  {what}")
+    if done.anew:
+        say("a new registry was begun")
+    say(
+        f"{len(done.runs)} runs, {len(done.calibrations)} calibrations, {len(done.models)} models "
+        f"and {len(done.certificates)} certificates entered"
+    )
+    for problem in done.problems:
+        warn(f"not entered: {problem}")
+    if done.anew:
+        say("What only the old registry knew is not in the new one:")
+        for what in NOT_REBUILT:
+            say(f"- {what}")
+    if done.problems:
+        raise typer.Exit(CHECK_FAILED)

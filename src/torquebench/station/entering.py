@@ -1,0 +1,102 @@
+"""Enter into the registry what a run's folder says: its begin, its end and its zeros.
+
+The folder is complete without the registry, so a registry that doesn't answer costs no run: what
+it doesn't know yet is entered later, from the folder, in the same words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Any
+
+from torquebench.bench.description import BenchDescription
+from torquebench.bench.roles import SIDES
+from torquebench.records import Equipment, Registry, RunFolder, RunSummary, Zeroing
+
+__all__ = ["SPECIMEN", "enter_run"]
+
+SPECIMEN = "specimen"
+"""Key of a run's metadata: the reducer that it tests, as the equipment has it."""
+
+
+def enter_run(registry: Registry, folder: RunFolder) -> None:
+    """Enter what the registry doesn't know of a run, in one transaction; else do nothing.
+
+    Parameters
+    ----------
+    registry : Registry
+    folder : RunFolder
+        Running or sealed.
+
+    Raises
+    ------
+    RecordError
+        The registry can't take it, or the folder can't be read.
+    """
+    with registry.writing():
+        entered = registry.entered_runs([folder.run_id])
+        if folder.run_id not in entered:
+            registry.add_run(_summary(folder))
+            specimen = folder.metadata.get(SPECIMEN)
+            if specimen:
+                registry.add_equipment(Equipment("reducer", **specimen))
+        if folder.sealed and not entered.get(folder.run_id):
+            registry.finish_run(folder)
+            for zeroing in _zeroings(folder):
+                registry.add_zeroing(zeroing)
+
+
+def _summary(folder: RunFolder) -> RunSummary:
+    """Return the line of the list of runs for a run, as it began."""
+    known = folder.metadata
+    return RunSummary(
+        run_id=folder.run_id,
+        kind=str(known["kind"]),
+        started=datetime.fromisoformat(known["created"]),
+        simulated=bool(known.get("simulated")),
+        software_version=str(known["software_version"]),
+        folder=folder.path,
+        side=str(known.get("side", "")),
+        operator=str(known.get("operator", "")),
+        bench=str(known.get("bench_name", "")),
+        profile_name=str(known.get("profile_name", "")),
+        profile_sha256=str(known.get("profile_sha256", "")),
+    )
+
+
+def _zeroings(folder: RunFolder) -> Iterator[Zeroing]:
+    """Yield the zeros that a sealed run took, for the control charts of its transducers.
+
+    The last value of a run that failed doesn't count: what stopped it may have begun meanwhile.
+    """
+    names = {f"zero_{side}": side for side in SIDES}
+    streams: dict[str, Any] = {}
+    events: list[dict[str, Any]] = []
+    for name, document in folder.documents():
+        if name == "descriptor" and document["name"] in names:
+            streams[document["uid"]] = names[document["name"]]
+        elif name == "event":
+            events.append(document)
+    if not streams:
+        return
+    if folder.manifest["status"] == "failed":
+        del events[-1:]
+    description = BenchDescription.model_validate(folder.metadata["bench"])
+    for event in events:
+        side = streams.get(event["descriptor"])
+        if side is None:
+            continue
+        transducer = description.module(side).transducer
+        zero_hz = float(event["data"][f"{side}-steady-frequency_hz"])
+        away_hz = zero_hz - transducer.scale().nominal_zero_hz
+        temperature = event["data"].get(f"{side}-steady-temperature_c")
+        yield Zeroing(
+            transducer_serial=transducer.serial,
+            performed=datetime.fromtimestamp(event["time"], UTC),
+            zero_hz=zero_hz,
+            zero_nm=away_hz / transducer.nominal_sensitivity_hz_per_nm,
+            temperature_c=None if temperature is None else float(temperature),
+            run_id=folder.run_id,
+            simulated=description.simulated,
+        )

@@ -1,0 +1,289 @@
+"""A registry made anew, or completed, from what the data directory holds beside it.
+
+A run's folder says what was measured, on which bench, by whom; model files say which points they
+were fitted to; certificates have their record beside them. What people said about records later
+(reviews, amendments, adjustments, which model is in use) is in the registry alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import sqlite3
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from torquebench.bench.description import BenchDescription
+from torquebench.calibration import CalibrationData, Profile, propose_due_date
+from torquebench.compensation import load_model
+from torquebench.errors import RecordError, TorquebenchError
+from torquebench.records import (
+    MANIFEST,
+    CalibrationEntry,
+    Registry,
+    RunFolder,
+    sha256_of_file,
+)
+from torquebench.records.database import REGISTRY_FILE
+from torquebench.records.database_check import (
+    damage_of_file,
+    index_damage_only,
+    mend_schema,
+    schema_changes,
+)
+from torquebench.records.files import read_json
+from torquebench.station.backup import require_file_registry
+from torquebench.station.bench_lock import BenchLock
+from torquebench.station.data_check import run_folders
+from torquebench.station.entering import enter_run
+from torquebench.station.holding import RunLock
+from torquebench.station.registration import register_equipment
+from torquebench.validation import validated
+
+__all__ = ["DAMAGED_REGISTRY", "NOT_REBUILT", "Rebuilt", "rebuild"]
+
+DAMAGED_REGISTRY = "registry-damaged-"
+"""Beginning of the name under which a damaged registry is kept."""
+NOT_REBUILT = (
+    "which model is in use: put it into use on the panel, or calibrate",
+    "reviews and amendments: who checked what, and what records should have said",
+    "equipment, certificates of standards, parts and adjustments that were entered by hand",
+    "verdicts of checks, and what verifications found: their runs are there, verify again",
+    "calibrations of tables from elsewhere: evaluate them again",
+    "accounts, passwords and settings of the panel, which lie in panel.sqlite: `records restore`",
+)
+"""What only the registry knew."""
+
+
+@dataclass
+class Rebuilt:
+    """What was entered from the data directory.
+
+    Attributes
+    ----------
+    anew : bool
+        Whether a new registry was begun.
+    mended : list of str
+        What of the database was made again in place: indexes, triggers.
+    aside : pathlib.Path or None
+        The registry as it was found.
+    runs, calibrations, models, certificates : list of str
+        What was entered.
+    problems : list of str
+        What couldn't be entered, and why.
+    """
+
+    anew: bool = False
+    mended: list[str] = field(default_factory=list)
+    aside: Path | None = None
+    runs: list[str] = field(default_factory=list)
+    calibrations: list[str] = field(default_factory=list)
+    models: list[str] = field(default_factory=list)
+    certificates: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+
+def rebuild(data: Path, by: str, progress: Callable[[str], None] = lambda _: None) -> Rebuilt:
+    """Make a lost or damaged registry anew, and enter what the registry doesn't know.
+
+    A sound registry is only added to. A damaged one is kept under another name; where only its
+    indexes or triggers are damaged, it stays and those are made again.
+
+    Parameters
+    ----------
+    data : pathlib.Path
+    by : str
+        Who does it, for the record.
+    progress : callable
+        Told what is being entered.
+
+    Raises
+    ------
+    InputError
+        Where the registry lies on a server, or a bench is open.
+    """
+    require_file_registry("rebuilding")
+    done = Rebuilt()
+    with BenchLock(None, data):
+        _mend(data, done)
+        with Registry(f"sqlite:///{(data / REGISTRY_FILE).resolve()}", data) as registry:
+            known = {run.run_id for run in registry.runs(limit=registry.number_of_runs() + 1)}
+            for folder in run_folders(data):
+                if folder.name not in known:
+                    progress(folder.name)
+                    _enter(registry, folder, done)
+            _enter_certificates(registry, data, done)
+            if done.anew or done.runs:
+                registry.note_rebuilt(done.runs, by=by, anew=done.anew)
+    return done
+
+
+def _mend(data: Path, done: Rebuilt) -> None:
+    """Leave a registry that can be used, or none."""
+    file = data / REGISTRY_FILE
+    if not file.exists() or not file.stat().st_size:
+        done.anew = True
+        return
+    damage = damage_of_file(file)
+    if index_damage_only(damage):
+        _keep_aside(file, done)
+        with closing(sqlite3.connect(file)) as connection:
+            connection.execute("REINDEX")
+        done.mended.append("indexes")
+        damage = damage_of_file(file)
+    if not damage:
+        try:
+            with Registry(f"sqlite:///{file.resolve()}", data) as registry:
+                changes = list(schema_changes(registry))
+                if not changes:
+                    return
+                _keep_aside(file, done)
+                done.mended += mend_schema(registry)
+                if not list(schema_changes(registry)):
+                    return
+        except RecordError:
+            pass
+    _keep_aside(file, done)
+    for ending in ("", "-wal", "-shm"):
+        file.with_name(f"{file.name}{ending}").unlink(missing_ok=True)
+    done.anew = True
+
+
+def _keep_aside(file: Path, done: Rebuilt) -> None:
+    """Copy the registry as it is, with its log, before anything is changed."""
+    if done.aside is not None:
+        return
+    name = f"{DAMAGED_REGISTRY}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.sqlite"
+    done.aside = file.with_name(name)
+    for ending in ("", "-wal"):
+        source = file.with_name(f"{file.name}{ending}")
+        if source.exists():
+            shutil.copy2(source, file.with_name(f"{name}{ending}"))
+
+
+def _enter(registry: Registry, path: Path, done: Rebuilt) -> None:
+    """Enter one run with its bench, its calibration and its models."""
+    try:
+        folder = RunFolder.open(path)
+        lock = RunLock(path)
+        if not lock.held:
+            return
+        try:
+            if not folder.sealed:
+                folder.recover()
+            folder.verify()
+            bench = folder.metadata.get("bench")
+            if bench:
+                source = f"the bench in the record of {path.name}"
+                register_equipment(registry, validated(BenchDescription, bench, source))
+            enter_run(registry, folder)
+            done.runs.append(path.name)
+            _enter_calibration(registry, folder, done)
+        finally:
+            lock.release()
+    except (TorquebenchError, OSError, KeyError, TypeError, ValueError) as error:
+        found = error.found if isinstance(error, TorquebenchError) else repr(error)
+        done.problems.append(f"{path.name}: {found}")
+
+
+def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> None:
+    kind, manifest = str(folder.metadata.get("kind", "")), folder.manifest
+    results = folder.results
+    measured = isinstance(results, Mapping) and isinstance(results.get("data"), Mapping)
+    if not kind.startswith("calibrate-") or manifest["status"] != "completed" or not measured:
+        return
+    known, start = folder.metadata, next(document for _, document in folder.documents("start"))
+    data = CalibrationData(**results["data"])
+    profile = Profile.model_validate(start["profile"]["settings"])
+    performed = datetime.fromisoformat(manifest["sealed"])
+    entry = registry.add_calibration(
+        data,
+        performed=performed,
+        run_id=folder.run_id,
+        standard_serial=str(results.get("standard_serial", "")),
+        profile_name=str(known.get("profile_name", "")),
+        profile_sha256=str(known.get("profile_sha256", "")),
+        measured_by=str(known.get("operator", "")),
+        due=propose_due_date(performed, None, longest_days=profile.valid_days),
+        files={MANIFEST: sha256_of_file(folder.path / MANIFEST)},
+        summary={
+            "unsettled points": results.get("unsettled", 0),
+            "rebuilt": "entered again from the run's folder",
+        },
+    )
+    done.calibrations.append(f"calibration-{entry.calibration_id} ({folder.run_id})")
+    for file in sorted((registry.root / "models").glob("*.json")):
+        _enter_model(registry, file, entry, data, done)
+
+
+def _enter_model(
+    registry: Registry, file: Path, entry: CalibrationEntry, data: CalibrationData, done: Rebuilt
+) -> None:
+    """Enter a model file that was fitted to the points of a calibration."""
+    if entry.data_sha256.encode() not in file.read_bytes():
+        return
+    try:
+        stored = load_model(file)
+    except TorquebenchError as error:
+        done.problems.append(f"{file.name}: {error.found}")
+        return
+    known = stored.provenance
+    if known.training_data_sha256 != entry.data_sha256:
+        return
+    model = registry.add_model(
+        entry, kind=stored.model.kind, file=file, side=data.side, metrics=dict(known.metrics)
+    )
+    done.models.append(f"model-{model.model_id} ({file.name})")
+
+
+def _enter_certificates(registry: Registry, data: Path, done: Rebuilt) -> None:
+    """Enter every archived certificate whose calibration is registered."""
+    archive = data / "certificates"
+    issued = {each.number for each in registry.certificates()}
+    calibrations = {entry.run_id: entry for entry in registry.calibrations(limit=100_000)}
+    for folder in sorted(archive.iterdir()) if archive.is_dir() else ():
+        records = [record for record in map(_certificate, sorted(folder.glob("*.json"))) if record]
+        if not records or records[0]["number"] in issued:
+            continue
+        record = records[0]
+        entry = calibrations.get(record["run_id"])
+        if entry is None:
+            done.problems.append(
+                f"certificate {record['number']}: run {record['run_id']} has no calibration"
+            )
+            continue
+        text = json.dumps(record, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+        registry.add_certificate(
+            record["number"],
+            entry.calibration_id,
+            authorised_by=", ".join(record["authorised_by"]),
+            files={
+                path.name: sha256_of_file(path)
+                for path in sorted(folder.iterdir())
+                if path.is_file()
+            },
+            summary={
+                "record_sha256": hashlib.sha256(text.encode()).hexdigest(),
+                "simulated": record["simulated"],
+                "archive": registry.stored(folder),
+                "deviations": [each["clause"] for each in record["deviations"]],
+                "rebuilt": "entered again from its record",
+            },
+            issued=datetime.fromisoformat(record["issued"]).replace(tzinfo=UTC),
+        )
+        done.certificates.append(record["number"])
+
+
+def _certificate(file: Path) -> dict[str, Any] | None:
+    """Return a file's content where it is the record of a certificate."""
+    wanted = {"number", "run_id", "authorised_by", "issued", "simulated", "deviations"}
+    try:
+        content = read_json(file)
+    except RecordError:
+        return None
+    return content if isinstance(content, dict) and wanted <= content.keys() else None
