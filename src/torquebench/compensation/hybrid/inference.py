@@ -46,6 +46,7 @@ __all__ = [
     "GROWTHS",
     "LEAST_NOISE",
     "MANY_CANDIDATES",
+    "PLAIN_FORMS",
     "Member",
     "Problem",
     "Setting",
@@ -71,6 +72,17 @@ _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
 _USUAL_NOISE = 2e-4
 _KEPT_CHANCE = 0.99
+_PLAIN_ZERO = 5.0
+"""Factor on the scale of c₀ in plain forms: nothing else in them can take up an offset."""
+PLAIN_FORMS = (
+    (_PLAIN_ZERO, 1.0, 0.0, 0.0, 0.0),
+    (_PLAIN_ZERO, 1.0, 0.0, 0.0, 1.0),
+    (_PLAIN_ZERO, 1.0, 1.0, 0.0, 0.0),
+    (_PLAIN_ZERO, 1.0, 1.0, _ALIKE, _ALIKE),
+    (_PLAIN_ZERO, 1.0, 1.0, 1.0, 1.0),
+)
+"""Factors on the main form's scales for chains without effects: straight, with u², with u|u|, with
+directions that hardly differ, with both directions free."""
 MANY_CANDIDATES = ("ripple", "bump", "wave")
 """Kinds of which most candidates can be left out once they have had their chance."""
 
@@ -161,6 +173,8 @@ class Member:
         Diagonal of the inverse covariance.
     effective : float
         Number of coefficients that the data determine.
+    main_scales : float64 array of shape (5,)
+        Prior standard deviations of the main form's coefficients, 0 for those that it hasn't.
     """
 
     setting: Setting
@@ -171,6 +185,7 @@ class Member:
     solved: FloatArray
     inverse_diagonal: FloatArray
     effective: float
+    main_scales: FloatArray
 
     @property
     def point_noise(self) -> FloatArray:
@@ -215,6 +230,7 @@ class Problem:
     ) -> None:
         self.points, self.target, self.weights = points, target, weights
         self._correlated = correlated
+        self._log_plain: float | None = None  # log prior of a plain chain; None for the others
         self.scatter = np.ones(target.size) if correlated is None else 1.0 + np.diag(correlated)
         self.prior_scale = prior_scale
         self._take_main(np.full(_MAIN_SCALES.size, prior_scale))
@@ -241,6 +257,14 @@ class Problem:
         """Return the problem with directions that hardly differ in their main form."""
         problem = copy.copy(self)
         problem._take_main(self.prior_scale * np.array([1.0, 1.0, 1.0, _ALIKE, _ALIKE]))
+        return problem
+
+    def plain(self, form: tuple[float, ...]) -> Problem:
+        """Return the problem of a chain that shows nothing but some columns of the main form."""
+        problem = copy.copy(self)
+        problem._take_main(self.prior_scale * np.array(form))
+        # all forms together are as likely as a chain with effects
+        problem._log_plain = -float(np.log(len(PLAIN_FORMS)))
         return problem
 
     def with_even_ripple(self) -> Problem:
@@ -285,7 +309,7 @@ class Problem:
             drift = NO_DRIFT_SHARE
             if setting.drift >= 0:
                 drift = self.drifts[setting.drift].share / len(DRIFT_AMPLITUDES)
-        return float(-0.5 * noise**2 + np.log(growth * drift))
+        return float(-0.5 * noise**2 + np.log(growth * drift) + (self._log_plain or 0.0))
 
     def solve(self, setting: Setting, weights: FloatArray | None = None) -> Member:
         """Whiten by main form, deviation, drift and noise, then average over the effects.
@@ -326,10 +350,14 @@ class Problem:
             solved,
             inverse_diagonal,
             float(effective),
+            self.main_scales,
         )
 
     def _average(self, factor: FloatArray) -> tuple[AveragedEffects, FloatArray]:
         """Return the effects' posterior on whitened data, and what it leaves of them."""
+        if self._log_plain is not None:
+            left = solve_triangular(factor, self.target, lower=True, check_finite=False)
+            return self._without_effects(float(-0.5 * left @ left)), left
         white = solve_triangular(factor, self._stacked, lower=True, check_finite=False)
         white = np.ascontiguousarray(white.T)
         candidates, start = [], 1
@@ -340,6 +368,22 @@ class Problem:
             start += count * width
         effects = average_effects(white[0], candidates)
         return effects, np.asarray(white[0] - effects.fit)
+
+    def _without_effects(self, log_evidence: float) -> AveragedEffects:
+        """Return the posterior of effects that are absent for certain."""
+        kinds = [kind for kind in self.kinds for _ in range(kind.copies)]
+        shapes = [kind.columns.shape[:2] for kind in kinds]
+        nothing = [np.zeros((kind.scales.size, len(kind.columns))) for kind in kinds]
+        return AveragedEffects(
+            weights=nothing,
+            means=[np.zeros(shape) for shape in shapes],
+            moments=[np.zeros((count, width, width)) for count, width in shapes],
+            traces=nothing,
+            present=np.zeros(len(kinds)),
+            fit=np.zeros(self.target.size),
+            spread=0.0,
+            log_evidence=log_evidence,
+        )
 
     def settle_noise(self, member: Member, rounds: int = 6) -> Member:
         """Follow MacKay's fixed point, noise² = residual power / free points, and solve again."""

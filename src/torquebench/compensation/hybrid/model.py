@@ -153,7 +153,8 @@ class HybridModel(CompensationModel):
         effects = [np.zeros(kind.columns.shape[:2]) for kind in problem.kinds]
         absent = np.zeros(len(problem.kinds))
         for share, member in zip(shares, members, strict=True):
-            self.main_ += share * problem.main_scales * (problem.main.T @ member.solved)
+            main = main_columns(self.train_u_) * member.main_scales
+            self.main_ += share * member.main_scales * (main.T @ member.solved)
             self.deviation_ += share * (scale * member.setting.amplitude) ** 2 * member.solved
             index = 0
             for k, kind in enumerate(problem.kinds):

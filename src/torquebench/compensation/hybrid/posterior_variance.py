@@ -48,11 +48,13 @@ def curve_variance(
     """
     points = at_zero_time(u, np.full(u.size, branch))
     columns = all_columns(points, problem.dictionary)
-    main, same = main_columns(u) * problem.main_scales, deviation_kernel(u, problem.points.u)
+    main_form, same = main_columns(u), deviation_kernel(u, problem.points.u)
+    train_form = main_columns(problem.points.u)
     first, second = np.zeros((2, u.size)), np.zeros((2, u.size))
     for share, member in zip(shares, members, strict=True):
         amplitude2 = (problem.prior_scale * member.setting.amplitude) ** 2
-        cross = main @ problem.main.T + amplitude2 * same
+        main = main_form * member.main_scales
+        cross = main @ (train_form * member.main_scales).T + amplitude2 * same
         gain = cho_solve((member.factor, True), cross.T, check_finite=False)
         common = (
             np.sum(main**2, axis=1)

@@ -18,6 +18,7 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.hybrid.inference import (
     GROWTHS,
     LEAST_NOISE,
+    PLAIN_FORMS,
     Member,
     Problem,
     Setting,
@@ -68,7 +69,8 @@ def explore(problem: Problem, start_noise: float) -> tuple[Problem, list[Member]
     best = problem.solve(settled.setting)
     starts = _starts(problem, best)
     problem = problem.narrowed([start.member for start in starts])
-    return problem, [member for start in starts for member in _grid(problem, start)]
+    members = [member for start in starts for member in _grid(problem, start)]
+    return problem, members + _plain_members(problem, starts)
 
 
 def _starts(problem: Problem, best: Member) -> list[_Start]:
@@ -126,6 +128,31 @@ def _grid(problem: Problem, start: _Start) -> list[Member]:
     if not start.tailed:
         return members
     return [replace(m, log_evidence=_evidence(problem, _Start(m, True))) for m in members]
+
+
+def _plain_members(problem: Problem, starts: list[_Start]) -> list[Member]:
+    """Solve for chains without any effect, deviation or drift.
+
+    A drift beside a plain form would take up what steps and loops do.
+    """
+    members = [
+        _plain_member(
+            problem.plain(form),
+            replace(start.member.setting, amplitude=0.0, drift=-1, drift_amplitude=0.0),
+            start.tailed,
+        )
+        for start in starts
+        for form in PLAIN_FORMS
+    ]
+    least = _best(members).log_evidence - _UNLIKELY
+    return [member for member in members if member.log_evidence > least]
+
+
+def _plain_member(problem: Problem, setting: Setting, tailed: bool) -> Member:
+    if not tailed:
+        return problem.settle_noise(problem.solve(setting))
+    member = _with_tails(problem, problem.solve(setting))
+    return replace(member, log_evidence=_evidence(problem, _Start(member, tailed=True)))
 
 
 def _best(members: list[Member]) -> Member:
