@@ -121,12 +121,14 @@ def test_models_are_compared_and_none_is_better_than_the_reference_resolves(data
     # What points left out show: the loop is real, and a model that sees the branch halves the
     # error of the best one that doesn't; none gets below the reference's resolution.
     blind = min(score.rms_nm for name, score in scores.items() if name.startswith("polynomial"))
-    assert result.selected == "hybrid"
-    assert result.selected_rms_nm < 0.6 * blind < 0.6 * scores["polynomial-1"].rms_nm
-    assert result.selected_rms_nm > REFERENCE_RESOLUTION_NM / np.sqrt(12)
-    fitted = summarise_errors(result.model.predict(table.features()), table.standard_nm, RANGE_NM)
+    assert result.best == "hybrid"
+    assert scores["hybrid"].rms_nm < 0.6 * blind < 0.6 * scores["polynomial-1"].rms_nm
+    assert scores["hybrid"].rms_nm > REFERENCE_RESOLUTION_NM / np.sqrt(12)
+    fitted = summarise_errors(
+        result.models["hybrid"].predict(table.features()), table.standard_nm, RANGE_NM
+    )
     raw = summarise_errors(table.reading_nm, table.standard_nm, RANGE_NM)
     assert fitted.rms_nm < raw.rms_nm
     # One direction only: the model refuses the other.
     with pytest.raises(InputError):
-        result.model.predict(np.array([[-100.0, 1.0, 1.0]]))
+        result.models["hybrid"].predict(np.array([[-100.0, 1.0, 1.0]]))

@@ -42,7 +42,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("Before and after")
 
     ben.press("Compare all models")
-    ben.sees("Recommended:")
+    ben.sees("Least error at points left out:")
     ben.press("Next step")
     ben.choose("Groups", "2")
     ben.press("Mount the verification standard and begin")

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from sklearn.base import clone
+import numpy as np
 
 from torquebench import __version__
 from torquebench.calibration import CalibrationData, summarise_errors
@@ -22,6 +22,7 @@ from torquebench.chain import Effect, MeasuringChain
 from torquebench.compensation import (
     CANDIDATES,
     FEATURES,
+    RECOMMENDED,
     Comparison,
     CompensationModel,
     OutlierWarning,
@@ -29,9 +30,9 @@ from torquebench.compensation import (
     StoredModel,
     compare,
     make_model,
+    noise_floor,
     save_model,
 )
-from torquebench.errors import InputError
 
 __all__ = [
     "FittedModel",
@@ -200,11 +201,13 @@ class _Fraction:
 def fit_table(
     data: CalibrationData,
     source: str,
-    name: str | None = None,
+    name: str = RECOMMENDED,
     progress: Progress = NO_PROGRESS,
     outliers: str = "downweight",
+    *,
+    compared: bool = False,
 ) -> FitResult:
-    """Compare all candidates by cross-validation and take one, fitted to all points.
+    """Fit a model to a table, beside a comparison of all kinds where one is asked for.
 
     Parameters
     ----------
@@ -212,70 +215,68 @@ def fit_table(
     source : str
         Name of the table, for reports.
     name : str, optional
-        The model to take, as `make_model` names it; by default the one that the comparison
-        selects: the simplest within one standard error of the best.
+        The model to take, as `make_model` names it.
     progress : Progress
-        Told one stage.
+        Told one stage, and one more of the comparison.
     outliers : {"downweight", "refuse", "keep"}
         What happens to wild points.
+    compared : bool, default False
+        Whether to compare all kinds by cross-validation as well; that takes many fits.
 
     Raises
     ------
     InputError
-        An unknown model, points that no model (or not the named one) takes, or a wild point that
-        is to be refused.
+        An unknown model, points that it doesn't take, or a wild point that is to be refused.
     """
-    candidates = list(CANDIDATES)
-    if name is not None:
-        make_model(name)
-        if name not in candidates:
-            candidates.append(name)
+    model = make_model(name, range_nm=data.range_nm, outliers=outliers)
+    X = data.features(feature_columns(model))
+    progress.start("Fitting the model", _PROGRESS_STEPS)
+    counter = _Fraction(progress)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.simplefilter("ignore", OutlierWarning)  # the remarks name them by their series
+        model.fit(X, data.standard_nm, progress=counter)
+    counter(1.0, "")
+    progress.finish()
+    comparison = _compared(data, name, progress, outliers) if compared else None
+    wild = [replace(each, series=int(data.series[each.row])) for each in model.wild_points_]
+    good = np.delete(np.arange(len(data)), [each.row for each in wild])
+    rows = data.features(COMPARED_COLUMNS)[good]
+    return FitResult(
+        source=source,
+        data=data,
+        comparison=comparison,
+        noise=noise_floor(rows, data.standard_nm[good]),
+        name=name,
+        title=model_title(model.kind, model.kind_parameters),
+        model=model,
+        raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+        fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
+        remarks=(
+            *(f"wild point, weighted down: {point}" for point in wild),
+            *([comparison.caution] if comparison is not None and comparison.caution else []),
+            *data.notes(),
+            *dict.fromkeys(str(entry.message) for entry in caught),
+        ),
+    )
+
+
+def _compared(data: CalibrationData, name: str, progress: Progress, outliers: str) -> Comparison:
     progress.start("Comparing models", _PROGRESS_STEPS)
     comparison = compare(
         data.features(COMPARED_COLUMNS),
         data.standard_nm,
-        candidates,
+        list(dict.fromkeys([*CANDIDATES, name])),
         range_nm=data.range_nm,
         outliers=outliers,
         progress=_Fraction(progress),
     )
     progress.finish()
-    taken = name or comparison.selected
-    if taken in comparison.refused:
-        raise InputError(
-            f"model {taken} refuses the points: {comparison.refused[taken]}",
-            remedy="take another model, or record what it needs",
-        )
-    model = clone(comparison.models[taken])
-    X = data.features(feature_columns(model))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        warnings.simplefilter("ignore", OutlierWarning)  # the comparison names the wild points
-        model.fit(X, data.standard_nm)
-    remarks = dict.fromkeys(str(entry.message) for entry in caught)
-    return FitResult(
-        source=source,
-        data=data,
-        comparison=comparison,
-        name=taken,
-        title=model_title(model.kind, model.kind_parameters),
-        model=model,
-        raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
-        fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
-        remarks=(*_remarks(data, comparison), *remarks),
-    )
-
-
-def _remarks(data: CalibrationData, comparison: Comparison) -> tuple[str, ...]:
-    """Say what these points, or some of them, can't support."""
-    wild = (replace(each, series=int(data.series[each.row])) for each in comparison.wild_points)
-    remarks = [f"wild point, weighted down: {point}" for point in wild]
-    remarks += [comparison.caution] if comparison.caution else []
-    return (*remarks, *data.notes())
+    return comparison
 
 
 COMPARED_COLUMNS = 2
-"""Reading and branch, which every table has; the model taken is fitted to those that it uses."""
+"""Reading and branch, which every table has."""
 
 
 def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData, ErrorSummary, ModelVerification
-from torquebench.compensation import Comparison, CompensationModel
+from torquebench.compensation import Comparison, CompensationModel, NoiseFloor
 
 if TYPE_CHECKING:
     from torquebench.procedures import FrictionSweep
@@ -137,10 +137,12 @@ class FitResult:
         Name of the table.
     data : CalibrationData
         Its points.
-    comparison : Comparison
-        All candidates by cross-validation, with the one that it selects.
+    comparison : Comparison or None
+        All candidates by cross-validation, where that was asked for.
+    noise : NoiseFloor or None
+        Scatter of repeated points; None where no step was repeated.
     name, title : str
-        The candidate that was taken, and its kind in words.
+        The model that was taken, and its kind in words.
     model : CompensationModel
         Fitted to all points.
     raw, fitted : ErrorSummary
@@ -151,13 +153,25 @@ class FitResult:
 
     source: str
     data: CalibrationData
-    comparison: Comparison
+    comparison: Comparison | None
+    noise: NoiseFloor | None
     name: str
     title: str
     model: CompensationModel
     raw: ErrorSummary
     fitted: ErrorSummary
     remarks: tuple[str, ...]
+
+    @property
+    def cross_validated(self) -> dict[str, float]:
+        """Errors of the model at points left out, names with their unit; empty if not compared."""
+        if self.comparison is None:
+            return {}
+        score = self.comparison.score(self.name)
+        return {
+            "cross_validated_worst_percent_fs": score.worst_percent_fs,
+            "cross_validated_rms_percent_fs": score.rms_percent_fs,
+        }
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,12 @@ def fit(
     range_nm: RangeOption = None,
     model: Annotated[
         str | None,
-        typer.Option(help="Kind of model; without it the one that the comparison selects."),
+        typer.Option(help="Kind of model; without it `hybrid`, as `calibrate` takes it."),
     ] = None,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare", help="Compare all kinds of model; that takes a while."),
+    ] = False,
     result: Annotated[Path, typer.Option("--out", help="The model file to write.")] = Path(
         "model.json"
     ),
@@ -69,10 +73,11 @@ def fit(
         typer.Option(min=0, help="U (k = 2) of the reference standard, % of range."),
     ] = None,
 ) -> None:
-    """Fit a compensation model to a calibration, beside a comparison of all kinds.
+    """Fit a compensation model to a calibration.
 
-    Models are compared by cross-validation: by their errors at steps that they weren't fitted to.
-    The simplest within one standard error of the best is taken unless --model names another.
+    The model averages over what a chain may show, a plain straight line or quadratic included.
+    --compare shows it beside all other kinds, by their errors at steps that they weren't fitted to
+    (cross-validation); --model takes another.
     U of every torque by the model contains what is stated here; `budget` says what is missing.
     """
     from torquebench.compensation import check_kind
@@ -96,15 +101,17 @@ def fit(
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model
     from torquebench.cli.progress import TerminalProgress
+    from torquebench.compensation import RECOMMENDED
     from torquebench.reports.fit_report import fit_page
     from torquebench.reports.page import write_page
 
     with TerminalProgress() as progress:
-        fitted = fit_table(points, data.name, model, progress, outliers.value)
+        fitted = fit_table(
+            points, data.name, model or RECOMMENDED, progress, outliers.value, compared=compare
+        )
     for remark in fitted.remarks:
         warn(remark)
     _print_fit(fitted)
-    score = fitted.comparison.score(fitted.name)
     store_model(
         result,
         fitted.model,
@@ -112,8 +119,7 @@ def fit(
         {
             "fit_worst_percent_fs": fitted.fitted.worst_percent_fs,
             "fit_rms_percent_fs": fitted.fitted.rms_percent_fs,
-            "cross_validated_worst_percent_fs": score.worst_percent_fs,
-            "cross_validated_rms_percent_fs": score.rms_percent_fs,
+            **fitted.cross_validated,
             "noise_nm": fitted.model.scatter_nm,
         },
         (*reference_effect(reference, points.range_nm), *mounting_effect(points)),
@@ -125,21 +131,21 @@ def fit(
 
 
 def _print_fit(fitted: FitResult) -> None:
-    """Print the comparison, what was taken and why, and the errors before and after."""
+    """Print the comparison, where there is one, and the errors before and after."""
     from torquebench.cli.tables import comparison_table, error_blocks
 
-    data, comparison = fitted.data, fitted.comparison
+    data, comparison, noise = fitted.data, fitted.comparison, fitted.noise
     simulated = " - simulated" if data.simulated else ""
     heading = f"{fitted.source}: {len(data)} points, {data.range_nm:g} N·m{simulated}"
     say(f"[bold]{escape(heading)}[/bold]")
-    out().print(comparison_table(comparison, fitted.name))
-    for name, reason in comparison.refused.items():
-        warn(f"{name} refused the points: {reason}")
-    if comparison.noise is not None:
-        say(f"scatter of repeated points: {comparison.noise.standard_deviation_nm:.3g} N·m")
-    score = comparison.score(fitted.name)
-    taken = score.reason if score.selected else f"asked for; {score.reason}"
-    say(f"taken: [bold]{fitted.title}[/bold] ({taken})")
+    if comparison is not None:
+        out().print(comparison_table(comparison, fitted.name))
+        for name, reason in comparison.refused.items():
+            warn(f"{name} refused the points: {reason}")
+    if noise is not None:
+        say(f"scatter of repeated points: {noise.standard_deviation_nm:.3g} N·m")
+    reason = "" if comparison is None else f" ({comparison.score(fitted.name).reason})"
+    say(f"model: [bold]{fitted.title}[/bold]{reason}")
     rows = [("raw reading", fitted.raw), (f"*{fitted.title}", fitted.fitted)]
     for part in error_blocks([("on the points that it was fitted to", rows)]):
         out().print(part)

@@ -1,4 +1,4 @@
-"""Choice among models by their errors at points that they were never fitted to."""
+"""Comparison of models by their errors at points that they were never fitted to."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 from sklearn.base import clone
 
@@ -90,9 +90,8 @@ class ModelScore:
     mean_square_difference, standard_error : float
         Mean square error minus that of the best model, and its standard error over the steps, in
         (N·m)².
-    selected : bool
     reason : str
-        Why it was or wasn't selected.
+        How it stands beside the best.
     """
 
     name: str
@@ -107,29 +106,25 @@ class ModelScore:
     complexity: int
     mean_square_difference: float = 0.0
     standard_error: float = 0.0
-    selected: bool = False
     reason: str = ""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Table of models with the one that was selected.
+    """Table of models by their errors at points left out.
 
     Attributes
     ----------
     scores : tuple of ModelScore
         From the simplest model to the most complex.
-    selected : str
-        Name of the simplest model within one standard error of the best.
+    best : str
+        Name of the candidate with the least root mean square error.
     models : mapping of str to CompensationModel
         Every candidate, fitted to all points.
     refused : mapping of str to str
         Candidates that refused the data, with what they said.
     noise : NoiseFloor or None
         Scatter of repeats; None where no step was repeated.
-    selected_rms_nm : float
-        Root mean square error of the selection itself: in each fold the model is chosen by the
-        other folds, so that choosing the luckiest of many doesn't count as merit.
     full_scale_nm : float
     folds, steps, points : int
         Number of folds, of steps (groups of points) and of points that were scored.
@@ -138,21 +133,15 @@ class Comparison:
     """
 
     scores: tuple[ModelScore, ...]
-    selected: str
+    best: str
     models: Mapping[str, CompensationModel]
     refused: Mapping[str, str]
     noise: NoiseFloor | None
-    selected_rms_nm: float
     full_scale_nm: float
     folds: int
     steps: int
     points: int
     wild_points: tuple[WildPoint, ...]
-
-    @property
-    def model(self) -> CompensationModel:
-        """The selected model, fitted to all points."""
-        return self.models[self.selected]
 
     @property
     def caution(self) -> str:
@@ -178,7 +167,7 @@ def compare(
     outliers: str = "downweight",
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare models by cross-validation and select the simplest that is as good as the best.
+    """Compare models by cross-validation.
 
     Points of one step (repeats, both branches) are always left out together. A fold holds every
     k-th step, so neighbours on both sides stay in; the outermost steps always stay in and aren't
@@ -217,12 +206,10 @@ def compare(
 
     Notes
     -----
-    The one-standard-error rule (L. Breiman et al., Classification and Regression Trees, 1984) on
-    differences: of the models whose mean square error exceeds that of the best by at most one
-    standard error of the difference over the steps, the one with the lowest complexity, then with
-    the fewest effective parameters, is taken. A standard error of few steps is itself uncertain and
-    widened by Student's factor. Errors that differ by less than a millionth of full
-    scale count as equal, so that rounding doesn't choose where there is no noise.
+    The least error of many is partly luck, so every other candidate's excess is stated in standard
+    errors of the difference over the steps. A standard error of few steps is itself uncertain and
+    widened by Student's factor. Errors that differ by less than a millionth of full scale count as
+    equal: rounding decides nothing where there is no noise.
 
     Examples
     --------
@@ -231,8 +218,8 @@ def compare(
     >>> standard = reading + 1e-3 * reading + 1e-6 * reading**2
     >>> standard += generator.normal(0.0, 0.2, reading.size)
     >>> comparison = compare(reading[:, None], standard, ["polynomial-2", "spline"])
-    >>> comparison.selected
-    'polynomial-2'
+    >>> [score.name for score in comparison.scores if "worse" not in score.reason]
+    ['polynomial-2', 'spline']
     """
     features, torque = _checked(X, y)
     full_scale = float(np.max(np.abs(features[:, 0]))) if range_nm is None else float(range_nm)
@@ -253,16 +240,16 @@ def compare(
     fitted = {name: trial.model for name, trial in trials.items()}
     left_out = {name: trial.errors[scored] for name, trial in trials.items()}
     alike = (_ALIKE_SHARE_OF_RANGE * full_scale) ** 2
-    tally = _Tally(left_out, step[scored], fold_of_point[scored], fitted, alike)
-    selected = tally.select(np.ones(np.count_nonzero(scored), dtype=bool))
+    tally = _Tally(left_out, step[scored], fitted, alike)
+    best, _ = tally.differences()
     scores = [
         _score(name, left_out[name], torque[scored], step[scored], full_scale, fitted[name])
         for name in tally.order
     ]
     scores = [replace(score, fit_time_s=trials[score.name].fit_time_s) for score in scores]
     return Comparison(
-        scores=tally.explained(scores, selected),
-        selected=selected,
+        scores=tally.explained(scores, best),
+        best=best,
         models=fitted,
         refused=refused,
         noise=noise_floor(
@@ -270,7 +257,6 @@ def compare(
             np.delete(torque, wild_rows),
             np.delete(step, wild_rows),
         ),
-        selected_rms_nm=tally.rms_of_selection(),
         full_scale_nm=full_scale,
         folds=fold_count,
         steps=int(step.max()) + 1,
@@ -280,26 +266,25 @@ def compare(
 
 
 class _Tally:
-    """Errors of all candidates at the same points, and the rule that selects by them."""
+    """Errors of all candidates at the same points."""
 
     def __init__(
         self,
         errors: Mapping[str, FloatArray],
         step: IntArray,
-        fold: IntArray,
         fitted: Mapping[str, CompensationModel],
         alike: float,
     ) -> None:
-        self.errors, self.step, self.fold, self.alike = errors, step, fold, alike
+        self.errors, self.step, self.alike = errors, step, alike
         self.order = sorted(
             errors, key=lambda name: (fitted[name].complexity, fitted[name].effective_parameters_)
         )
 
-    def differences(self, points: NDArray[np.bool_]) -> tuple[str, dict[str, tuple[float, float]]]:
+    def differences(self) -> tuple[str, dict[str, tuple[float, float]]]:
         """Return the best candidate and every other's excess of mean square with its error."""
-        squares = {name: error[points] ** 2 for name, error in self.errors.items()}
+        squares = {name: error**2 for name, error in self.errors.items()}
         best = min(self.order, key=lambda name: float(np.mean(squares[name])))
-        groups = np.unique(self.step[points], return_inverse=True)[1]
+        groups = np.unique(self.step, return_inverse=True)[1]
         count = int(groups.max()) + 1
         result = {}
         for name in self.order:
@@ -311,43 +296,21 @@ class _Tally:
             result[name] = (float(np.sum(sums)) / total, error)
         return best, result
 
-    def select(self, points: NDArray[np.bool_]) -> str:
-        """Return the simplest candidate within one standard error of the best."""
-        _, differences = self.differences(points)
-        return next(name for name in self.order if differences[name][0] <= differences[name][1])
-
-    def rms_of_selection(self) -> float:
-        """Root mean square error where each fold's model is selected by the other folds."""
-        total = 0.0
-        for fold in np.unique(self.fold):
-            here = self.fold == fold
-            others = ~here if np.any(~here) else here
-            total += float(np.sum(self.errors[self.select(others)][here] ** 2))
-        return float(np.sqrt(total / self.fold.size))
-
-    def explained(self, scores: Sequence[ModelScore], selected: str) -> tuple[ModelScore, ...]:
-        """Add to every row its distance from the best and why it was or wasn't selected."""
-        best, differences = self.differences(np.ones(self.fold.size, dtype=bool))
+    def explained(self, scores: Sequence[ModelScore], best: str) -> tuple[ModelScore, ...]:
+        """Add to every row its distance from the best, in words as well."""
+        _, differences = self.differences()
         rows = []
         for score in scores:
             difference, error = differences[score.name]
-            if score.name == selected:
-                reason = (
-                    "least error at points left out"
-                    if score.name == best
-                    else f"simplest model within one standard error of {best}"
-                )
+            if score.name == best:
+                reason = "least error at points left out"
             elif difference <= error:
-                reason = f"as good, but not simpler than {selected}"
+                reason = f"as good as {best} within one standard error"
             else:
                 reason = f"{difference / error:.1f} standard errors worse than {best}"
             rows.append(
                 replace(
-                    score,
-                    mean_square_difference=difference,
-                    standard_error=error,
-                    selected=score.name == selected,
-                    reason=reason,
+                    score, mean_square_difference=difference, standard_error=error, reason=reason
                 )
             )
         return tuple(rows)

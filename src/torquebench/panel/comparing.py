@@ -21,14 +21,12 @@ def compare_points(
     scores = [
         json.loads(json_text(score)) | {"title": model_title(score.name)} for score in found.scores
     ]
-    reason = found.score(found.selected).reason
     return {
         "scores": scores,
-        "selected": found.selected,
-        "sentence": f"Recommended: {model_title(found.selected)}, {reason}.",
+        "best": found.best,
+        "sentence": f"Least error at points left out: {model_title(found.best)}.",
         "refused": dict(found.refused),
         "noise": None if found.noise is None else json.loads(json_text(found.noise)),
-        "selected_rms_nm": float(found.selected_rms_nm),
         "steps": found.steps,
         "folds": found.folds,
     }

@@ -1,10 +1,11 @@
-"""The report of one fit: the comparison of models, and the errors before and after."""
+"""The report of one fit: the errors before and after, and a comparison where there is one."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from torquebench.campaign.results import FitResult
+from torquebench.compensation import Comparison
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.figures import Curve, additional_torque_figure, error_figure
 from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
@@ -19,7 +20,7 @@ def fit_page(result: FitResult) -> Page:
     Parameters
     ----------
     result : FitResult
-        The fit and the comparison that it rests on.
+        The fit, with the comparison where one was asked for.
 
     Returns
     -------
@@ -29,14 +30,18 @@ def fit_page(result: FitResult) -> Page:
     return Page(
         title="Compensation of a torque measuring chain",
         subtitle=f"{result.source} · {len(result.data)} points · {result.data.range_nm:g} N·m",
-        sections=[_data(result), _comparison(result), _before_and_after(result)],
+        sections=[
+            _data(result),
+            *([] if result.comparison is None else [_comparison(result, result.comparison)]),
+            _before_and_after(result),
+        ],
         simulated=result.data.simulated,
     )
 
 
 def _data(result: FitResult) -> Section:
     data = result.data
-    noise = result.comparison.noise
+    noise = result.noise
     scatter = (
         "no step was repeated"
         if noise is None
@@ -65,8 +70,7 @@ def _data(result: FitResult) -> Section:
     return Section("Calibration", remarks, (facts, figure))
 
 
-def _comparison(result: FitResult) -> Section:
-    comparison = result.comparison
+def _comparison(result: FitResult, comparison: Comparison) -> Section:
     rows = [
         (
             score.name,
@@ -98,10 +102,7 @@ def _comparison(result: FitResult) -> Section:
         f"{comparison.points} points in {comparison.steps} steps. The outermost steps always stay "
         "in, since a model never has to extrapolate."
     )
-    text = (
-        f"Taken: {result.title}. RMS error of the selection itself, each fold's model chosen by "
-        f"the other folds: {number(comparison.selected_rms_nm)} N·m."
-    )
+    text = f"Taken: {result.title}. The least error of many is partly luck."
     refused = [(name, reason) for name, reason in comparison.refused.items()]
     blocks: list[Table | Facts] = [Table(header, rows, caption, taken)]
     if refused:

@@ -91,17 +91,19 @@ def test_the_recommended_model_is_a_candidate() -> None:
     assert RECOMMENDED in CANDIDATES
 
 
-def test_a_table_is_compared_and_the_model_taken_is_fitted_to_all_points() -> None:
+def test_a_table_gets_the_recommended_model_fitted_to_all_points() -> None:
     watcher = Watcher()
     found = fit_table(chain(), "data.csv", progress=watcher)
-    assert found.name == found.comparison.selected
+    assert (found.name, found.model.kind) == (RECOMMENDED, RECOMMENDED)
+    assert found.comparison is None
     assert found.fitted.rms_nm < 0.1 * found.raw.rms_nm
     assert found.model.points_ == len(found.data)
     assert watcher.steps == 100
 
 
 def test_a_named_model_is_taken_and_its_wild_points_are_named() -> None:
-    found = fit_table(chain(wild=True), "data.csv", "polynomial-5")
+    found = fit_table(chain(wild=True), "data.csv", "polynomial-5", compared=True)
     assert found.name == "polynomial-5"
+    assert found.comparison is not None
     assert found.comparison.score("polynomial-5").name == "polynomial-5"
     assert any("row 30" in remark for remark in found.remarks)

@@ -57,7 +57,7 @@ def test_a_calibration_that_was_put_aside_makes_room_for_another_one() -> None:
     assert find_workflow([CALIBRATED], Dismissed({"calibrate"})) == CalibrationWorkflow()
 
 
-def test_models_know_their_number_and_the_recommended_one_its_name() -> None:
-    workflow = find_workflow([job("compare-models", 3, selected="a"), CALIBRATED], Dismissed())
+def test_models_know_their_number_and_the_best_compared_one_its_name() -> None:
+    workflow = find_workflow([job("compare-models", 3, best="a"), CALIBRATED], Dismissed())
     assert workflow.models == {"a": {"title": "A", "model_id": 7}}
-    assert workflow.recommended == "a"
+    assert workflow.best_compared == "a"

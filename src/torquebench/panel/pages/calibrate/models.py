@@ -91,13 +91,13 @@ class ModelsStep:
         headings = (("model", False), ("worst", True), ("worst_percent", True), ("rms", True),
                     ("parameters", True), ("state", False))  # fmt: skip
         columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
-        selected = next(
-            (place for place, score in enumerate(scores) if score["name"] == found["selected"]),
+        best = next(
+            (place for place, score in enumerate(scores) if score["name"] == found["best"]),
             None,
         )
-        table(text("models.compared"), columns, rows, best=selected)
+        table(text("models.compared"), columns, rows, best=best)
         words("p", text("models.cross_validated"), "small muted")
-        if found["selected"] not in workflow.models and self._page.visitor.has_role("metrologist"):
+        if found["best"] not in workflow.models and self._page.visitor.has_role("metrologist"):
             button(text("models.fit"), self._fit, "primary", picture="add_chart")
 
     def _compare(self) -> None:
@@ -105,5 +105,5 @@ class ModelsStep:
 
     def _fit(self) -> None:
         workflow = self._page.workflow
-        request = {"calibration_id": workflow.calibration_id, "model": workflow.recommended}
+        request = {"calibration_id": workflow.calibration_id, "model": workflow.best_compared}
         self._page.start("fit", request)

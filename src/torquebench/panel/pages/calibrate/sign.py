@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, note, panel, words
@@ -51,11 +52,11 @@ class SignStep:
                 note(text("sign.no_model"), "warn")
                 return
             best = workflow.verified_best
-            chosen = next((name for name in (workflow.recommended, best) if name in models), "")
+            chosen = next((name for name in (RECOMMENDED, best) if name in models), "")
             options = {
                 name: (
                     text.core(model["title"]),
-                    text("sign.recommended") if name == workflow.recommended else
+                    text("sign.recommended") if name == RECOMMENDED else
                     text("sign.best") if name == best else
                     text("sign.model", number=model["model_id"]),
                 )

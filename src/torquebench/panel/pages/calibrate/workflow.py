@@ -82,11 +82,11 @@ class CalibrationWorkflow:
         return next((name for name, model in models if model["model_id"] == number), "")
 
     @property
-    def recommended(self) -> str:
-        """Name of the model that the comparison selected; empty before it."""
+    def best_compared(self) -> str:
+        """Name of the model with the least error in the comparison; empty before it."""
         if self.compare is None or self.compare.result is None:
             return ""
-        return str(self.compare.result.details["selected"])
+        return str(self.compare.result.details["best"])
 
 
 def find_workflow(jobs: list[JobView], dismissed: Dismissed) -> CalibrationWorkflow:

@@ -33,7 +33,6 @@ from torquebench.campaign.fitting import (
     ModelChoice,
     fit_metrics,
     fit_models,
-    model_title,
     store_model,
 )
 from torquebench.campaign.measuring import (
@@ -239,13 +238,12 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
         on_progress=job.fraction,
         cancelled=job.cancelled.is_set,
     )
-    chosen = found["selected"]
     return JobResult(
         headline=found["sentence"],
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
-        details=found | {"selected_title": model_title(chosen)},
+        details=found,
     )
 
 
