@@ -220,6 +220,7 @@ def run_calibrations(
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.measuring import RunAbortedError, measure_calibration
     from torquebench.campaign.resuming import resume_calibration
+    from torquebench.cli.doubts import CALIBRATOR, tell_doubts
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
@@ -234,6 +235,7 @@ def run_calibrations(
     operator = None if description.simulated else QueuedOperator(prompts)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
+        tell_doubts(station, CALIBRATOR)
         for side in sides:
             progress = TerminalProgress()
             interrupts = BenchInterrupts(station, progress)

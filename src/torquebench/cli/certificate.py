@@ -17,7 +17,12 @@ from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.records import CalibrationEntry, Registry
-    from torquebench.reports.certificate import CertificateCheck, Issue, IssuedCertificate
+    from torquebench.reports.certificate import (
+        CertificateCheck,
+        CertificateRecord,
+        Issue,
+        IssuedCertificate,
+    )
 
 __all__ = ["find_calibration", "register"]
 
@@ -103,7 +108,22 @@ def certificate(
                 "calibrations", calibration.calibration_id, checked_by=checked_by, accepted=True
             )
             record = build_record(registry, calibration, issue)
+        _tell_doubts(registry, record)
         _issued(issue_certificate(registry, record, out))
+
+
+def _tell_doubts(registry: Registry, record: CertificateRecord) -> None:
+    """Warn of a standard that had expired, and of a clock that dates the certificate wrongly."""
+    from torquebench.records.time_check import clock_behind, expired_on
+
+    reference, behind = record.reference, clock_behind(registry)
+    if expired_on(record.calibrated_to, reference.due):
+        warn(
+            f"calibrated on {record.calibrated_to} against {reference.serial}, whose certificate "
+            f"{reference.certificate_number} expired on {reference.due}"
+        )
+    if behind:
+        warn(f"{behind}; the certificate is dated {record.issued}")
 
 
 def find_calibration(registry: Registry, name: str) -> CalibrationEntry:

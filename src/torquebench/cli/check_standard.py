@@ -66,6 +66,7 @@ def check(
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.checking import check_module
     from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.doubts import VERIFICATION_STANDARD, tell_doubts
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
@@ -79,6 +80,7 @@ def check(
     operator = None if description.simulated else QueuedOperator(prompts)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station)
+        tell_doubts(station, VERIFICATION_STANDARD)
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
         try:

@@ -26,7 +26,7 @@ from torquebench.cli.options import (
 from torquebench.errors import TorquebenchError
 
 if TYPE_CHECKING:
-    pass
+    from torquebench.bench.description import BenchDescription
 
 __all__ = ["register"]
 
@@ -162,6 +162,24 @@ def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
         )
     yield Finding("counter", "ok", description.counter.identity)
     yield from _records(data)
+    yield from _doubts(description, data)
+
+
+def _doubts(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Look at the standards' certificates, and at the clock against the newest record."""
+    from torquebench.cli.doubts import CALIBRATOR, VERIFICATION_STANDARD, expired_standards
+    from torquebench.records import Registry
+    from torquebench.records.time_check import clock_behind
+
+    if not has_registry(data):
+        return
+    with Registry.open(data) as registry:
+        for said in expired_standards(registry, description, CALIBRATOR, VERIFICATION_STANDARD):
+            found, _, remedy = said.partition(": ")
+            yield Finding("standard", "problem", found, remedy)
+        behind = clock_behind(registry)
+        if behind:
+            yield Finding("clock", "problem", behind, "set this computer's clock")
 
 
 def _records(data: Path) -> Iterator[Finding]:

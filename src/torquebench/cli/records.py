@@ -217,6 +217,7 @@ MOST_LISTED = 10**9
 
 def _show_run(run: RunSummary) -> None:
     from torquebench.records import RunFolder
+    from torquebench.records.time_check import times_of_run
 
     folder = RunFolder.open(run.folder)
     _facts(
@@ -229,6 +230,7 @@ def _show_run(run: RunSummary) -> None:
             "operator": run.operator,
             "started": _moment(run.started),
             "finished": _moment(run.finished),
+            "times": times_of_run(run),
             "profile": run.profile_name,
             "profile SHA-256": run.profile_sha256,
             "software": run.software_version,

@@ -2,13 +2,18 @@
 
 from collections.abc import Iterator
 from datetime import UTC, date, datetime
+from typing import TYPE_CHECKING
 
 from sqlalchemy import select
 
 from torquebench.records.database import Database
+from torquebench.records.entries import RunSummary
 from torquebench.records.schema import CalibrationRow, LinkRow, ReportRow, RunEndRow, RunRow
 
-__all__ = ["clock_behind", "expired_on", "time_remarks"]
+if TYPE_CHECKING:
+    from torquebench.records.registry import Registry
+
+__all__ = ["clock_behind", "expired_on", "expired_standard", "time_remarks", "times_of_run"]
 
 TOLERANCE_S = 2.0
 """How far a computer's clock is put back when it is compared with a time server, s."""
@@ -52,6 +57,45 @@ def expired_on(day: date, due: date | None) -> bool:
     return due is not None and day > due
 
 
+def expired_standard(
+    registry: "Registry", what: str, serial: str, due: date | None, today: date | None = None
+) -> str:
+    """Return that no certificate of a standard counts any more; empty where one does.
+
+    Parameters
+    ----------
+    registry : Registry
+        With the certificates that were entered.
+    what, serial : str
+        What the standard is, in words, and its serial.
+    due : datetime.date or None
+        Last day of the certificate that the bench description names.
+    today : datetime.date, optional
+    """
+    dues = [each for each in (due, *(report.due for report in registry.reports(serial))) if each]
+    if not dues or not expired_on(today or datetime.now(UTC).date(), max(dues)):
+        return ""
+    return (
+        f"the certificate of the {what} {serial} expired on {max(dues)}: have it calibrated, then "
+        "enter its new certificate in the bench description or with `torquebench records "
+        "add-certificate`"
+    )
+
+
+def times_of_run(run: RunSummary) -> str:
+    """Return that a run ended before it began, in words; empty where it didn't."""
+    if run.finished is None or run.finished >= run.started:
+        return ""
+    return _end_before_beginning(run.run_id, run.started, run.finished)
+
+
+def _end_before_beginning(run_id: str, started: datetime, finished: datetime) -> str:
+    return (
+        f"run {run_id} ended ({finished:%Y-%m-%d %H:%M:%S}) before it began "
+        f"({started:%Y-%m-%d %H:%M:%S}): the clock was put back meanwhile"
+    )
+
+
 def _ends_before_beginnings(registry: Database) -> Iterator[str]:
     query = (
         select(RunRow.run_id, RunRow.started, RunEndRow.finished)
@@ -61,10 +105,7 @@ def _ends_before_beginnings(registry: Database) -> Iterator[str]:
     )
     with registry.session() as session:
         for run_id, started, finished in session.execute(query):
-            yield (
-                f"run {run_id} ended ({finished:%Y-%m-%d %H:%M:%S}) before it began "
-                f"({started:%Y-%m-%d %H:%M:%S}): the clock was put back meanwhile"
-            )
+            yield _end_before_beginning(run_id, started, finished)
 
 
 def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:

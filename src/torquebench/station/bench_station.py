@@ -30,6 +30,7 @@ from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.records import Registry
+from torquebench.records.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for
@@ -182,6 +183,7 @@ class Station:
 
     def _start(self) -> None:
         self.registry = Registry.open(self.data_dir)
+        self.clock_behind = clock_behind(self.registry)
         check_identities(self.description, self.drivers.identities())
         register_equipment(self.registry, self.description)
         self.recovered = recover_unfinished(self.registry)

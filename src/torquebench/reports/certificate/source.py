@@ -25,6 +25,7 @@ from torquebench.records import (
     calibration_changes,
     folder_changes,
 )
+from torquebench.records.time_check import times_of_run
 from torquebench.reports.certificate.record import Reference
 from torquebench.reports.certificate.static import resolution_of
 
@@ -111,6 +112,7 @@ class Source:
             unsettled=int(folder.results.get("unsettled", 0)),
             changes=(
                 *_changed_points(data, calibration),
+                *([times_of_run(run)] if times_of_run(run) else []),
                 *calibration_changes(registry, calibration.calibration_id),
             ),
         )
