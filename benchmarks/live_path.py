@@ -23,16 +23,18 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.safety import other_programs
+from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.channels import Channel
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.compensating import ActiveCompensation
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
-from torquebench.bench.samples import AcquiredBlock, CompensatedSamples, Viewer
+from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.bench.state import CommandState
+from torquebench.chain import MeasuringChain
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model
 from torquebench.records import RunFolder
 from torquebench.signals import EdgeBlock, FrequencyCounter
@@ -96,21 +98,21 @@ class LivePath:
         commands = CommandState()
         self.supervisor = SafetySupervisor(description, drivers, BenchClock(fast=True), commands)
         transducer = description.output.transducer
-        compensation = ActiveCompensation(fitted_model(), "1", RECOMMENDED)
+        chain = MeasuringChain(fitted_model(), chain_effects(description, "output", 23.0))
+        self.chains = {name: ActiveChain(chain, "1", RECOMMENDED) for name in NAMES}
         self.channels: dict[str, Channel] = {}
         for name in NAMES:
             counter = FrequencyCounter("regression", BLOCK_S, TIMEBASE_HZ, edge_jitter_s=JITTER_S)
             self.channels[name] = Channel(
                 name, "output", False, transducer, counter, BLOCK_S, 0.25, None
             )
-        self.compensation = compensation
         self.index = 0
 
     def push(self, edges: dict[str, EdgeBlock]) -> AcquiredBlock:
         """Turn edges into a checked block."""
         samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
-        compensated: dict[str, CompensatedSamples] = {
-            name: self.compensation.samples(each.torque_nm, 0.0, 23.0)
+        compensated = {
+            name: self.chains[name].push(each.time_s, each.torque_nm, each.counter_nm, 0.0, 23.0)
             for name, each in samples.items()
         }
         start_s = self.index * BLOCK_S

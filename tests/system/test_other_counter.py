@@ -9,12 +9,11 @@ from tests.system.command_line import run
 from tests.system.test_station_runs import calibrated, staircase
 
 from torquebench.bench.audit import read_audit
-from torquebench.bench.compensating import AcceptedCounter
 from torquebench.calibration import load_profile
 from torquebench.campaign.checking import check_module
+from torquebench.chain import Timebase
 from torquebench.cli.measure import compensated
 from torquebench.cli.options import accepted_counter
-from torquebench.compensation import features
 from torquebench.errors import ModelMismatchError
 from torquebench.records import RunFolder
 from torquebench.station import Station
@@ -33,14 +32,14 @@ def test_it_is_refused_and_accepted_only_by_its_own_name(station: Station) -> No
     with pytest.raises(ModelMismatchError, match=OTHER):
         station.activate_compensation("output")
     with pytest.raises(ModelMismatchError, match="SOMEBODY"):
-        station.activate_compensation("output", AcceptedCounter("SOMEBODY/else"))
+        station.activate_compensation("output", Timebase("named", "SOMEBODY/else"))
     assert station.acquisition.compensation("output") is None
-    active = station.activate_compensation("output", AcceptedCounter(OTHER))
-    assert active.accepted == AcceptedCounter(OTHER, 100.0)
+    active = station.activate_compensation("output", Timebase("named", OTHER))
+    assert active.accepted == Timebase("named", OTHER, 100.0, zero_nm=4000.0)
 
 
 def test_what_it_adds_is_in_the_uncertainty_and_in_the_record(station: Station) -> None:
-    accepted = AcceptedCounter(OTHER, tolerance_ppm=200.0)
+    accepted = Timebase("named", OTHER, tolerance_ppm=200.0)
     station.activate_compensation("output", accepted)
     record = station.run(staircase(station.devices, [400.0]), kind="measure")
     row = record.result[0]
@@ -49,8 +48,11 @@ def test_what_it_adds_is_in_the_uncertainty_and_in_the_record(station: Station) 
     (summary,) = station.registry.runs()
     kept = RunFolder.open(summary.folder).metadata
     assert kept["compensation"]["output"]["accepted_counter"] == {
+        "kind": "time base",
+        "record": "named",
         "identity": OTHER,
         "tolerance_ppm": 200.0,
+        "zero_nm": 4000.0,
     }
     assert kept["timebase_hz"] == 100e6
 
@@ -58,7 +60,7 @@ def test_what_it_adds_is_in_the_uncertainty_and_in_the_record(station: Station) 
 def test_a_model_of_the_present_counter_comes_first(station: Station) -> None:
     counter = station.drivers.counter.clock_identity
     calibrated(station, serial="SIM-T2000", counter=counter)
-    active = station.activate_compensation("output", AcceptedCounter(OTHER))
+    active = station.activate_compensation("output", Timebase("named", OTHER))
     assert active.accepted is None
 
 
@@ -85,14 +87,15 @@ def audited(station: Station) -> list[str]:
 
 
 def test_a_recorded_stretch_carries_what_the_other_counter_adds(station: Station) -> None:
-    module = station.description.output
-    accepted = AcceptedCounter(OTHER, tolerance_ppm=200.0)
+    accepted = Timebase("named", OTHER, tolerance_ppm=200.0)
     active = station.activate_compensation("output", accepted)
-    row = features([400.0], 0, 0, 0.0, 23.0)[:, : active._columns]
-    alone = active.model.predict(row, return_std=True)
-    zero_nm = 1e3 * module.transducer.option_khz / module.transducer.nominal_sensitivity_hz_per_nm
-    added = 2e-4 * (zero_nm + abs(alone[0][0])) / np.sqrt(3.0)
-    assert active.widened(*alone)[0] == pytest.approx(np.hypot(alone[1][0], added))
+    station.run(staircase(station.devices, [400.0]), kind="measure")
+    stop_s = station.clock.now()
+    found = active.window(stop_s - 0.1, stop_s)
+    assert found is not None
+    added = 2e-4 * (4000.0 + np.abs(found.torque.value_nm)) / np.sqrt(3.0)
+    assert found.torque.component("time base") == pytest.approx(added)
+    assert np.all(found.torque.standard_uncertainty_nm > added)
 
 
 def test_commands_that_measure_say_whose_model_they_use(station: Station) -> None:

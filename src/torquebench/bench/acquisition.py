@@ -14,9 +14,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from torquebench.bench.active_chain import ActiveChain, ZeroTaken
 from torquebench.bench.channels import Channel, open_channel
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.compensating import ActiveCompensation
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
 from torquebench.bench.evaluating import BlockEvaluator, mean_speed
@@ -94,11 +94,12 @@ class Acquisition:
         self._lock = threading.RLock()
         self._channels: dict[str, Channel] = {}
         self._zeros: dict[str, float] = {}
+        self._zeroed: dict[Side, ZeroTaken] = {}
         self._mounted: Mounting = drivers.operator.mounted()
         self._reference_sides: frozenset[Side] = frozenset(SIDES)
         self._evaluator = BlockEvaluator(description, drivers)
         self._latest_block: AcquiredBlock | None = None
-        self._compensations: dict[Side, ActiveCompensation] = {}
+        self._compensations: dict[Side, ActiveChain] = {}
         self._journal: JournalSink | None = None
         self._journal_lock = threading.Lock()
         self._viewers: tuple[Viewer, ...] = ()
@@ -338,22 +339,30 @@ class Acquisition:
             It is too far from the nominal zero to be one.
         """
         with self._lock:
-            self.channel(name).zero_hz = frequency_hz
+            channel = self.channel(name)
+            channel.zero_hz = frequency_hz
             self._zeros[name] = frequency_hz
+            if not channel.standard:
+                probe = self._description.module(channel.side).temperature_probe
+                temperature = self.latest_block.temperatures.get(probe, np.nan)
+                self._zeroed[channel.side] = ZeroTaken(self._clock.now(), temperature)
+                if channel.side in self._compensations:
+                    self._compensations[channel.side].zero = self._zeroed[channel.side]
 
     # -- compensation -----------------------------------------------------------------------
 
-    def set_compensation(self, side: Side, active: ActiveCompensation | None) -> None:
+    def set_compensation(self, side: Side, active: ActiveChain | None) -> None:
         """Compensate a side from the next block on; None ends it."""
         if active is not None:
             active.warm_up()  # before a block has to wait for it
+            active.zero = self._zeroed.get(side)
         compensations = dict(self._compensations)
         compensations.pop(side, None)
         if active is not None:
             compensations[side] = active
         self._compensations = compensations
 
-    def compensation(self, side: Side) -> ActiveCompensation | None:
+    def compensation(self, side: Side) -> ActiveChain | None:
         """Return the compensation that is active on a side."""
         return self._compensations.get(side)
 

@@ -70,6 +70,8 @@ class Channel:
         self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
         self._counted = SampleRing(columns=1, capacity=self._stuck_windows)
         self._fine: _FineWindows | None = None
+        self.fine_samples: TorqueSamples | None = None
+        """Shorter windows that the last block of edges completed; None without any."""
 
     @property
     def zero_hz(self) -> float:
@@ -91,8 +93,9 @@ class Channel:
     def push(self, edges: EdgeBlock) -> ChannelSamples:
         """Take the next block of edges; return the windows that it completes."""
         fine = self._fine
+        self.fine_samples = None
         if fine is not None:
-            fine.push(edges, self._scale)
+            self.fine_samples = fine.push(edges, self._scale)
             if fine.over(edges):
                 self._fine = None
         return self.push_frequency(self._counter.push(edges))
@@ -128,7 +131,13 @@ class Channel:
         value = torque.torque_nm
         if self.certificate is not None:
             value = self.certificate.correct(value)
-        return self._kept(torque.time_s, frequency.frequency_hz, value, torque.fault)
+        return self._kept(
+            torque.time_s,
+            frequency.frequency_hz,
+            value,
+            torque.fault,
+            torque.standard_uncertainty_nm,
+        )
 
     def _with_stuck(self, frequency: FrequencySamples) -> FrequencySamples:
         """Mark windows of a frequency that has lost all noise of its own."""
@@ -165,10 +174,11 @@ class Channel:
         frequency_hz: NDArray[np.float64],
         torque_nm: NDArray[np.float64],
         fault: NDArray[np.uint8],
+        counter_nm: NDArray[np.float64] | None = None,
     ) -> ChannelSamples:
         self._ring.append(time_s, frequency_hz, torque_nm, fault)
         return ChannelSamples(
-            self.name, self.side, self.standard, time_s, frequency_hz, torque_nm, fault
+            self.name, self.side, self.standard, time_s, frequency_hz, torque_nm, fault, counter_nm
         )
 
     def window(self, start_s: float, stop_s: float) -> ChannelSamples:
@@ -221,10 +231,11 @@ class _FineWindows:
         """Go on for as long as a ring keeps."""
         self._remaining_s = KEPT_S
 
-    def push(self, edges: EdgeBlock, scale: FrequencyScale) -> None:
+    def push(self, edges: EdgeBlock, scale: FrequencyScale) -> TorqueSamples:
         """Count the next block."""
         torque = scale.torque_samples(self._counter.push(edges))
         self.ring.append(torque.time_s, torque.torque_nm, torque.fault)
+        return torque
 
     def over(self, edges: EdgeBlock) -> bool:
         """Return whether nobody has asked for longer than a ring keeps."""

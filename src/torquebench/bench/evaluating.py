@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.channels import Channel
-from torquebench.bench.compensating import ActiveCompensation
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
-from torquebench.bench.roles import SIDES, Side, torque_channel
+from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.samples import (
     AcquiredBlock,
     ChannelSamples,
-    CompensatedSamples,
     SampleRing,
 )
+from torquebench.chain import Torque
 from torquebench.errors import BenchError
 from torquebench.units import RPM_PER_RAD_S
 
@@ -51,8 +51,8 @@ class BlockEvaluator:
         self,
         index: int,
         raw: CounterBlock,
-        channels: Iterable[Channel],
-        compensations: Mapping[Side, ActiveCompensation],
+        channels: Sequence[Channel],
+        compensations: Mapping[Side, ActiveChain],
     ) -> AcquiredBlock:
         """Return what a block of edges states.
 
@@ -61,9 +61,9 @@ class BlockEvaluator:
         index : int
             Number of the block.
         raw : CounterBlock
-        channels : iterable of Channel
+        channels : sequence of Channel
             Those in use.
-        compensations : mapping of ActiveCompensation
+        compensations : mapping of ActiveChain
             Those that are active, by side.
 
         Raises
@@ -92,7 +92,7 @@ class BlockEvaluator:
             start_s=raw.start_s,
             stop_s=raw.stop_s,
             channels=samples,
-            compensated=self._compensated(compensations, samples, speeds, temperatures),
+            compensated=self._compensated(channels, compensations, samples, speeds, temperatures),
             angles=raw.angles,
             speed_rad_s=speeds,
             temperatures=temperatures,
@@ -110,23 +110,29 @@ class BlockEvaluator:
 
     def _compensated(
         self,
-        compensations: Mapping[Side, ActiveCompensation],
+        channels: Sequence[Channel],
+        compensations: Mapping[Side, ActiveChain],
         samples: Mapping[str, ChannelSamples],
         speeds: Mapping[Side, float],
         temperatures: Mapping[str, float],
-    ) -> dict[Side, CompensatedSamples]:
-        found: dict[Side, CompensatedSamples] = {}
-        for side, active in compensations.items():
-            readings = samples.get(torque_channel(side))
-            if readings is not None:
-                probe = self._description.module(side).temperature_probe
-                found[side] = active.samples(
-                    readings.torque_nm,
-                    speeds.get(side, np.nan) * RPM_PER_RAD_S,
-                    temperatures.get(probe, np.nan),
-                    readings.time_s,
-                )
-        return found
+    ) -> dict[Side, Torque]:
+        torques: dict[Side, Torque] = {}
+        for channel in channels:
+            active, read = compensations.get(channel.side), samples.get(channel.name)
+            if channel.standard or active is None or read is None:
+                continue
+            probe = self._description.module(channel.side).temperature_probe
+            speed = speeds.get(channel.side, np.nan) * RPM_PER_RAD_S
+            temperature, fine = temperatures.get(probe, np.nan), channel.fine_samples
+            if fine is None:
+                active.end_fine()
+            else:
+                u = fine.standard_uncertainty_nm
+                active.push_fine(fine.time_s, fine.torque_nm, u, speed, temperature)
+            torques[channel.side] = active.push(
+                read.time_s, read.torque_nm, read.counter_nm, speed, temperature
+            )
+        return torques
 
 
 def mean_speed(

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import Side
+from torquebench.chain import Torque
 from torquebench.signals import EdgeBlock, SignalFaultKind, TorqueSamples
 
-__all__ = ["AcquiredBlock", "ChannelSamples", "CompensatedSamples", "SampleRing", "Viewer"]
+__all__ = ["AcquiredBlock", "ChannelSamples", "SampleRing", "Viewer"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +36,9 @@ class ChannelSamples:
         module's torque is its reading, uncompensated.
     fault : ndarray of uint8, shape (n,)
         `SignalFaultKind` codes.
+    counter_nm : ndarray of float64, shape (n,), or None
+        Standard uncertainty of the reading by counting, N·m; None for an instrument that doesn't
+        state it.
     """
 
     channel: str
@@ -44,6 +48,7 @@ class ChannelSamples:
     frequency_hz: NDArray[np.float64]
     torque_nm: NDArray[np.float64]
     fault: NDArray[np.uint8]
+    counter_nm: NDArray[np.float64] | None = None
 
     def raise_on_fault(self) -> None:
         """Raise `SignalFault` for the first faulty window, if there is one."""
@@ -62,17 +67,6 @@ class ChannelSamples:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CompensatedSamples:
-    """Compensated torque of one side, window by window.
-
-    NaN where the reading has a fault or lies outside the calibrated range: there is no number.
-    """
-
-    torque_nm: NDArray[np.float64]
-    standard_uncertainty_nm: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class AcquiredBlock:
     """Everything that one block of bench time brought.
 
@@ -84,8 +78,9 @@ class AcquiredBlock:
         Bench time, s.
     channels : mapping of channel name to ChannelSamples
         The channels in use.
-    compensated : mapping of side to CompensatedSamples
-        Only sides with an active compensation.
+    compensated : mapping of side to Torque
+        Only sides with an active measuring chain: torque and uncertainty of the windows of its
+        channel, NaN where the reading has a fault or lies outside the calibrated range.
     angles : mapping of side to AngleSamples
     speed_rad_s : mapping of side to float
         Mean speed over the block.
@@ -98,7 +93,7 @@ class AcquiredBlock:
     start_s: float
     stop_s: float
     channels: Mapping[str, ChannelSamples]
-    compensated: Mapping[Side, CompensatedSamples]
+    compensated: Mapping[Side, Torque]
     angles: Mapping[Side, AngleSamples]
     speed_rad_s: Mapping[Side, float]
     temperatures: Mapping[str, float]

@@ -146,6 +146,20 @@ class Torque:
             ),
         )
 
+    def without(self, name: str) -> Torque:
+        """Return the torques without what one component added, which they may be wrong by now."""
+        parts = tuple(
+            each
+            if each.name != name
+            else replace(
+                each,
+                value_nm=0.0,
+                uncertainty_nm=np.hypot(each.uncertainty_nm, each.value_nm / np.sqrt(3.0)),
+            )
+            for each in self.components
+        )
+        return Torque(self.value_nm - self.added(name), parts)
+
     def and_also(self, *components: Component) -> Torque:
         """Return the same torques with further components."""
         return Torque(self.value_nm, (*self.components, *components))
@@ -202,6 +216,27 @@ class Torque:
     def mean(self) -> Torque:
         """Return the mean of windows of one loading, as a steady torque averages them."""
         return self.combined(np.full(len(self), 1.0 / len(self)), loading=np.zeros(len(self)))
+
+    def steady(self, shift_nm: float, standard_error_nm: float) -> Torque:
+        """Return a mean moved to a steady value, whose standard error counts if it is larger.
+
+        Parameters
+        ----------
+        shift_nm : float
+            Steady value less mean, N·m.
+        standard_error_nm : float
+            Standard error of the steady value, N·m: it contains what counting leaves.
+        """
+        parts = tuple(
+            each
+            if each.shared is not Shared.NOTHING
+            else replace(each, uncertainty_nm=np.maximum(each.uncertainty_nm, standard_error_nm))
+            for each in self.components
+        )
+        if not any(each.shared is Shared.NOTHING for each in parts):
+            error = Component("counter", Shared.NOTHING, np.array([standard_error_nm]))
+            parts = (*parts, error)
+        return Torque(self.value_nm + shift_nm, parts)
 
     def budget(self, row: int = 0) -> Budget:
         """Return the uncertainty budget of one torque (GUM): every sensitivity is 1."""

@@ -20,9 +20,9 @@ from torquebench.cli.options import (
 from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
-    from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.drivers.base import Side
     from torquebench.bench.samples import AcquiredBlock, Viewer
+    from torquebench.chain import Timebase
     from torquebench.station import Station
 
 __all__ = ["compensated", "register"]
@@ -76,7 +76,7 @@ def measure(
         note("measuring ended; nothing was moved")
 
 
-def compensated(station: Station, side: Side, accepted: AcceptedCounter | None = None) -> str:
+def compensated(station: Station, side: Side, accepted: Timebase | None = None) -> str:
     """Compensate a side by its active model where there is one, and say by which."""
     from torquebench.errors import ModelMismatchError
 
@@ -150,6 +150,7 @@ def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
     import numpy as np
 
     from torquebench.bench.drivers.base import torque_channel
+    from torquebench.chain import joined
 
     samples = [block.channels[torque_channel(side)] for block in blocks]
     fault = next((each.fault_kind for each in samples if each.fault.any()), None)
@@ -157,10 +158,9 @@ def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
         return f"{fault.name.lower().replace('_', ' '):>17}"
     compensated = [block.compensated[side] for block in blocks if side in block.compensated]
     if len(compensated) == len(blocks):
-        torque = np.concatenate([each.torque_nm for each in compensated])
-        uncertainty = np.concatenate([each.standard_uncertainty_nm for each in compensated])
-        if not np.all(np.isfinite(torque)):
+        mean = joined(compensated).mean()
+        if not np.all(np.isfinite(mean.value_nm)):
             return f"{'beyond range':>17}"
-        return f"{np.mean(torque):9.3f} ± {2.0 * np.mean(uncertainty):5.3f}"
+        return f"{mean.value_nm[0]:9.3f} ± {mean.expanded_uncertainty_nm[0]:5.3f}"
     torque = np.concatenate([each.torque_nm for each in samples])
     return f"{np.mean(torque):9.3f} raw    "

@@ -240,6 +240,7 @@ def verify(
             f"repeatability over the groups: {found.pooled_nm:.3g} N·m "
             f"({found.pooled_percent_fs:.3g} % FS)"
         )
+    say(f"U (k = 2) of these torques up to {compensated.expanded_uncertainty_nm:.3g} N·m")
     worst = compensated.against_standard.worst_percent_fs
     passed = worst <= tolerance
     verdict = "[green]within[/green]" if passed else "[red]out of[/red]"

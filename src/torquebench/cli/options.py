@@ -14,7 +14,7 @@ from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
-    from torquebench.bench.compensating import AcceptedCounter
+    from torquebench.chain import Timebase
 
 __all__ = [
     "CLOCK_TOLERANCE_PPM",
@@ -74,11 +74,13 @@ ClockToleranceOption = Annotated[
 CLOCK_TOLERANCE_PPM = 100.0
 
 
-def accepted_counter(identity: str | None, tolerance_ppm: float) -> AcceptedCounter | None:
+def accepted_counter(identity: str | None, tolerance_ppm: float) -> Timebase | None:
     """Return the other counter that a command accepts, None where none is named."""
-    from torquebench.bench.compensating import AcceptedCounter
+    from torquebench.chain import Timebase
 
-    return AcceptedCounter(identity, tolerance_ppm) if identity else None
+    if not identity:
+        return None
+    return Timebase("accepted by its name", identity, tolerance_ppm)
 
 
 def bench_description(path: Path | None) -> BenchDescription:

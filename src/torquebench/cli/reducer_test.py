@@ -30,10 +30,10 @@ from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
-    from torquebench.bench.compensating import AcceptedCounter
     from torquebench.bench.description import BenchDescription
     from torquebench.campaign.reducers.results import ReducerTestRecord
     from torquebench.campaign.reducers.settings import ReducerTestSettings
+    from torquebench.chain import Timebase
     from torquebench.reducers import ReducerDescription
 
 __all__ = ["register"]
@@ -178,7 +178,7 @@ class _Wanted:
     reducer: ReducerDescription
     settings: ReducerTestSettings
     serial: str
-    accepted: AcceptedCounter | None = None
+    accepted: Timebase | None = None
 
 
 def _settings(

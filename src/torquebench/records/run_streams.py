@@ -19,7 +19,7 @@ _UNITS = (
     ("_angle_counts", "counts", "encoder counts, unwrapped, clockwise positive"),
     ("_rad_s", "rad/s", "mean speed over the acquired block"),
     ("_compensated_nm", "N·m", "compensated torque"),
-    ("_compensation_uncertainty_nm", "N·m", "standard uncertainty of the compensation (k = 1)"),
+    ("_torque_uncertainty_nm", "N·m", "standard uncertainty of the compensated torque (k = 1)"),
     ("_fault", "1", "fault of the window: 0 none, 255 not in use, others see the manual"),
     ("_hz", "Hz", "frequency as counted"),
     ("_nm", "N·m", "torque by the zero in use; a standard's by its certificate too"),

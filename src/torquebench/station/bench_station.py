@@ -13,10 +13,10 @@ from types import TracebackType
 from typing import Any, Literal, Self
 
 from torquebench.bench.acquisition import Acquisition
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
 from torquebench.bench.auditing import audited
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.compensating import AcceptedCounter, ActiveCompensation
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.context import BenchContext
@@ -28,6 +28,7 @@ from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
+from torquebench.chain import Timebase
 from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.records import Registry
 from torquebench.records.time_check import clock_behind
@@ -497,15 +498,13 @@ class Station:
 
     # -- compensation -----------------------------------------------------------------------
 
-    def activate_compensation(
-        self, side: Side, accepted: AcceptedCounter | None = None
-    ) -> ActiveCompensation:
+    def activate_compensation(self, side: Side, accepted: Timebase | None = None) -> ActiveChain:
         """Compensate a side by the registry's active model of its transducer and counter.
 
         Parameters
         ----------
         side : {"input", "output"}
-        accepted : AcceptedCounter, optional
+        accepted : Timebase, optional
             Where there is no model of this counter, one of that counter is used with more
             uncertainty.
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import CHANNELS, SIDES, torque_channel
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.chain import Torque
 from torquebench.records import RunWriter
 
 __all__ = ["NOT_IN_USE", "NO_COUNTS", "RunJournal"]
@@ -63,7 +64,7 @@ class RunJournal:
             own = block.channels.get(torque_channel(side))
             torque, uncertainty = _compensated(time_s, own, block.compensated.get(side))
             columns[f"{side}_compensated_nm"] = torque
-            columns[f"{side}_compensation_uncertainty_nm"] = uncertainty
+            columns[f"{side}_torque_uncertainty_nm"] = uncertainty
         for probe in self._probes:
             columns[f"{probe}_c"] = float(block.temperatures.get(probe, np.nan))
         self._writer.samples(columns)
@@ -78,14 +79,14 @@ def _counts(time_s: NDArray[np.float64], angles: AngleSamples | None) -> NDArray
 
 
 def _compensated(
-    time_s: NDArray[np.float64], own: ChannelSamples | None, found: CompensatedSamples | None
+    time_s: NDArray[np.float64], own: ChannelSamples | None, found: Torque | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compensated torque and its standard uncertainty at the windows of another channel."""
     torque = np.full(time_s.shape, np.nan)
     uncertainty = np.full(time_s.shape, np.nan)
     if own is not None and found is not None:
         there, here = _places(time_s, own.time_s)
-        torque[there] = found.torque_nm[here]
+        torque[there] = found.value_nm[here]
         uncertainty[there] = found.standard_uncertainty_nm[here]
     return torque, uncertainty
 

@@ -6,9 +6,13 @@ that counter is accepted by name, at a price in uncertainty.
 
 from __future__ import annotations
 
-from torquebench.bench.compensating import AcceptedCounter, ActiveCompensation
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.description import ModuleDescription
 from torquebench.bench.roles import Side
+from torquebench.chain import MeasuringChain, Timebase
 from torquebench.compensation import load_model
 from torquebench.errors import ModelMismatchError
 from torquebench.records import Registry
@@ -21,8 +25,8 @@ def compensation_for(
     module: ModuleDescription,
     counter: str,
     side: Side,
-    accepted: AcceptedCounter | None = None,
-) -> ActiveCompensation:
+    accepted: Timebase | None = None,
+) -> ActiveChain:
     """Return the compensation by the registry's active model of a transducer and a counter.
 
     Parameters
@@ -33,7 +37,7 @@ def compensation_for(
     counter : str
         Counter and clock that measure.
     side : {"input", "output"}
-    accepted : AcceptedCounter, optional
+    accepted : Timebase, optional
         Where there is no model of the counter that measures, one of that counter is used.
 
     Raises
@@ -64,4 +68,11 @@ def compensation_for(
     stored = load_model(entry.check_file())
     stored.check_fits(transducer.serial, counter, module.range_nm)
     zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
-    return ActiveCompensation(stored.model, str(entry.model_id), entry.kind, accepted, zero_nm)
+    chain = MeasuringChain.of(stored)
+    if accepted is not None:
+        chain = chain.with_effects((replace(accepted, zero_nm=zero_nm),))
+    age_h = None
+    if stored.provenance.created:
+        age = datetime.now(UTC) - datetime.fromisoformat(stored.provenance.created)
+        age_h = max(age.total_seconds(), 0.0) / 3600.0
+    return ActiveChain(chain, str(entry.model_id), entry.kind, age_h)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import torquebench
-from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import SIDES
@@ -114,9 +114,9 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
     }
 
 
-def _accepted(active: ActiveCompensation) -> dict[str, Any]:
+def _accepted(active: ActiveChain) -> dict[str, Any]:
     """Say where a model was made with another counter, and how much that adds."""
-    return {} if active.accepted is None else {"accepted_counter": asdict(active.accepted)}
+    return {} if active.accepted is None else {"accepted_counter": active.accepted.specification()}
 
 
 def run_summary(writer: RunWriter, kind: str, known: Mapping[str, Any]) -> RunSummary:

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from torquebench.bench.compensating import ActiveCompensation
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.samples import AcquiredBlock
+from torquebench.chain import MeasuringChain
 from torquebench.compensation import make_model
 from torquebench.errors import BenchError, SignalFault
 from torquebench.signals import SignalFaultKind
@@ -171,18 +172,23 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     model = make_model("polynomial", degree=1, range_nm=300.0).fit(
         readings[:, None], 1.01 * readings + 0.5
     )
-    bench.acquisition.set_compensation("output", ActiveCompensation(model, "1", "polynomial"))
+    bench.acquisition.set_compensation(
+        "output", ActiveChain(MeasuringChain(model), "1", "polynomial")
+    )
     bench.load_output(200.0)
     bench.clock.wait(0.8)
     block = bench.acquisition.latest_block
     reading = block.channels["output_torque"].torque_nm
     compensated = block.compensated["output"]
-    np.testing.assert_allclose(compensated.torque_nm, 1.01 * reading + 0.5, atol=1e-6)
+    np.testing.assert_allclose(compensated.value_nm, 1.01 * reading + 0.5, atol=1e-6)
     assert (compensated.standard_uncertainty_nm >= 0.0).all()
+    counted = block.channels["output_torque"].counter_nm
+    assert counted is not None
+    assert (counted > 0.0).all()
     bench.command_torque(500.0, 1e5)
     bench.clock.wait(0.5)
     beyond = bench.acquisition.latest_block.compensated["output"]
-    assert np.isnan(beyond.torque_nm).all(), "beyond the calibrated range there is no number"
+    assert np.isnan(beyond.value_nm).all(), "beyond the calibrated range there is no number"
     bench.acquisition.set_compensation("output", None)
     bench.clock.wait(0.1)
     assert not bench.acquisition.latest_block.compensated

@@ -34,7 +34,7 @@ def legs(*corners, samples=2000):
 def recording(output_nm, output_rad, input_nm, input_rad):
     unknown = np.full(output_nm.size, np.nan)
     time = 0.01 * np.arange(output_nm.size)
-    return SynchronousRecording(time, input_nm, output_nm, unknown, unknown, input_rad, output_rad)
+    return SynchronousRecording(time, input_nm, output_nm, *[unknown] * 4, input_rad, output_rad)
 
 
 def twisted(generator, share=0.0):

@@ -24,7 +24,7 @@ def loops(ripple_nm):
     time, torque, angle = swinging_loop(0.25, ripple_nm)
     nothing = np.zeros(time.size)
     little = np.full(time.size, 0.01)
-    recording = SynchronousRecording(time, nothing, torque, little, little, nothing, angle)
+    recording = SynchronousRecording(time, nothing, torque, *[little] * 4, nothing, angle)
     return LoopRecording(
         (Loop(0.0, 1, recording),), RATED_NM, {"input": True, "output": True}, 23.0
     )

@@ -239,6 +239,16 @@ def test_windows_of_one_loading_average_only_what_is_white(chain: MeasuringChain
         assert mean.component(component.name)[0] == pytest.approx(expected), component.name
 
 
+def test_what_is_not_trusted_is_taken_back_and_stays_uncertain(chain: MeasuringChain) -> None:
+    torque = chain.torque(rows(900.0, branch=np.ones(1)))
+    middle = torque.without("hysteresis")
+    added = torque.added("hysteresis")[0]
+    assert added != 0.0
+    assert middle.value_nm[0] == pytest.approx(torque.value_nm[0] - added)
+    assert middle.component("hysteresis")[0] == pytest.approx(abs(added) / sqrt(3.0))
+    assert middle.added("hysteresis").tolist() == [0.0]
+
+
 def test_monte_carlo_confirms_the_budget(chain: MeasuringChain) -> None:
     checked = chain.torque(rows(1500.0)).check(generator=np.random.default_rng(3))
     assert checked.agrees, checked.sentence()

@@ -7,11 +7,14 @@ import pytest
 
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import default_bench
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples, Viewer
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Viewer
+from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 from torquebench.panel.service import SIGNALS
 from torquebench.panel.service.live.hub import LiveHub
 from torquebench.signals import SignalFaultKind
+
+OWN = Component("own", Shared.CALIBRATION, np.full(3, 0.01))
 
 
 def block(
@@ -39,7 +42,7 @@ def block(
             "input_torque": samples("input_torque", "input", torque_nm, 0),
             "output_torque": samples("output_torque", "output", output_nm, fault),
         },
-        compensated={"input": CompensatedSamples(np.full(3, torque_nm), np.full(3, 0.01))},
+        compensated={"input": Torque(np.full(3, torque_nm), (OWN,))},
         angles={},
         speed_rad_s={"input": speed_rad_s, "output": speed_rad_s / 80.0},
         temperatures={"input_transducer": 23.0},

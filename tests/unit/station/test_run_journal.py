@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, CompensatedSamples
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.chain import Component, Shared, Torque
 from torquebench.records import RunFolder
 from torquebench.signals import EdgeBlock, SignalFaultKind
 from torquebench.station.journal import NO_COUNTS, NOT_IN_USE, RunJournal
@@ -72,13 +73,14 @@ def test_torque_speed_and_compensated_torque_are_kept(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
     journal = RunJournal(writer, PROBES)
     own = channel("output_torque", times(0), 60e3)
-    found = CompensatedSamples(own.torque_nm + 1.0, np.full(WINDOWS, 0.25))
+    parts = (Component("own", Shared.LOADING, 0.15), Component("other", Shared.NOTHING, 0.2))
+    found = Torque(own.torque_nm + 1.0, parts)
     first = block(0, [channel("input_torque", times(0), 60e3), own])
     journal.write(replace(first, compensated={"output": found}, speed_rad_s={"output": 2.0}))
     columns = writer.seal().raw().columns
     assert columns["output_torque_nm"].tolist() == own.torque_nm.tolist()
-    assert columns["output_compensated_nm"].tolist() == found.torque_nm.tolist()
-    assert columns["output_compensation_uncertainty_nm"].tolist() == [0.25] * WINDOWS
+    assert columns["output_compensated_nm"].tolist() == found.value_nm.tolist()
+    assert columns["output_torque_uncertainty_nm"].tolist() == pytest.approx([0.25] * WINDOWS)
     assert np.isnan(columns["input_compensated_nm"]).all()
     assert columns["output_speed_rad_s"].tolist() == [2.0] * WINDOWS
     assert np.isnan(columns["input_speed_rad_s"]).all()  # its encoder is silent

@@ -13,12 +13,11 @@ from event_model import DataKey
 from numpy.typing import NDArray
 from ophyd_async.core import AsyncReadable, AsyncStatus, Device
 
+from torquebench.bench.active_chain import TimedTorque
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, torque_channel
-from torquebench.compensation import features
 from torquebench.errors import SignalFault
-from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Recorder", "SynchronousRecording", "group_delay_s"]
 
@@ -53,7 +52,9 @@ class SynchronousRecording:
     input_torque_nm, output_torque_nm : float64[n]
         Compensated where the side has an active model, else the reading, N·m.
     input_uncertainty_nm, output_uncertainty_nm : float64[n]
-        The active model's standard uncertainty, N·m; NaN without a model.
+        Standard uncertainty by the whole measuring chain, N·m; NaN without an active one.
+    input_curve_nm, output_curve_nm : float64[n]
+        The part of it that the static curve and its hysteresis leave, N·m; NaN likewise.
     input_angle_rad, output_angle_rad : float64[n]
         Mean angles of the same windows, unwrapped, rad.
     """
@@ -63,6 +64,8 @@ class SynchronousRecording:
     output_torque_nm: FloatArray
     input_uncertainty_nm: FloatArray
     output_uncertainty_nm: FloatArray
+    input_curve_nm: FloatArray
+    output_curve_nm: FloatArray
     input_angle_rad: FloatArray
     output_angle_rad: FloatArray
 
@@ -77,6 +80,10 @@ class SynchronousRecording:
     def torque_nm(self, side: Side) -> FloatArray:
         """Torque of a side, N·m."""
         return self.input_torque_nm if side == "input" else self.output_torque_nm
+
+    def uncertainty_nm(self, side: Side) -> FloatArray:
+        """Return the standard uncertainty of a side's torque, N·m; NaN without an active chain."""
+        return self.input_uncertainty_nm if side == "input" else self.output_uncertainty_nm
 
     def angle_rad(self, side: Side) -> FloatArray:
         """Angle of a side, rad."""
@@ -156,6 +163,8 @@ class Recorder(Device, AsyncReadable, Triggerable):
             second[1][:length],
             first[2][:length],
             second[2][:length],
+            first[3][:length],
+            second[3][:length],
             angle["input"],
             angle["output"],
         )
@@ -171,7 +180,11 @@ class Recorder(Device, AsyncReadable, Triggerable):
         if samples is None or samples.time_s.size < int((stop_s - start_s) / FINE_WINDOW_S) - 2:
             return None
         samples.raise_on_fault(channel.name)
-        return self._compensated(side, samples.time_s, samples.torque_nm, (start_s, stop_s))
+        active = self._context.acquisition.compensation(side)
+        found = None if active is None else active.fine_window(start_s, stop_s)
+        if active is not None and found is None:
+            return None
+        return self._columns(side, samples.time_s, samples.torque_nm, found)
 
     def _torque(self, side: Side, start_s: float, stop_s: float) -> tuple[FloatArray, ...]:
         samples = self._context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
@@ -184,24 +197,32 @@ class Recorder(Device, AsyncReadable, Triggerable):
                 f"at least {max(expected, 1)}",
                 "record shorter stretches: acquisition keeps the last two minutes",
             )
-        return self._compensated(side, samples.time_s, samples.torque_nm, (start_s, stop_s))
+        active = self._context.acquisition.compensation(side)
+        found = None if active is None else active.window(start_s, stop_s)
+        if active is not None and found is None:
+            raise SignalFault(
+                f"no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
+                "a measuring chain in use from the start of the stretch",
+                "activate the compensation before the test",
+            )
+        return self._columns(side, samples.time_s, samples.torque_nm, found)
 
-    def _compensated(
-        self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, span: tuple[float, float]
+    def _columns(
+        self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, found: TimedTorque | None
     ) -> tuple[FloatArray, ...]:
-        """Time, torque and model uncertainty of a side; the branch is known, as it is recorded."""
-        context = self._context
-        module = context.description.module(side)
-        time_s = counted_s - group_delay_s(module.transducer.option_khz)
-        active = context.acquisition.compensation(side)
-        if active is None:
-            return time_s, reading_nm, np.full(time_s.size, np.nan)
-        speed = context.acquisition.mean_speed_rad_s(side, *span) * RPM_PER_RAD_S
-        temperature = context.acquisition.temperature_c(module.temperature_probe)
-        table = features(reading_nm, 0, 0, speed, temperature)
-        columns = int(active.model.n_features_in_)
-        torque, uncertainty = active.model.predict(table[:, :columns], return_std=True)
-        return time_s, np.asarray(torque), active.widened(torque, uncertainty)
+        """Time at which the torques acted, torque, its uncertainty, and the curve's part of it."""
+        delay_s = group_delay_s(self._context.description.module(side).transducer.option_khz)
+        if found is None:
+            unknown = np.full(counted_s.size, np.nan)
+            return counted_s - delay_s, reading_nm, unknown, unknown
+        torque = found.torque
+        curve = np.hypot(torque.component("static curve"), torque.component("hysteresis"))
+        return (
+            found.time_s - delay_s,
+            torque.value_nm,
+            torque.standard_uncertainty_nm,
+            np.asarray(curve),
+        )
 
     async def read(self) -> dict[str, Reading]:
         """Return from when to when the last stretch was."""

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from bluesky.protocols import HasHints, Hints, Preparable, Reading, Triggerable
 from event_model import DataKey
-from numpy.typing import NDArray
 from ophyd_async.core import AsyncConfigurable, AsyncReadable, AsyncStatus, Device
 
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import Side, reference_channel, torque_channel
 from torquebench.bench.samples import ChannelSamples
+from torquebench.chain import Torque
 from torquebench.errors import InputError, SignalFault
 from torquebench.signals import SteadyValue, steady_value
 from torquebench.units import RPM_PER_RAD_S
@@ -35,7 +36,6 @@ _UNITS = {
     "time_s": "s",
     "torque_nm": "N·m",
     "torque_uncertainty_nm": "N·m",
-    "torque_rectified_nm": "N·m",
     "standard_nm": "N·m",
     "standard_uncertainty_nm": "N·m",
     "standard_drift_nm_per_s": "N·m/s",
@@ -86,11 +86,12 @@ class SteadySettings:
 
 @dataclass(frozen=True)
 class _Evaluated:
-    """Steady value of one channel, its mean frequency, and the windows that it rests on."""
+    """Steady value of one channel, its mean frequency, and the mean of the windows in it."""
 
     steady: SteadyValue
     frequency_hz: float
-    window_nm: NDArray[np.float64]
+    mean_nm: float
+    windows: int
 
 
 class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Preparable, HasHints):
@@ -111,9 +112,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `temperature_c`              °C      of this side's transducer
     `time_s`                     s       bench time of the middle of the window
     `torque_nm`                  N·m     compensated torque, with an active model only
-    `torque_uncertainty_nm`      N·m     the model's standard uncertainty, likewise
-    `torque_rectified_nm`        N·m     part of `torque_nm` that the reading's ripple makes by the
-                                         bend of the model's curve, likewise
+    `torque_uncertainty_nm`      N·m     its standard uncertainty by the whole chain, likewise
     `standard_nm`                N·m     torque that the standard states, with `reference` only
     `standard_uncertainty_nm`    N·m     standard error of that mean, likewise
     `standard_drift_nm_per_s`    N·m/s   its slope, likewise
@@ -121,7 +120,9 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `true_torque_nm`             N·m     true mean torque, on the simulated bench only
     ===========================  ======  =====================================================
 
-    A fault of the signal raises `SignalFault`: there is never a number without pulses.
+    A fault of the signal raises `SignalFault`: there is never a number without pulses. The
+    compensated torque is the mean of what the stream stated of the windows; `torque` keeps it with
+    the components of its uncertainty.
     """
 
     def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
@@ -129,6 +130,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         self.side = side
         self._settings = SteadySettings()
         self._values: dict[str, float | int | bool] = {}
+        self.torque: Torque | None = None
         self._taken = time.time()
         super().__init__(name=name)
 
@@ -144,7 +146,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         if value.reference:
             self._context.acquisition.channel_of_standard(self.side)
         self._settings = value
-        self._values = {}
+        self._values, self.torque = {}, None
 
     @AsyncStatus.wrap
     async def trigger(self) -> None:
@@ -200,12 +202,10 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         }
         active = acquisition.compensation(side)
         if active is not None:
-            torque, uncertainty = active.value(reading.steady.value, speed_rpm, temperature_c)
-            rectified = active.rectified_nm(reading.window_nm, speed_rpm, temperature_c)
+            self.torque = _steady_torque(active, reading)
             values |= {
-                "torque_nm": torque + rectified,
-                "torque_uncertainty_nm": uncertainty,
-                "torque_rectified_nm": rectified,
+                "torque_nm": float(self.torque.value_nm[0]),
+                "torque_uncertainty_nm": float(self.torque.standard_uncertainty_nm[0]),
             }
         if self._settings.reference:
             standard = self._steady(reference_channel(side), start_s, stop_s)
@@ -232,7 +232,12 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             minimum_samples=min(LEAST_WINDOWS, samples.time_s.size),
         )
         used = (samples.time_s >= steady.start_s) & (samples.time_s <= steady.stop_s)
-        return _Evaluated(steady, float(samples.frequency_hz.mean()), samples.torque_nm[used])
+        return _Evaluated(
+            steady,
+            float(samples.frequency_hz.mean()),
+            float(samples.torque_nm[used].mean()),
+            int(used.sum()),
+        )
 
     def _check_complete(self, samples: ChannelSamples, start_s: float, stop_s: float) -> None:
         window_s = self._context.description.counter.window_s
@@ -270,7 +275,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     async def _expected_fields(self) -> list[str]:
         fields = [field for field in _UNITS if not field.startswith(("torque", "standard", "true"))]
         if self._context.acquisition.compensation(self.side) is not None:
-            fields += ["torque_nm", "torque_uncertainty_nm", "torque_rectified_nm"]
+            fields += ["torque_nm", "torque_uncertainty_nm"]
         if self._settings.reference:
             fields += [field for field in _UNITS if field.startswith("standard")]
         if self._context.drivers.truth is not None:
@@ -304,3 +309,36 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     def hints(self) -> Hints:
         """Fields worth plotting."""
         return {"fields": [self.key("reading_nm")]}
+
+
+def _steady_torque(active: ActiveChain, reading: _Evaluated) -> Torque:
+    """Average what the stream stated of the windows that a steady value rests on.
+
+    The mean is that of one loading. It is shifted by what ripple and drift leave between the mean
+    of the windows' readings and their steady value, whose standard error takes the place of the
+    counter's share where it is larger.
+
+    Raises
+    ------
+    SignalFault
+        A window wasn't compensated: the chain came into use meanwhile.
+    InputError
+        A reading lies outside of what was calibrated.
+    """
+    steady = reading.steady
+    found = active.window(steady.start_s, np.nextafter(steady.stop_s, np.inf))
+    if found is None or found.time_s.size != reading.windows:
+        raise SignalFault(
+            f"{reading.windows} windows, of which "
+            f"{0 if found is None else found.time_s.size} were compensated",
+            "all of them",
+            "take the value again: the measuring chain has just come into use",
+        )
+    if not np.isfinite(found.torque.value_nm).all():
+        curve = active.chain.curve
+        raise InputError(
+            f"{curve.title}: a reading about {steady.value:.6g} N·m outside the calibrated range",
+            f"{curve.low_nm:.6g} to {curve.high_nm:.6g} N·m, margin included",
+            "calibrate over the whole range that is measured",
+        )
+    return found.torque.mean().steady(steady.value - reading.mean_nm, steady.standard_error)

@@ -81,16 +81,14 @@ def _loop_uncertainty(
         nominal = nominal_nm(bench, "output")
         relative = max(standard_relative(bench), nominal / loops.torque_nm)
         return replace(known, torque_relative=relative, torque_branch_nm=nominal)
-    torque, model = recording.output_torque_nm, recording.output_uncertainty_nm
-    share = np.abs(torque) / loops.torque_nm
-    large = share > LARGE
-    growing = root_mean_square(model[large] / np.abs(torque[large]))
+    torque, whole = recording.output_torque_nm, recording.output_uncertainty_nm
+    large = np.abs(torque) / loops.torque_nm > LARGE
     return replace(
         known,
-        torque_relative=float(np.hypot(growing, standard_relative(bench))),
+        torque_relative=root_mean_square(whole[large] / np.abs(torque[large])),
         # A reducer's loop is an inner loop of the chain's own hysteresis: what the model leaves
         # of it stands between the branches at every torque, not only as little as near zero.
-        torque_branch_nm=root_mean_square(model),
+        torque_branch_nm=root_mean_square(recording.output_curve_nm),
     )
 
 
@@ -190,12 +188,12 @@ def evaluate_ramps(
     side = ramps.side
     parts = [_rising(each, side) for each in ramps.ramps]
     sizes = [part[0].size for part in parts]
-    time_s, angle, torque, model = (np.concatenate(column) for column in zip(*parts, strict=True))
-    nominal = nominal_nm(bench, side)
-    zero = root_mean_square(model) if ramps.compensated else nominal
+    time_s, angle, torque, whole = (np.concatenate(column) for column in zip(*parts, strict=True))
     # What a chain adds turns its sign with the torque: the mean of both directions keeps it.
     peak = max(float(np.max(np.abs(part[2]))) for part in parts)
-    relative = float(np.hypot(standard_relative(bench), zero / peak))
+    relative = root_mean_square(whole) / peak
+    if not ramps.compensated:
+        relative = float(np.hypot(standard_relative(bench), nominal_nm(bench, side) / peak))
     result = evaluate_breakaway(
         time_s,
         angle,
@@ -221,12 +219,11 @@ def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatA
     torque = recording.torque_nm(side) - ramp.standing_nm
     pressed = torque * ramp.direction
     stop = int(np.flatnonzero(pressed >= TAKEN_AWAY * np.max(pressed))[-1]) + 1
-    model = recording.input_uncertainty_nm if side == "input" else recording.output_uncertainty_nm
     return (
         recording.time_s[:stop],
         recording.angle_rad(side)[:stop],
         torque[:stop],
-        model[:stop],
+        recording.uncertainty_nm(side)[:stop],
     )
 
 

@@ -75,8 +75,8 @@ def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
     active = station.devices.context.acquisition.compensation("output")
     if active is None:
         return
-    model, torque = active.model, part.largest_torque_nm["output"]
-    reached = min(-model.reading_low_nm_, model.reading_high_nm_)
+    curve, torque = active.chain.curve, part.largest_torque_nm["output"]
+    reached = min(-curve.low_nm, curve.high_nm)
     if torque > reached:
         raise ModelMismatchError(
             f"{part.title.lower()} to {torque:.4g} N·m with model-{active.model_id}, which was "

@@ -36,12 +36,6 @@ REPEATABILITY_SHARE = 2e-4
 changed, as a share of full scale: 0.01-0.03 % is what transducers of this class are sold with.
 It stays as long as the torque does, so that only repeats average it; where there are some, what
 they show counts instead."""
-TURNING_SHARE = 1e-4
-"""Half width of what 1000 rpm move the zero by, as a share of full scale; the zero is taken, and
-the chain calibrated, at standstill. An empty run takes its place."""
-DRAG_SHARE = 1e-4
-"""Half width of what bearings between transducer and flange drag by, as a share of full scale; a
-calibration at standstill doesn't see it. An empty run takes its place."""
 
 
 @dataclass(frozen=True)
@@ -134,20 +128,47 @@ def without_tare(
 
 
 def torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
-    """Return what is known of a side's torque beside what the test's repeats show."""
-    range_nm = bench.description.module(side).range_nm
-    known = TorqueUncertainty(
-        relative=standard_relative(bench),
-        zero_nm=recording.zero_uncertainty_nm[side],
-        model_nm=nominal_nm(bench, side),
-        speed_nm_per_rpm=TURNING_SHARE * range_nm / 1000.0 / np.sqrt(3.0),
-        drag_nm=DRAG_SHARE * range_nm / np.sqrt(3.0),
-        repeatability_nm=REPEATABILITY_SHARE * range_nm,
+    """Return what is known of a side's torque beside what the test's repeats show.
+
+    It is what the measuring chain stated of the points, by how its components behave in a test:
+    what grows with the torque, what the zeros keep, what turns its sign with the speed.
+    """
+    zeros, stated = recording.zero_uncertainty_nm[side], recording.stated[side]
+    if stated is None:
+        return _without_chain(bench, side, zeros)
+    size = np.maximum(np.abs(recording.torque_nm[side]), 1e-9)
+    speed = np.abs(recording.speed_rpm[side])
+    curve = np.hypot(stated.component("static curve"), stated.component("hysteresis"))
+    growing = float(np.min(curve / size))
+    rest = np.sqrt(np.maximum(curve**2 - (growing * size) ** 2, 0.0))
+    relative = np.sqrt(sum(np.square(stated.component(name) / size) for name in _RELATIVE))
+    kept = np.sqrt(sum(np.square(stated.component(name)) for name in _ZERO))
+    turning = speed > 0.0
+    by_speed = stated.component("zero over speed")[turning] / speed[turning]
+    return TorqueUncertainty(
+        relative=float(np.hypot(growing, root_mean_square(relative))),
+        zero_nm=float(np.hypot(zeros, root_mean_square(kept))),
+        model_nm=root_mean_square(rest),
+        speed_nm_per_rpm=float(np.max(by_speed, initial=0.0)),
+        drag_nm=float(np.max(stated.component("bearing drag"), initial=0.0)),
+        repeatability_nm=root_mean_square(stated.component("scatter")),
     )
-    if not recording.compensated[side]:
-        return known
-    model, torque = recording.model_uncertainty_nm[side], np.abs(recording.torque_nm[side])
-    growing = float(np.min(model / np.maximum(torque, 1e-9)))
-    rest = np.sqrt(np.maximum(model**2 - (growing * torque) ** 2, 0.0))
-    relative = float(np.hypot(growing, standard_relative(bench)))
-    return replace(known, relative=relative, model_nm=root_mean_square(rest))
+
+
+_RELATIVE = ("reference standard", "temperature of span", "time base", "drift", "mounting")
+_ZERO = ("zero", "zero drift", "temperature of zero")
+
+
+def _without_chain(bench: Bench, side: Side, zero_nm: float) -> TorqueUncertainty:
+    """Return the limits that a chain without compensation is reported with."""
+    module = bench.description.module(side)
+    nominal = module.transducer.nominal_torque_nm
+    shift = 1e-2 * module.transducer.speed_zero_percent_per_1000rpm * nominal / 1000.0
+    return TorqueUncertainty(
+        relative=standard_relative(bench),
+        zero_nm=zero_nm,
+        model_nm=nominal_nm(bench, side),
+        speed_nm_per_rpm=shift / np.sqrt(3.0),
+        drag_nm=1e-2 * module.bearing_drag_percent * module.range_nm / np.sqrt(3.0),
+        repeatability_nm=REPEATABILITY_SHARE * module.range_nm,
+    )

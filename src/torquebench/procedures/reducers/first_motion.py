@@ -254,8 +254,7 @@ class _Finder:
         active = context.acquisition.compensation(self.side)
         if active is None:
             return 0.0
-        probe = context.description.module(self.side).temperature_probe
-        return active.value(0.0, 0.0, context.acquisition.temperature_c(probe))[0]
+        return float(active.standing().value_nm[0])
 
     def _ramp(self, sign: int) -> Plan[SynchronousRecording | None]:
         """Ramp up, look for motion, unload; None where a pause came in between."""

@@ -244,9 +244,12 @@ class LiveHub:
                 if samples.fault.any():
                     faults[name] = samples.fault_kind.description
             compensated = block.compensated.get(side)
-            if compensated is not None:
-                put(f"{side}_torque_nm", compensated.torque_nm)
-                put(f"{side}_uncertainty_nm", 2.0 * compensated.standard_uncertainty_nm)
+            if compensated is not None and len(compensated):
+                put(f"{side}_torque_nm", compensated.value_nm)
+                kept = np.flatnonzero(np.isfinite(compensated.value_nm))
+                if kept.size:  # U of the block's mean, which is the torque shown
+                    stated = compensated.at(kept).mean().expanded_uncertainty_nm
+                    put(f"{side}_uncertainty_nm", float(stated[0]))
             put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S)
             angles = block.angles.get(side)
             if angles is not None and angles.time_s.size:

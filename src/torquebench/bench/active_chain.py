@@ -1,0 +1,189 @@
+"""The measuring chain that is in use on one side: its stream and its recent torques."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.chain import ChainStream, MeasuringChain, Readings, Timebase, Torque, joined
+
+__all__ = ["ActiveChain", "TimedTorque", "ZeroTaken"]
+
+KEPT_S = 120.0
+
+
+@dataclass(frozen=True)
+class ZeroTaken:
+    """When a zero was taken, s of bench time, and the transducer's temperature then, °C."""
+
+    time_s: float
+    temperature_c: float
+
+
+@dataclass(frozen=True, eq=False)
+class TimedTorque:
+    """Torques of the stream at the centres of their windows, s of bench time."""
+
+    time_s: NDArray[np.float64]
+    torque: Torque
+
+
+class ActiveChain:
+    """Compensates a side's stream once, and keeps what it stated over the last two minutes.
+
+    Blocks are to be handed over once and in order. Where a model tells the branches of a hysteresis
+    loop apart, the branch of a reading follows from the readings before it; after the start, a gap
+    or a fault the past is unknown, and the uncertainty says so.
+
+    Parameters
+    ----------
+    chain : MeasuringChain
+    model_id, kind : str
+        Number of its model in the registry, and the model's kind.
+    calibration_age_h : float, optional
+        Time since the calibration, h.
+
+    Attributes
+    ----------
+    zero : ZeroTaken or None
+        The zero in use; None where nobody has taken one since the bench was opened.
+    """
+
+    def __init__(
+        self,
+        chain: MeasuringChain,
+        model_id: str,
+        kind: str,
+        calibration_age_h: float | None = None,
+    ) -> None:
+        self.chain = chain
+        self.model_id = model_id
+        self.kind = kind
+        self.zero: ZeroTaken | None = None
+        self._calibration_age_h = calibration_age_h
+        self._stream = chain.stream()
+        self._recent = _Recent()
+        self._fine: tuple[ChainStream, _Recent] | None = None
+
+    @property
+    def accepted(self) -> Timebase | None:
+        """The other counter's clock that was accepted for the model; None for its own."""
+        return next((each for each in self.chain.stored if isinstance(each, Timebase)), None)
+
+    def warm_up(self) -> None:
+        """Compile what the first block would have to wait for; the past stays unknown."""
+        self._stream.copy().push(Readings(np.zeros(1), counter_nm=np.zeros(1)))
+
+    def push(
+        self,
+        time_s: NDArray[np.float64],
+        reading_nm: NDArray[np.float64],
+        counter_nm: NDArray[np.float64] | None = None,
+        speed_rpm: float = np.nan,
+        temperature_c: float = np.nan,
+    ) -> Torque:
+        """Compensate the next windows; those with a fault or out of range get no number.
+
+        Parameters
+        ----------
+        time_s, reading_nm, counter_nm : float64 array of shape (n,)
+            Centres of the windows, readings (NaN at a fault), and their uncertainty by counting.
+        speed_rpm, temperature_c : float
+            Over the block; NaN where it isn't measured.
+        """
+        known = self._readings(time_s, reading_nm, counter_nm, speed_rpm, temperature_c)
+        torque = self._stream.push(known)
+        self._recent.append(TimedTorque(time_s, torque))
+        return torque
+
+    def push_fine(
+        self,
+        time_s: NDArray[np.float64],
+        reading_nm: NDArray[np.float64],
+        counter_nm: NDArray[np.float64] | None,
+        speed_rpm: float,
+        temperature_c: float,
+    ) -> None:
+        """Compensate shorter windows of a block, before `push` takes the block itself."""
+        if self._fine is None:
+            self._fine = self._stream.copy(), _Recent()
+        stream, recent = self._fine
+        known = self._readings(time_s, reading_nm, counter_nm, speed_rpm, temperature_c)
+        recent.append(TimedTorque(time_s, stream.push(known)))
+
+    def end_fine(self) -> None:
+        """Forget the shorter windows: nobody counts them any more."""
+        self._fine = None
+
+    def _readings(
+        self,
+        time_s: NDArray[np.float64],
+        reading_nm: NDArray[np.float64],
+        counter_nm: NDArray[np.float64] | None,
+        speed_rpm: float,
+        temperature_c: float,
+    ) -> Readings:
+        zero = self.zero
+        age_h = None
+        if zero is not None and time_s.size:
+            age_h = max(float(time_s[-1]) - zero.time_s, 0.0) / 3600.0
+        return Readings(
+            reading_nm,
+            counter_nm=counter_nm,
+            time_s=time_s,
+            speed_rpm=speed_rpm,
+            temperature_c=temperature_c,
+            zero_age_h=age_h,
+            zero_temperature_c=None if zero is None else zero.temperature_c,
+            calibration_age_h=self._calibration_age_h,
+        )
+
+    def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
+        """Return the torques whose windows' centres lie in [start, stop); None for none."""
+        return self._recent.window(start_s, stop_s)
+
+    def fine_window(self, start_s: float, stop_s: float) -> TimedTorque | None:
+        """Return the torques of shorter windows in [start, stop); None where there are none."""
+        return None if self._fine is None else self._fine[1].window(start_s, stop_s)
+
+    def standing(self, temperature_c: float = np.nan) -> Torque:
+        """Return what the chain states for a reading of 0 where the stream stands now."""
+        nothing = np.zeros(1)
+        known = Readings(nothing, counter_nm=nothing, speed_rpm=0.0, temperature_c=temperature_c)
+        return self._stream.copy().push(known)
+
+
+class _Recent:
+    """Blocks of torques of the last two minutes, for one writer and many readers."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[TimedTorque] = deque()
+        self._lock = threading.Lock()
+
+    def append(self, block: TimedTorque) -> None:
+        if not block.time_s.size:
+            return
+        with self._lock:
+            self._blocks.append(block)
+            oldest_s = float(block.time_s[-1]) - KEPT_S
+            while self._blocks[0].time_s[-1] < oldest_s:
+                self._blocks.popleft()
+
+    def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
+        with self._lock:
+            blocks = [
+                each
+                for each in self._blocks
+                if each.time_s[-1] >= start_s and each.time_s[0] < stop_s
+            ]
+        if not blocks:
+            return None
+        time_s = np.concatenate([each.time_s for each in blocks])
+        rows = np.flatnonzero((time_s >= start_s) & (time_s < stop_s))
+        if not rows.size:
+            return None
+        return TimedTorque(time_s[rows], joined([each.torque for each in blocks]).at(rows))

@@ -1,0 +1,193 @@
+"""One reading through every interface: each states the same torque and the same U."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.system.command_line import run
+
+from torquebench.bench import default_bench
+from torquebench.bench.active_chain import ActiveChain, ZeroTaken
+from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE, chain_effects
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.drivers.base import AngleSamples
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Viewer
+from torquebench.calibration import CalibrationData, verify
+from torquebench.campaign.checking import judge_check
+from torquebench.campaign.fitting import store_model
+from torquebench.campaign.reducers.uncertainty import Bench, torque_uncertainty
+from torquebench.chain import MeasuringChain, Readings, load_chain
+from torquebench.cli.measure import _torque as live_torque
+from torquebench.compensation import make_model
+from torquebench.panel.service.live.hub import LiveHub
+from torquebench.procedures.reducers.running_table import RunningRecording
+from torquebench.reports.certificate.record import Reference as StatedReference
+from torquebench.reports.certificate.results import evaluate_results
+
+RANGE_NM = 2000.0
+READING_NM = 1500.0
+COUNTER_NM = 0.004
+TEMPERATURE_C = 25.5
+
+
+@dataclass(frozen=True)
+class Told:
+    """Torque and U by one interface."""
+
+    torque_nm: float
+    expanded_nm: float
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    share = np.linspace(0.05, 1.0, 15)
+    share = np.concatenate([share, share[::-1], -share, -share[::-1]])
+    branch = np.repeat([1, -1, 1, -1], 15)
+    noise = 1e-4 * np.random.default_rng(4).standard_normal(share.size)
+    loop = 3e-4 * np.sign(share) * branch * (1.0 - np.abs(share))
+    reading = RANGE_NM * (0.997 * share + 1e-3 * share**2 + loop + noise)
+    data = CalibrationData(reading, RANGE_NM * share, np.repeat([1, 2], 30), branch, RANGE_NM)
+    model = make_model("physics", range_nm=RANGE_NM).fit(data.features(2), data.standard_nm)
+    path = tmp_path_factory.mktemp("chain") / "model.json"
+    store_model(path, model, data, {}, chain_effects(default_bench(), "output", 23.0))
+    return path
+
+
+def by_rows(chain: MeasuringChain) -> Told:
+    torque = chain.torque(
+        Readings(
+            np.array([READING_NM]),
+            branch=np.ones(1),
+            counter_nm=COUNTER_NM,
+            speed_rpm=0.0,
+            temperature_c=TEMPERATURE_C,
+            zero_age_h=0.0,
+            zero_temperature_c=TEMPERATURE_C,
+        )
+    )
+    return Told(float(torque.value_nm[0]), float(torque.expanded_uncertainty_nm[0]))
+
+
+def by_apply(file: Path, folder: Path) -> Told:
+    header = "reading_nm,branch,speed_rpm,temperature_c,standard_error_nm"
+    row = f"{READING_NM},up,0,{TEMPERATURE_C},{COUNTER_NM}"
+    (folder / "readings.csv").write_text(f"{header}\n{row}\n")
+    options = ("--zero-age", 0, "--zero-temperature", TEMPERATURE_C)
+    result = run("apply", file, "readings.csv", "--out", "torque.csv", *options, cwd=folder)
+    assert result.returncode == 0, result.stderr
+    with (folder / "torque.csv").open() as table:
+        (cells,) = csv.DictReader(table)
+    return Told(float(cells["torque_nm"]), float(cells["expanded_uncertainty_nm"]))
+
+
+def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
+    """Bring a stream to the rising branch, and give it the reading in one window."""
+    active = ActiveChain(chain, "1", "physics")
+    path = RANGE_NM * np.concatenate(
+        [np.linspace(a, b, 80) for a, b in ((0.0, 1.0), (1.0, 0.0), (0.0, 0.75))]
+    )
+    path[-1] = READING_NM
+    time_s = 0.01 * np.arange(path.size)
+    active.push(time_s[:-1], path[:-1], np.full(path.size - 1, COUNTER_NM), 0.0, TEMPERATURE_C)
+    active.zero = ZeroTaken(float(time_s[-1]), TEMPERATURE_C)
+    last = time_s[-1:]
+    counted = np.array([COUNTER_NM])
+    torque = active.push(last, path[-1:], counted, 0.0, TEMPERATURE_C)
+    samples = ChannelSamples(
+        "output_torque", "output", False, last, np.array([82.5e3]), path[-1:],
+        np.zeros(1, np.uint8), counted,
+    )  # fmt: skip
+    angles = AngleSamples(last, np.zeros(1, np.int64), 1000)
+    block = AcquiredBlock(
+        0, float(last[0]), float(last[0]) + 0.01, {"output_torque": samples},
+        {"output": torque}, {"output": angles}, {"output": 0.0},
+        {"output_transducer": TEMPERATURE_C}, {},
+    )  # fmt: skip
+    return active, block
+
+
+def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
+    chain = load_chain(file)
+    expected = by_rows(chain)
+    told = {"apply": by_apply(file, tmp_path)}
+
+    active, block = live(chain)
+    hub = LiveHub(default_bench(), BenchClock(fast=True), Viewer(10))
+    hub.take(block)
+    newest = hub.latest()
+    told["panel and API"] = Told(
+        newest["output_torque_nm"].value, newest["output_uncertainty_nm"].value
+    )
+    window = active.window(block.start_s - 0.005, block.stop_s)
+    assert window is not None
+    steady = window.torque.mean().steady(0.0, 0.0)
+    told["steady value"] = Told(float(steady.value_nm[0]), float(steady.expanded_uncertainty_nm[0]))
+
+    point = CalibrationData(
+        [READING_NM], [READING_NM], [1], [1], RANGE_NM, speed_rpm=[0.0],
+        temperature_c=[TEMPERATURE_C], time_s=[0.0], standard_error_nm=[COUNTER_NM],
+    )  # fmt: skip
+    checked, expanded, _ = judge_check(
+        point, chain, standard_uncertainty_percent=0.0, tolerance_percent_fs=0.1
+    )
+    told["check"] = Told(float(checked[0]), float(expanded[0]))
+    found = verify(point, {"chain": chain}).of("chain")
+    assert found.expanded_uncertainty_nm is not None
+    worst = found.against_standard.worst_nm
+    told["verification"] = Told(
+        READING_NM + np.sign(expected.torque_nm - READING_NM) * worst, found.expanded_uncertainty_nm
+    )
+    reference = StatedReference(
+        "SIM-CAL-1", "", "SIM-CERT-1", "", default_bench().calibrator.expanded_uncertainty_percent
+    )
+    assert CERTIFIED_FROM_SHARE * RANGE_NM < READING_NM
+    steps = np.linspace(300.0, 1950.0, 12)
+    whole = CalibrationData(
+        steps, steps, np.ones(12), np.ones(12), RANGE_NM, speed_rpm=np.zeros(12),
+        temperature_c=np.full(12, TEMPERATURE_C), time_s=np.zeros(12),
+        standard_error_nm=np.full(12, COUNTER_NM),
+    )  # fmt: skip
+    results = evaluate_results(whole, chain, reference, tolerance_percent_fs=None)
+    (step,) = (row for row in results.rows if row.torque_nm == READING_NM)
+    assert step.error_after_nm is not None
+    assert step.expanded_after_nm is not None
+    told["certificate"] = Told(READING_NM + step.error_after_nm, step.expanded_after_nm)
+
+    for name, each in told.items():
+        assert each.torque_nm == pytest.approx(expected.torque_nm, rel=1e-12), name
+        assert each.expanded_nm == pytest.approx(expected.expanded_nm, rel=1e-12), name
+
+    line = live_torque("output", [block])
+    assert line.split() == [f"{expected.torque_nm:.3f}", "±", f"{expected.expanded_nm:.3f}"]
+    options = ("--temperature-change", TEMPERATURE_C - 23.0, "--speed", 0, "--zero-age", 0)
+    budget = run("budget", file, "--reading", READING_NM, "--branch", "up", *options, cwd=tmp_path)
+    assert "k = 2.00" in " ".join(budget.stdout.split())
+
+    # U says no less than the calibrator alone, 0.02 % of the range
+    assert expected.expanded_nm > 2e-4 * RANGE_NM
+
+
+def test_a_reducer_test_splits_what_the_chain_states_and_loses_nothing(file: Path) -> None:
+    active, _ = live(load_chain(file))
+    newest = active.window(0.0, 10.0)
+    assert newest is not None
+    steady = newest.torque.at([-1]).steady(0.0, 0.0)
+    size = np.abs(steady.value_nm)
+    nothing, number = np.zeros(1), np.zeros(1, np.int64)
+    recording = RunningRecording(
+        nominal_rpm=nothing, nominal_nm=nothing, speed_rpm={"output": nothing},
+        torque_nm={"output": steady.value_nm}, standard_error_nm={"output": nothing},
+        stated={"output": steady}, zero_uncertainty_nm={"output": 0.0}, true_torque_nm=None,
+        direction=number, branch=number, repeat=number, series=number, temperature_c=nothing,
+        time_s=nothing, compensated={"output": True}, unsettled=0,
+    )  # fmt: skip
+    known = torque_uncertainty(Bench(default_bench(), {}, {}), recording, "output")
+    parts = (
+        known.relative * size[0], known.zero_nm, known.model_nm, known.drag_nm,
+        known.repeatability_nm, steady.component("counter")[0],
+    )  # fmt: skip
+    assert 2.0 * np.linalg.norm(parts) == pytest.approx(
+        steady.expanded_uncertainty_nm[0], rel=1e-12
+    )

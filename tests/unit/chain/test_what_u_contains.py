@@ -1,0 +1,27 @@
+"""The page that explains U: its worked example is computed, its table names every effect."""
+
+import doctest
+from pathlib import Path
+
+from tests.unit.chain.test_measuring_chain import EFFECTS_OF_ALL_KINDS, calibration
+
+from torquebench.chain import MeasuringChain, Readings
+from torquebench.compensation import make_model
+
+PAGE = Path(__file__).parents[3] / "docs" / "explanation" / "what-u-contains.md"
+
+
+def test_the_worked_example_is_what_the_software_computes() -> None:
+    found = doctest.testfile(str(PAGE), module_relative=False)
+    assert found.attempted > 10
+    assert found.failed == 0
+
+
+def test_every_component_is_explained() -> None:
+    features, standard = calibration()
+    model = make_model("physics", range_nm=2000.0).fit(features, standard)
+    torque = MeasuringChain(model, EFFECTS_OF_ALL_KINDS).torque(Readings(features[:1, 0]))
+    table = PAGE.read_text(encoding="utf-8").split("## The effects")[1].split("\n\n")[1]
+    named = table.replace("of zero, of span", "of zero, temperature of span")
+    for component in torque.components:
+        assert component.name in named, component.name
