@@ -63,7 +63,7 @@ class FaultyBench:
         self.drive_fault = ""
         self.insisting: Callable[[], None] | None = None
         self.mute = self.deaf = self.unfed = False
-        self.stuck = self.reversed = False
+        self.stuck = self.reversed = self.keeps_power = False
         self.lost_probe = self.dead_probes = False
         self.heat_k = 0.0
         self.counter_error: Exception | None = None
@@ -140,6 +140,10 @@ class _Drive:
             sign = -1.0 if self._owner.reversed else 1.0
             self._drive.command_speed(sign * speed_rad_s, ramp_rad_per_s2)
 
+    def disable(self) -> None:
+        if not self._owner.keeps_power:
+            self._drive.disable()
+
     def ramp_to_zero(self, duration_s: float) -> None:
         if self._obeys():
             self._owner.insisting = None
@@ -203,13 +207,29 @@ class Kind:
             return procedure.angles
         if self.name == "drive turns too fast":
             return not procedure.waits_for_motion
-        return procedure.standard or not self.name.startswith("standard")
+        compared = self.spoils or self.name.startswith("standard")
+        return procedure.standard or not compared
+
+    @property
+    def spoils(self) -> bool:
+        """Whether readings are wrong from then on, in a way that no single one of them shows."""
+        return self.name.endswith("span changes")
 
 
 def _signal(kind: str, channel: str, amount: float | None = None) -> Callable[..., None]:
     def breaking(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> None:
         name = cast(Any, f"{side}_{channel}")
         faulty.bench.twin.inject_fault(name, cast(Any, kind), duration_s=3.0, amount=amount)
+
+    return breaking
+
+
+def _lasting(kind: str, channel: str, amount: float) -> Callable[..., None]:
+    """Break a signal until the bench is closed."""
+
+    def breaking(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> None:
+        name = cast(Any, f"{side}_{channel}")
+        faulty.bench.twin.inject_fault(name, cast(Any, kind), duration_s=1e5, amount=amount)
 
     return breaking
 
@@ -227,6 +247,13 @@ def _slip(faulty: FaultyBench, side: Side, draw: np.random.Generator) -> None:
         * faulty.bench.description.module(side).encoder.counts_per_revolution
     )
     faulty.bench.twin.inject_fault(side, "encoder_slip", duration_s=3.0, amount=counts)
+
+
+def _keeps_power(faulty: FaultyBench, _side: Side, _draw: np.random.Generator) -> None:
+    """Have the drives acknowledge everything and do nothing, their watchdogs dead."""
+    faulty.stuck = faulty.keeps_power = True
+    for drive in faulty.bench.drives.values():
+        drive.unguarded = lambda: faulty.keeps_power
 
 
 def _goes_off(faulty: FaultyBench, side: Side, _draw: np.random.Generator) -> None:
@@ -289,6 +316,8 @@ KINDS: tuple[Kind, ...] = (
     Kind("wild reading", _signal("wild_value", "torque", 0.6), needs_power=False),
     Kind("standard silent", _signal("silent", "reference")),
     Kind("standard frozen", _signal("frozen", "reference")),
+    Kind("standard's span changes", _lasting("wrong_span", "reference", 1.03)),
+    Kind("transducer's span changes", _lasting("wrong_span", "torque", 1.03)),
     Kind("encoder slips", _slip),
     Kind("drive goes off", _goes_off),
     Kind("drive reports a fault", _set("drive_fault", "overcurrent")),
@@ -298,6 +327,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("drive turns too fast", _spins),
     Kind("drive keeps what it does", _set("stuck", True)),
     Kind("drive does the opposite", _turns_round),
+    Kind("drive acknowledges and stays on", _keeps_power),
     Kind("watchdog isn't fed", _set("unfed", True)),
     Kind("probes lost", _set("lost_probe", True)),
     Kind("probes fail", _set("dead_probes", True), needs_power=False),

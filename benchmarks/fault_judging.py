@@ -1,7 +1,12 @@
-"""What must hold after a fault: drives off, a name for it, a readable record, no wrong number."""
+"""What must hold after a fault: drives off, a name for it, a readable record, no wrong number.
+
+A problem begins with what it counts as: see `PROBLEMS`.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -19,7 +24,9 @@ from torquebench.records import RunFolder
 from torquebench.station import Station
 
 __all__ = [
+    "PROBLEMS",
     "Outcome",
+    "await_safe",
     "checked",
     "differing",
     "ended_badly",
@@ -27,7 +34,17 @@ __all__ = [
     "record_of",
     "slipped",
     "status_of",
+    "unsafe_end",
 ]
+
+PROBLEMS = {
+    "unsafe": "unsafe ends",
+    "stranded": "stranded runs and points",
+    "wrong": "wrong numbers",
+    "false alarm": "false alarms",
+    "other": "other problems",
+}
+"""What a problem counts as, by how its text begins."""
 
 READING_PERCENT = 2.0
 """How far a reading may be from the truth without compensation, % of range (a drift of the zero
@@ -60,6 +77,8 @@ class Outcome:
         As `safe_s`, wall time; NaN where bench time isn't a clock's.
     index, seed : int
         With which it can be repeated alone.
+    lasted_s : float
+        Wall time that it took, s, where that matters.
     """
 
     kind: str
@@ -72,6 +91,7 @@ class Outcome:
     wall_s: float = float("nan")
     index: int = 0
     seed: int = 0
+    lasted_s: float = 0.0
 
 
 def line_of(outcome: Outcome) -> str:
@@ -87,37 +107,56 @@ def status_of(error: BaseException | None, alarms: Sequence[Alarm]) -> tuple[Sta
     return ("stopped", alarms[0].name) if alarms else ("refused", type(error).__name__)
 
 
+def await_safe(station: Station, timeout_s: float) -> None:
+    """Wait until power and torque were read back as gone, also where that was given up before."""
+    deadline = time.monotonic() + timeout_s
+    while not station.supervisor.safe and time.monotonic() < deadline:
+        station.supervisor.wait_safe(0.1)
+        time.sleep(0.02)
+
+
+def unsafe_end(station: Station, at_rest: bool) -> Iterator[str]:
+    """Say where a drive has power and no alarm stays that tells of it."""
+    if at_rest:
+        return
+    with contextlib.suppress(TorquebenchError):
+        station.acknowledge_alarm("fault campaign")
+    if station.supervisor.alarm is None:
+        yield "unsafe: a drive isn't off, and no alarm stays"
+
+
 def ended_badly(
-    error: BaseException | None, alarms: Sequence[Alarm], at_rest: bool, *, disk: bool
+    error: BaseException | None, alarms: Sequence[Alarm], *, disk: bool
 ) -> Iterator[str]:
-    """Say what is wrong with the way a procedure ended, its record apart."""
-    if not at_rest:
-        yield "a drive isn't off"
+    """Say what is wrong with the way a procedure ended, drives and record apart."""
     if error is not None and not isinstance(error, TorquebenchError):
-        yield f"unforeseen {type(error).__name__}: {error}"
+        yield f"other: unforeseen {type(error).__name__}: {error}"
     if not disk and any(alarm.kind is AlarmKind.JOURNAL for alarm in alarms):
-        yield "the journal failed too"
+        yield "other: the journal failed too"
 
 
-def record_of(station: Station, error: BaseException | None) -> tuple[int, list[str]]:
+def record_of(
+    station: Station, error: BaseException | None, *, spoilt: bool = False
+) -> tuple[int, list[str]]:
     """Count the points of the newest run, and say what is wrong with its record.
 
-    There is none where a procedure was refused before its run began.
+    There is none where a procedure was refused before its run began. With `spoilt` its values are
+    what a transducer says that is wrong: they may be recorded, but not used.
     """
     runs = station.registry.runs(limit=1)
     if not runs:
-        return 0, [] if error is not None else ["nothing is recorded"]
+        return 0, [] if error is not None else ["stranded: nothing is recorded"]
     run = runs[0]
     points, problems = checked(
-        RunFolder.open(run.folder), station.description, stopped=error is not None
+        RunFolder.open(run.folder), station.description, stopped=error is not None, spoilt=spoilt
     )
     if error is not None and run.status != "failed":
-        problems.append(f"the run is {run.status}")
+        problems.append(f"stranded: the run is {run.status}")
     return points, problems
 
 
 def checked(
-    folder: RunFolder, description: BenchDescription, *, stopped: bool
+    folder: RunFolder, description: BenchDescription, *, stopped: bool, spoilt: bool = False
 ) -> tuple[int, list[str]]:
     """Count the points of a record, and say what is wrong with it.
 
@@ -129,14 +168,14 @@ def checked(
     try:
         folder.verify()
     except RecordError as changed:
-        problems.append(f"record: {changed}")
+        problems.append(f"stranded: record: {changed}")
     if not any(read_audit(folder.path / AUDIT_FILE)):
-        problems.append("no audit log")
+        problems.append("stranded: no audit log")
     streams = {d["uid"]: str(d["name"]) for _, d in folder.documents("descriptor")}
     events = [(streams[event["descriptor"]], event) for _, event in folder.documents("event")]
     points = [event for stream, event in events if stream == "points"]
     kept = [event for stream, event in events if stream == "points" or stream.startswith("zero_")]
-    for event in kept[:-1] if stopped else kept:
+    for event in () if spoilt else kept[:-1] if stopped else kept:
         for side in ("input", "output"):
             found = {
                 key.removeprefix(f"{side}-steady-"): value
@@ -156,7 +195,7 @@ def _wrong_values(side: str, found: dict[str, Any], range_nm: float) -> Iterator
     for field, allowed in (("reading_nm", READING_PERCENT), ("standard_nm", STANDARD_PERCENT)):
         value = found.get(field)
         if value is not None and not abs(value - true) <= allowed / 100.0 * range_nm:
-            yield f"{side} {field} {value:.6g} N·m, true {true:.6g} N·m"
+            yield f"wrong: {side} {field} {value:.6g} N·m, true {true:.6g} N·m"
 
 
 def slipped(recording: TransmissionRecording) -> Iterator[str]:
@@ -164,7 +203,7 @@ def slipped(recording: TransmissionRecording) -> Iterator[str]:
     for each in recording.directions:
         apart = np.ptp(each.output_angle_rad - each.input_angle_rad / REDUCER.ratio)
         if apart > np.radians(ANGLE_DEG):
-            yield f"direction {each.direction}: angles {np.degrees(apart):.2f}° apart"
+            yield f"wrong: direction {each.direction}: angles {np.degrees(apart):.2f}° apart"
 
 
 def differing(found: ReducerTestRecord, undisturbed: ReducerTestRecord) -> Iterator[str]:
@@ -178,11 +217,11 @@ def differing(found: ReducerTestRecord, undisturbed: ReducerTestRecord) -> Itera
         for each in outcome.quantities:
             other = before.get((outcome.name, each.key))
             if other is None:
-                yield f"{each.key} isn't in the undisturbed result"
+                yield f"wrong: {each.key} isn't in the undisturbed result"
             elif not abs(each.value - other.value) <= (
                 each.expanded_uncertainty + other.expanded_uncertainty
             ):
                 yield (
-                    f"{each.key} {each.value:.5g} ± {each.expanded_uncertainty:.2g} {each.unit}, "
-                    f"undisturbed {other.value:.5g} ± {other.expanded_uncertainty:.2g}"
+                    f"wrong: {each.key} {each.value:.5g} ± {each.expanded_uncertainty:.2g} "
+                    f"{each.unit}, undisturbed {other.value:.5g} ± {other.expanded_uncertainty:.2g}"
                 )

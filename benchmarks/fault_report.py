@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.fault_judging import Outcome, line_of
+from benchmarks.fault_judging import PROBLEMS, Outcome, line_of
 
-__all__ = ["Kept", "Start", "section", "summary"]
+__all__ = ["Kept", "Start", "counted", "section", "summary"]
 
 Fault = Callable[[int, int], Outcome]
 Start = Callable[[Fault, int, int], Callable[[], Outcome]]
@@ -63,6 +63,11 @@ class Kept:
             for index, outcome in known.items()
         ]
 
+    def one(self, part: str, seed: int, index: int, run: Callable[[], Outcome]) -> Outcome:
+        """Return one outcome, known or gone through now."""
+        known = self.outcomes.get((part, seed, index))
+        return self._keep(part, run) if known is None else known
+
     def _keep(self, part: str, run: Callable[[], Outcome]) -> Outcome:
         outcome = run()
         self.outcomes[part, outcome.seed, outcome.index] = outcome
@@ -74,6 +79,18 @@ class Kept:
 
 def _same(outcome: Outcome) -> Outcome:
     return outcome
+
+
+def counted(outcomes: Sequence[Outcome]) -> dict[str, int]:
+    """Count faults by what was wrong after them."""
+    return {
+        title: sum(any(p.startswith(f"{kind}:") for p in each.problems) for each in outcomes)
+        for kind, title in PROBLEMS.items()
+    }
+
+
+def _lasted_min(outcomes: Sequence[Outcome]) -> float:
+    return sum(each.lasted_s for each in outcomes) / 60.0
 
 
 def _times(outcomes: Sequence[Outcome], name: str) -> str:
@@ -95,8 +112,11 @@ def summary(outcomes: Sequence[Outcome], name: str) -> Iterator[str]:
         f"\nfaults survived {len(outcomes) - len(failed)} of {len(outcomes)}, {kinds} kinds, "
         f"{procedures} procedures, {name}"
     )
+    yield "  " + ", ".join(f"{count} {title}" for title, count in counted(outcomes).items())
     status = Counter(outcome.status for outcome in outcomes)
     yield "  " + ", ".join(f"{count} {how}" for how, count in status.most_common())
+    if lasted_min := _lasted_min(outcomes):
+        yield f"  {lasted_min:.1f} min in real time"
     yield f"  to both drives off, p50 p90 p99 max, s of bench time: {_times(outcomes, 'safe_s')}"
     if any(math.isfinite(outcome.wall_s) for outcome in outcomes):
         yield f"  the same, s of wall time: {_times(outcomes, 'wall_s')}"
@@ -121,9 +141,10 @@ def section(parts: dict[str, Sequence[Outcome]], remark: str) -> str:
         f"Simulated throughout; {remark} Times are from the fault to both drives off: median, "
         "90 %, 99 %, longest (number of faults with power on).",
         "",
-        "| | faults | kinds | procedures | survived | stopped | refused | recovered | harmless "
+        "| | faults | kinds | procedures | survived | unsafe ends | stranded | wrong numbers "
+        "| false alarms | stopped | refused | recovered | harmless "
         "| bench time, s | wall time, s | points kept |",
-        "| --- " * 12 + "|",
+        "| --- " * 16 + "|",
     ]
     for name, outcomes in (*parts.items(), ("together", every)):
         status = Counter(outcome.status for outcome in outcomes)
@@ -133,6 +154,7 @@ def section(parts: dict[str, Sequence[Outcome]], remark: str) -> str:
             len({each.kind for each in outcomes}),
             len({each.procedure for each in outcomes}),
             sum(not each.problems for each in outcomes),
+            *list(counted(outcomes).values())[:4],
             *(status[how] for how in ("stopped", "refused", "recovered", "harmless")),
             _times(outcomes, "safe_s"),
             _times(outcomes, "wall_s"),
@@ -154,7 +176,7 @@ def _by_kind(outcomes: Sequence[Outcome]) -> Iterator[str]:
     for outcome in outcomes:
         kind = outcome.kind
         if kind.startswith("wire: "):  # by what is done to the wire, whatever hangs on it
-            kind = f"wire: {kind.split()[-1]}"
+            kind = f"wire: {kind.split(maxsplit=2)[2]}"
         kinds[kind].append(outcome)
     for kind, found in kinds.items():
         names = Counter(each.alarm.split(":")[0] or each.status for each in found)

@@ -1,14 +1,22 @@
 """Break the bench on purpose and look what is left: ``python -m benchmarks.faults [--quick]``.
 
-Seeded faults of many kinds come at random moments of all procedures on the simulated bench. After
-each one both drives have to be off, the alarm or error has to have a name, the record has to be
-sealed and readable with every acknowledged point in it, and no point and no result may be wrong:
-readings and standard are compared with the twin's true torque, results with an undisturbed run.
-Then the bench has to work again. The bench of separate instruments over real sockets gets faults
-of its own (`benchmarks.network_faults`). Exits with 1 on any failure.
+Seeded faults come at random moments of all procedures, in parts (``--parts``):
+
+simulated    instruments, drives, disk and process, on the simulated bench in simulated time
+sockets      every kind of wrong answer and disobedience of every instrument over real sockets
+real         the same in real time
+phases       a kill, a full disk, a lost database while a calibration is measured, sealed, fitted,
+             registered and certified
+undisturbed  nothing is broken, in real time over sockets, for ``--minutes`` (none by default)
+
+After each one both drives have to be off or an alarm has to stay that says so, the alarm or error
+has to have a name, the record has to be sealed and readable with every acknowledged point in it,
+and no point and no result may be wrong: readings and standard are compared with the true torque,
+results with an undisturbed run. Then the bench has to work again. Exits with 1 on any failure.
 
 With ``--into FILE`` outcomes are kept, and a campaign that was interrupted goes on; a fault is
-repeated alone by its number (``--only``). ``--docs`` writes the report into docs/benchmarks.md.
+repeated alone by its part and number (``--only real:12``). ``--docs`` writes the report into
+docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -22,9 +30,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -42,6 +50,7 @@ from benchmarks.fault_judging import (
     record_of,
     slipped,
     status_of,
+    unsafe_end,
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.fault_report import Kept, Start, section, summary
@@ -60,10 +69,12 @@ from torquebench.station import Station, recover_unfinished
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 FULL = 300
-QUICK_WIRE, FULL_WIRE = 3, 49
+QUICK_WIRE, QUICK_REAL, QUICK_PHASES = 3, 1, 2
 AT_ONCE = 3
 """Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
 TRIES = 5
+KEPT_POWER_S = 2.0
+"""How long to wait for a drive that doesn't go off whatever it is told, s of wall time."""
 MET_LATER = (
     "drive refuses commands",
     "drive keeps what it does",
@@ -152,7 +163,7 @@ def one_fault(
         except Exception as raised:
             error = raised
     station.supervisor.release("campaign")
-    station.supervisor.wait_safe(20.0)
+    station.supervisor.wait_safe(KEPT_POWER_S if faulty.keeps_power else 20.0)
     outcome = judged(station, faulty, kind, procedure, error, result)
     problems = [*outcome.problems, *works_again(station, faulty, kind)]
     if isinstance(result, ReducerTestRecord) and not problems:
@@ -178,7 +189,7 @@ def works_again(station: Station, faulty: FaultyBench, kind: Kind) -> Iterator[s
     try:
         station.run(zero_modules(station.devices), kind="zero")
     except Exception as error:
-        yield f"the bench doesn't go on: {type(error).__name__}: {error}"
+        yield f"other: the bench doesn't go on: {type(error).__name__}: {error}"
 
 
 def turns(station: Station) -> bool:
@@ -197,22 +208,23 @@ def judged(
     """Hold what is left against what must be."""
     alarms = station.supervisor.history
     disk = kind.name.startswith("disk full")
-    problems = list(ended_badly(error, alarms, faulty.at_rest(), disk=disk))
+    problems = list(ended_badly(error, alarms, disk=disk))
+    problems += unsafe_end(station, faulty.at_rest())
     if faulty.broken_s is None:
         return Outcome(kind.name, procedure.name, "too late", "", float("nan"), 0)
-    if kind.needs_power and error is None and kind.name not in MET_LATER:
+    if kind.needs_power and error is None and kind.name not in MET_LATER and not kind.spoils:
         lasted_s = (faulty.safe_s or station.clock.now()) - faulty.broken_s
         if lasted_s < SAFE_S:  # the procedure was over before it could matter
             return Outcome(kind.name, procedure.name, "too late", "", float("nan"), 0)
         compared = isinstance(result, TransmissionRecording | ReducerTestRecord)
         if not (kind.name in NOT_ITS_KIND and compared):
-            problems.append("nobody noticed it")
+            problems.append("unsafe: nobody noticed it")
     if isinstance(result, TransmissionRecording):
         problems += slipped(result)
     safe_s = time_to_rest(faulty, kind, alarms)
-    if safe_s > SAFE_S:
-        problems.append(f"safe only after {safe_s:.2f} s")
-    points, wrong = record_of(station, error)
+    if safe_s > SAFE_S and not faulty.keeps_power:
+        problems.append(f"unsafe: safe only after {safe_s:.2f} s")
+    points, wrong = record_of(station, error, spoilt=kind.spoils)
     status, named = status_of(error, alarms)
     return Outcome(kind.name, procedure.name, status, named, safe_s, points, (*problems, *wrong))
 
@@ -256,16 +268,18 @@ def killed(seed: int, procedure: Procedure, data: Path, draw: np.random.Generato
     problems: list[str] = []
     kept = points = 0
     with Registry.open(data) as registry:
-        problems += [each.problem for each in recover_unfinished(registry) if each.problem]
+        problems += [
+            f"stranded: {each.problem}" for each in recover_unfinished(registry) if each.problem
+        ]
         for run in registry.runs():
             if run.status not in ("interrupted", "completed"):
-                problems.append(f"the run is {run.status}")
+                problems.append(f"stranded: the run is {run.status}")
             folder = RunFolder.open(run.folder)
             found, wrong = checked(folder, described(seed), stopped=True)
             points, problems = points + found, [*problems, *wrong]
             kept += sum(1 for _ in folder.documents("event"))
     if kept < events:
-        problems.append("an acknowledged point is lost")
+        problems.append("stranded: an acknowledged point is lost")
     named = "found at the next start"
     return Outcome(
         "killed", procedure.name, "recovered", named, float("nan"), points, tuple(problems)
@@ -332,53 +346,93 @@ def computing_s() -> float:
 
 def main() -> int:
     """Go through the campaign; 1 where a fault wasn't survived."""
-    arguments = parsed()
-    from benchmarks.network_faults import numbered_wire  # imports this module
-
+    parts = _parts()
+    arguments = parsed(parts)
     logging.getLogger("torquebench").addHandler(logging.NullHandler())  # it breaks on purpose
     seed = arguments.seed
-    for index, fault in ((arguments.only, numbered), (arguments.only_wire, numbered_wire)):
-        if index is not None:
-            print(outcome := fault(index, seed))
-            return int(bool(outcome.problems))
-    number, wires = (len(KINDS), QUICK_WIRE) if arguments.quick else (FULL, FULL_WIRE)
-    number = number if arguments.faults is None else arguments.faults
-    wires = wires if arguments.wires is None else arguments.wires
+    if arguments.only is not None:
+        name, _, index = arguments.only.partition(":")
+        print(outcome := parts[name].fault(int(index), seed))
+        return int(bool(outcome.problems))
+    chosen = {name: part for name, part in parts.items() if name in arguments.parts}
     tell = arguments.verbose or arguments.quick
     kept, began = Kept(arguments.into), time.monotonic()
-    parts: dict[str, Sequence[Outcome]] = {}
+    outcomes: dict[str, Sequence[Outcome]] = {}
     with starting(arguments.at_once or (AT_ONCE if arguments.quick else 1)) as start:
-        # What waits for time-outs comes first, so that the others compute meanwhile.
-        over_sockets = kept.begin("sockets", numbered_wire, wires, seed, start)
-        simulated = kept.begin("simulated", numbered, number, seed, start)
-        for name, begun in (
-            ("simulated bench", simulated),
-            ("simulated instruments over sockets", over_sockets),
-        ):
-            parts[name] = gone_through(begun, tell=tell)
-            print("\n".join(summary(parts[name], name)), flush=True)
+        begun = {
+            # What waits for time-outs comes first, so that the others compute meanwhile.
+            name: kept.begin(
+                name, part.fault, part.number(arguments), seed, partial if part.alone else start
+            )
+            for name, part in reversed(chosen.items())
+        }
+        for name, part in chosen.items():
+            outcomes[part.title] = gone_through(begun[name], tell=tell)
+            print("\n".join(summary(outcomes[part.title], part.title)), flush=True)
+    if arguments.minutes:
+        from benchmarks.undisturbed import TITLE, undisturbed  # imports this module
+
+        outcomes[TITLE] = undisturbed(arguments.minutes, seed, kept, tell=tell)
+        print("\n".join(summary(outcomes[TITLE], TITLE)), flush=True)
     print(f"\n{time.monotonic() - began:.0f} s, of which {computing_s():.0f} s computing")
     if arguments.docs:
-        write_section(BENCHMARKS, "faults", section(parts, arguments.docs))
-    return int(any(outcome.problems for outcomes in parts.values() for outcome in outcomes))
+        write_section(BENCHMARKS, "faults", section(outcomes, arguments.docs))
+    return int(any(outcome.problems for part in outcomes.values() for outcome in part))
 
 
-def parsed() -> argparse.Namespace:
+@dataclass(frozen=True)
+class Part:
+    """A part of the campaign: its title, how one fault goes, how many there are."""
+
+    title: str
+    fault: Callable[[int, int], Outcome]
+    full: int
+    quick: int
+    alone: bool = False
+    """Whether one goes at a time, since it measures by the wall's clock."""
+
+    def number(self, arguments: argparse.Namespace) -> int:
+        """Return how many are gone through."""
+        most = self.quick if arguments.quick else self.full
+        return most if arguments.faults is None else min(most, int(arguments.faults))
+
+
+def _parts() -> dict[str, Part]:
+    from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
+    from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
+
+    wires = len(wire_faults())
+    return {
+        "simulated": Part("simulated bench", numbered, FULL, len(KINDS)),
+        "phases": Part("phases of a calibration", numbered_phase, PHASE_FAULTS, QUICK_PHASES),
+        "sockets": Part("simulated instruments over sockets", numbered_wire, wires, QUICK_WIRE),
+        "real": Part("the same in real time", numbered_real, wires, QUICK_REAL, alone=True),
+    }
+
+
+def parsed(parts: Collection[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="one fault of each kind")
+    parser.add_argument("--quick", action="store_true", help="one fault of each kind, a few others")
+    parser.add_argument("--parts", type=lambda text: text.split(","), default=list(parts),
+                        help="some of " + ",".join(parts))  # fmt: skip
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--faults", type=int, help=f"on the simulated bench, {FULL} by default")
-    parser.add_argument("--wires", type=int, help=f"over sockets, {FULL_WIRE} by default")
+    parser.add_argument("--faults", type=int, help="of each part at most so many")
+    parser.add_argument("--minutes", type=float, default=0.0,
+                        help="of undisturbed work in real time over sockets")  # fmt: skip
     parser.add_argument(
         "--at-once", type=int, help=f"faults at a time: {AT_ONCE} of --quick, else 1 by default"
     )
     parser.add_argument("--into", type=Path, help="keep outcomes here, and go on from there")
-    parser.add_argument("--only", type=int, help="one fault on the simulated bench")
-    parser.add_argument("--only-wire", type=int, help="one fault over sockets")
+    parser.add_argument("--only", help="one fault, such as simulated:12")
     parser.add_argument("--docs", default="", help="write the report, with this remark on it")
     parser.add_argument("--verbose", action="store_true", help="say each fault, as --quick does")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    asked = [arguments.only.partition(":")[0]] if arguments.only else arguments.parts
+    for name in filter(None, asked):
+        if name not in parts:
+            parser.error(f"part {name!r}; one of {', '.join(parts)}")
+    return arguments
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Faults on the wire: the bench of examples/networked.toml over real sockets, broken on command.
 
-Every simulated instrument is late, silent, cut short, garbled, gone, frozen or lies while some
-procedure runs that needs it; `benchmarks.faults` calls it and counts what is left.
+Every simulated instrument is late, silent, cut short, garbled, gone, frozen, lies, disobeys, has a
+wrong scale or a clock of its own while some procedure runs that needs it, in simulated and in real
+time; `benchmarks.faults` calls it and counts what is left.
 """
 
 from __future__ import annotations
@@ -16,16 +17,19 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from benchmarks.fault_judging import (
     Outcome,
+    await_safe,
     differing,
     ended_badly,
     record_of,
     slipped,
     status_of,
+    unsafe_end,
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.faults import TRIES
@@ -38,34 +42,71 @@ from torquebench.simulators import MisbehaviourKind, Simulators
 from torquebench.station import Station
 from torquebench.validation import validated
 
-__all__ = ["WireFault", "networked", "numbered_wire", "wire_faults"]
+__all__ = ["WireFault", "networked", "numbered_real", "numbered_wire", "opened", "wire_faults"]
 
+Time = Literal["on-demand", "real"]
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "networked.toml"
 ENDPOINTS = ("counter", "input_drive", "output_drive", "reference", "temperature", "modes", "clamp")
-KINDS: tuple[MisbehaviourKind, ...] = (
-    "delay",
-    "drop",
-    "cut",
-    "garble",
-    "disconnect",
-    "freeze",
-    "lie",
-)
-"""What an instrument's answers may suffer."""
+DRIVES = ("input_drive", "output_drive")
+MODBUS = ("input_drive", "temperature", "modes", "clamp")
+ASKED_AGAIN = (*DRIVES, "reference", "temperature", "modes", "clamp")
+
+
+@dataclass(frozen=True)
+class Order:
+    """One misbehaviour that is ordered; see `torquebench.simulators.misbehaviour`."""
+
+    kind: MisbehaviourKind
+    amount: float | None = None
+    replies: int | None = None
+
+
+KINDS: dict[str, tuple[tuple[str, ...], tuple[Order, ...]]] = {
+    "delay": (ENDPOINTS, (Order("delay", 3.0),)),  # after every time-out
+    "drop": (ENDPOINTS, (Order("drop"),)),
+    "cut": (ENDPOINTS, (Order("cut"),)),
+    "garble": (ENDPOINTS, (Order("garble"),)),
+    "disconnect": (ENDPOINTS, (Order("disconnect"),)),
+    "freeze": (ENDPOINTS, (Order("freeze"),)),
+    "lie": (ENDPOINTS, (Order("lie"),)),
+    "ignore": ((*DRIVES, "modes", "clamp"), (Order("ignore"),)),
+    "stay on": (DRIVES, (Order("ignore"), Order("unguarded"))),
+    "scale": (("counter", *DRIVES, "reference", "temperature"), (Order("scale", 1.03),)),
+    "jitter": (("counter", "reference"), (Order("jitter", 0.1),)),
+    "busy": (MODBUS, (Order("busy"),)),
+    "latency": (ENDPOINTS, (Order("delay", 0.003),)),
+    "slow": (DRIVES, (Order("slow", 0.3),)),
+    "drop once": (ASKED_AGAIN, (Order("drop", replies=1),)),
+    "busy once": (MODBUS, (Order("busy", replies=1),)),
+}
+"""What is ordered of which instruments."""
 SET_UP_ONLY = ("modes", "clamp")
 """Asked while a procedure sets up the bench; they misbehave from its start."""
-MAY_DO_NO_HARM: tuple[MisbehaviourKind, ...] = ("freeze", "lie")
+MAY_DO_NO_HARM = ("freeze", "lie", "ignore", "scale", "jitter")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
+DOES_NO_HARM = ("latency", "slow", "drop once", "busy once")
+"""An instrument that is a little slow, or fails once, is no reason to stop."""
 AT_REST_S = 15.0
 """How long both drives may take to go off, s of wall time, with every time-out on the way."""
-SAFE_S = 2.0
-"""Longest time until both drives are off, s of bench time: the drive's own watchdog included."""
+SAFE_S: dict[Time, float] = {"on-demand": 2.0, "real": 5.0}
+"""Longest time until both drives are off, s of bench time: the drive's own watchdog included, and
+in real time every time-out."""
+LASTING_S = 120.0
+"""Until an instrument is itself again, s of wall time."""
 PROBES_S = 5.0
 """The same where probes don't answer, wall time: heat is slow, and they are asked once a second."""
 SLOW = ("calibrate output staircase", "calibrate output small-torques")
 """Left out: over sockets they take long to compute."""
-DELAY_S = 3.0
-"""A late answer comes after every time-out."""
+LONG = (
+    "calibrate input reversing",
+    "calibrate output staircase",
+    "efficiency map",
+    "test no-load",
+    "test efficiency",
+)
+"""Left out in real time: they last longer than 45 s on the bench."""
+KEPT_POWER_S = 3.0
+"""How long to wait for a drive that doesn't go off whatever it is told, s of wall time."""
 TIMEOUT_S = {"counter": 2.0}
 """How long an instrument is waited for, s of wall time; 0.5 s for all others."""
 
@@ -79,11 +120,11 @@ class WireFault:
     endpoint : str
         As the sections of ``[driver]`` are called.
     kind : str
-        See `torquebench.simulators.misbehaviour`.
+        A key of `KINDS`.
     """
 
     endpoint: str
-    kind: MisbehaviourKind
+    kind: str
 
     @property
     def name(self) -> str:
@@ -92,8 +133,13 @@ class WireFault:
 
     @property
     def must_be_noticed(self) -> bool:
-        """Whether an answer is missing or unreadable."""
-        return self.kind not in MAY_DO_NO_HARM
+        """Whether an answer is missing or unreadable, or power stays on."""
+        return self.kind not in (*MAY_DO_NO_HARM, *DOES_NO_HARM)
+
+    @property
+    def from_the_start(self) -> bool:
+        """Whether it is met before power is on, if at all."""
+        return self.endpoint in SET_UP_ONLY or self.kind == "slow"
 
     def fits(self, procedure: Procedure) -> bool:
         """Whether a procedure needs this instrument."""
@@ -107,30 +153,30 @@ class WireFault:
 
 def wire_faults() -> list[WireFault]:
     """Every kind at every instrument, in an order that mixes both."""
-    number = len(ENDPOINTS)
     return [
-        WireFault(ENDPOINTS[(index + round_) % number], kind)
-        for round_ in range(number)
-        for index, kind in enumerate(KINDS)
+        WireFault(endpoints[(round_ + index) % len(endpoints)], kind)
+        for round_ in range(len(ENDPOINTS))
+        for index, (kind, (endpoints, _)) in enumerate(KINDS.items())
+        if round_ < len(endpoints)
     ]
 
 
-def networked(seed: int) -> BenchDescription:
+def networked(seed: int, time: Time = "on-demand") -> BenchDescription:
     """Describe the bench of examples/networked.toml on free ports."""
     text = re.sub(r'"127\.0\.0\.1:\d+"', '"127.0.0.1:0"', EXAMPLE.read_text(encoding="utf-8"))
     values = tomllib.loads(text)
     values["driver"]["output_drive"]["bus"]["port"] = 0
-    values["driver"]["simulation"]["seed"] = seed
+    values["driver"]["simulation"] |= {"seed": seed, "time": time}
     for endpoint in ENDPOINTS:
         values["driver"][endpoint]["timeout_s"] = TIMEOUT_S.get(endpoint, 0.5)
     return validated(BenchDescription, values, EXAMPLE.name)
 
 
 @contextlib.contextmanager
-def opened(seed: int, data: Path) -> Iterator[tuple[Station, Simulators]]:
+def opened(seed: int, data: Path, time: Time) -> Iterator[tuple[Station, Simulators]]:
     """Serve all instruments and open a station on them."""
     with (
-        Simulators(networked(seed)) as simulators,
+        Simulators(networked(seed, time)) as simulators,
         Station.open(simulators.description, data) as station,
     ):
         yield station, simulators
@@ -146,9 +192,9 @@ class Breaker:
     side : {"input", "output"}
         The side that the procedure drives.
     due_s : float
-        Bench time of the plant, s; not before that side's drive has power, unless the instrument
-        is only asked while the bench is set up, or `powered` is False.
+        Bench time of the plant, s.
     powered : bool
+        Not before that side's drive has power.
     """
 
     def __init__(
@@ -182,12 +228,15 @@ class Breaker:
         return self
 
     def __exit__(self, *_: object) -> None:
-        deadline = time.monotonic() + AT_REST_S
-        while self.broken_s is not None and self.safe_s is None and time.monotonic() < deadline:
-            time.sleep(0.01)
         self._over.set()
         self._thread.join()
         self._simulators.misbehaviour.heal()
+
+    def await_rest(self) -> None:
+        """Wait until both drives are off."""
+        deadline = time.monotonic() + AT_REST_S
+        while self.broken_s is not None and self.safe_s is None and time.monotonic() < deadline:
+            time.sleep(0.01)
 
     def _watch(self) -> None:
         plant = self._simulators.plant
@@ -198,9 +247,14 @@ class Breaker:
                     continue
                 self.was_on = self._is_on()
                 self.broken_s, began = plant.now_s, time.monotonic()
-                self._simulators.misbehaviour.start(
-                    self._fault.endpoint, self._fault.kind, amount=DELAY_S, duration_s=60.0
-                )
+                for order in KINDS[self._fault.kind][1]:
+                    self._simulators.misbehaviour.start(
+                        self._fault.endpoint,
+                        order.kind,
+                        amount=order.amount,
+                        replies=order.replies,
+                        duration_s=LASTING_S,
+                    )
             elif self.at_rest():
                 self.safe_s, self.wall_s = plant.now_s, time.monotonic() - began
                 return
@@ -211,18 +265,23 @@ class Breaker:
 
 def moment(fault: WireFault, start_s: float, lasts_s: float, draw: np.random.Generator) -> float:
     """Draw when it comes: at once where the instrument is only asked at the beginning."""
-    if fault.endpoint in SET_UP_ONLY:
+    if fault.from_the_start:
         return start_s
     return start_s + float(draw.uniform(0.05, 0.6)) * lasts_s
 
 
 def one_wire_fault(
-    fault: WireFault, procedure: Procedure, seed: int, data: Path, draw: np.random.Generator
+    fault: WireFault,
+    procedure: Procedure,
+    seed: int,
+    data: Path,
+    draw: np.random.Generator,
+    time: Time = "on-demand",
 ) -> Outcome:
     """Run a procedure over the sockets, spoil the answers meanwhile, and look what is left."""
-    with opened(seed, data) as (station, simulators):
+    with opened(seed, data, time) as (station, simulators):
         due_s = moment(fault, simulators.plant.now_s, procedure.lasts_s(station), draw)
-        powered = procedure.loads and fault.endpoint not in SET_UP_ONLY
+        powered = procedure.loads and not fault.from_the_start
         error: BaseException | None = None
         result: object = None
         with Breaker(simulators, fault, procedure.side, due_s, powered=powered) as breaker:
@@ -230,12 +289,17 @@ def one_wire_fault(
                 result = procedure.go(station)
             except Exception as raised:
                 error = raised
-            station.supervisor.wait_safe(AT_REST_S)
+            stays_on = fault.kind == "stay on"
+            station.supervisor.wait_safe(KEPT_POWER_S if stays_on else AT_REST_S)
+            if not stays_on:
+                breaker.await_rest()
+            unsafe = list(unsafe_end(station, breaker.at_rest()))
+        await_safe(station, AT_REST_S)  # it is itself again, and says that it is off
         alarms = station.supervisor.history
         if breaker.broken_s is None:
             return Outcome(fault.name, procedure.name, "too late", "", float("nan"), 0)
-        points, wrong = record_of(station, error)
-        problems = [*_problems(fault, breaker, error, alarms), *wrong]
+        points, wrong = record_of(station, error, spoilt=fault.kind == "scale")
+        problems = [*unsafe, *_problems(fault, breaker, error, alarms, SAFE_S[time]), *wrong]
         if isinstance(result, TransmissionRecording):
             problems += slipped(result)
         if isinstance(result, ReducerTestRecord):
@@ -257,29 +321,41 @@ def one_wire_fault(
 
 
 def _problems(
-    fault: WireFault, breaker: Breaker, error: BaseException | None, alarms: Sequence[Alarm]
+    fault: WireFault,
+    breaker: Breaker,
+    error: BaseException | None,
+    alarms: Sequence[Alarm],
+    longest_s: float,
 ) -> Iterator[str]:
-    """Say what is wrong with the way it ended, the record apart."""
-    yield from ended_badly(error, alarms, breaker.at_rest(), disk=False)
+    """Say what is wrong with the way it ended, power and record apart."""
+    yield from ended_badly(error, alarms, disk=False)
+    if fault.kind in DOES_NO_HARM and (error is not None or alarms):
+        yield f"false alarm: {alarms[0].name if alarms else error}"
+        return
     if fault.must_be_noticed and error is None:
-        yield "nobody noticed it"
-    if error is not None and breaker.was_on and not alarms:
-        yield f"no alarm, only {type(error).__name__}: {error}"
-    if error is not None and breaker.was_on and breaker.safe_s is not None:
-        bench_s = breaker.safe_s - (breaker.broken_s or 0.0)
-        if fault.endpoint == "temperature":
-            if breaker.wall_s > PROBES_S:
-                yield f"safe only after {breaker.wall_s:.2f} s"
-        elif bench_s > SAFE_S:
-            yield f"safe only after {bench_s:.2f} s of bench time"
+        yield "unsafe: nobody noticed it"
+    if error is None or not breaker.was_on:
+        return
+    if not alarms:
+        yield f"other: no alarm, only {type(error).__name__}: {error}"
+    if breaker.safe_s is None:
+        return
+    bench_s = breaker.safe_s - (breaker.broken_s or 0.0)
+    if fault.endpoint == "temperature":
+        if breaker.wall_s > PROBES_S:
+            yield f"unsafe: safe only after {breaker.wall_s:.2f} s"
+    elif bench_s > longest_s:
+        yield f"unsafe: safe only after {bench_s:.2f} s of bench time"
 
 
-def drawn_wires(number: int, seed: int) -> list[tuple[WireFault, list[Procedure]]]:
+def drawn_wires(
+    number: int, seed: int, left_out: Sequence[str] = SLOW
+) -> list[tuple[WireFault, list[Procedure]]]:
     """Take wire faults in turn, each with the procedures that fit it, rarest first."""
     draw = np.random.default_rng(seed)
     counts: Counter[str] = Counter()
     plan = []
-    quick = [each for each in PROCEDURES if each.name not in SLOW]
+    quick = [each for each in PROCEDURES if each.name not in left_out]
     for fault in wire_faults()[:number]:
         fitting = [each for each in quick if fault.fits(each)]
         order = draw.permutation(len(fitting))
@@ -289,14 +365,20 @@ def drawn_wires(number: int, seed: int) -> list[tuple[WireFault, list[Procedure]
     return plan
 
 
-def numbered_wire(index: int, seed: int) -> Outcome:
+def numbered_wire(index: int, seed: int, time: Time = "on-demand") -> Outcome:
     """Go through one fault on the wire; with another procedure where it came after the end."""
-    fault, fitting = drawn_wires(index + 1, seed)[-1]
+    left_out = SLOW if time == "on-demand" else LONG
+    fault, fitting = drawn_wires(index + 1, seed, left_out)[-1]
     draw = np.random.default_rng([seed, index])
     with tempfile.TemporaryDirectory() as scratch:
         for attempt in range(TRIES):
             procedure, folder = fitting[attempt % len(fitting)], Path(scratch, str(attempt))
-            outcome = one_wire_fault(fault, procedure, seed + index, folder, draw)
+            outcome = one_wire_fault(fault, procedure, seed + index, folder, draw, time)
             if outcome.status != "too late":
                 break
     return replace(outcome, index=index, seed=seed)
+
+
+def numbered_real(index: int, seed: int) -> Outcome:
+    """Go through the same fault in real time, beside other procedures."""
+    return numbered_wire(index, seed, "real")

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +15,16 @@ from benchmarks.fault_procedures import PROCEDURES
 from benchmarks.fault_report import Kept, section, summary
 from benchmarks.network_faults import (
     AT_REST_S,
+    ENDPOINTS,
+    LONG,
     SAFE_S,
+    SLOW,
     WireFault,
     drawn_wires,
     one_wire_fault,
     wire_faults,
 )
+from benchmarks.phase_faults import PHASE_FAULTS, PHASE_KINDS, PHASES
 
 from torquebench.campaign.reducers.results import ReducerTestQuantity
 
@@ -28,17 +34,23 @@ SAMPLE = (
     "wild reading",
     "drive doesn't answer",
     "drive pulls too much",
+    "drive acknowledges and stays on",
     "watchdog isn't fed",
     "probes lost",
     "disk full for samples",
     "counter lost",
 )
+QUICK_SEED = 17
+"""Draws procedures for them that don't last long."""
 PROFILES = ("rapid-in-situ", "staircase", "reversing", "small-torques", "adaptive")
 
 
 def test_there_are_enough_kinds_and_every_procedure_gets_some() -> None:
-    assert len({kind.name for kind in KINDS}) >= 15
-    assert faults.FULL >= 200
+    wires, phases = wire_faults(), [numbered.name for numbered in PHASE_KINDS]
+    kinds = {kind.name for kind in KINDS} | {fault.kind for fault in wires} | set(phases)
+    assert len(kinds) >= 45
+    assert faults.FULL + PHASE_FAULTS + 2 * len(wires) >= 500
+    assert {name.partition(":")[0] for name in phases} == set(PHASES)
     plan = faults.drawn(faults.FULL, seed=1)
     counts = Counter(procedure.name for _, procedure in plan)
     assert set(counts) == {procedure.name for procedure in PROCEDURES}
@@ -49,7 +61,7 @@ def test_there_are_enough_kinds_and_every_procedure_gets_some() -> None:
 
 
 def gone_through(number: int, file: Path) -> list[Outcome]:
-    begun = Kept(file).begin("simulated", faults.numbered, number, 5)
+    begun = Kept(file).begin("simulated", faults.numbered, number, QUICK_SEED)
     return faults.gone_through(begun, tell=False)
 
 
@@ -69,16 +81,19 @@ def test_a_sample_of_the_campaign_leaves_nothing_wrong(
     ]
     assert len(file.read_text().splitlines()) == len(kinds)
     told = section({"simulated bench": outcomes}, "a machine.")
-    assert "| together | 9 | 9 |" in told
-    assert "faults survived 9 of 9" in "\n".join(summary(outcomes, "here"))
+    assert "| together | 10 | 10 |" in told
+    assert "faults survived 10 of 10" in "\n".join(summary(outcomes, "here"))
 
 
 def test_what_was_not_survived_is_said_with_its_number() -> None:
-    outcome = Outcome("probes lost", "zero", "stopped", "x", 0.2, 3, ("a drive isn't off",), seed=4)
+    problem = "unsafe: a drive isn't off"
+    outcome = Outcome("probes lost", "zero", "stopped", "x", 0.2, 3, (problem,), seed=4)
     assert "Not survived: probes lost in zero (seed 4, number 0)" in section(
         {"here": [outcome]}, ""
     )
-    assert "faults survived 0 of 1" in "\n".join(summary([outcome], "here"))
+    said = "\n".join(summary([outcome], "here"))
+    assert "faults survived 0 of 1" in said
+    assert "1 unsafe ends, 0 stranded" in said
 
 
 def a_record(value: float) -> Any:
@@ -93,9 +108,10 @@ def test_a_result_is_wrong_where_both_uncertainties_do_not_explain_it() -> None:
 
 def test_every_instrument_on_the_wire_gets_every_kind() -> None:
     drawn = wire_faults()
-    assert len({fault.name for fault in drawn}) == len(drawn) == faults.FULL_WIRE
-    assert len({fault.endpoint for fault in drawn[: faults.QUICK_WIRE]}) == faults.QUICK_WIRE
-    assert all(fitting for _, fitting in drawn_wires(faults.FULL_WIRE, seed=1))
+    assert len({fault.name for fault in drawn}) == len(drawn)
+    assert {fault.endpoint for fault in drawn} == set(ENDPOINTS)
+    for left_out in (SLOW, LONG):
+        assert all(fitting for _, fitting in drawn_wires(len(drawn), 1, left_out))
 
 
 def procedure(name: str) -> faults.Procedure:
@@ -116,5 +132,30 @@ def test_an_instrument_that_does_not_answer_leaves_nothing_wrong(
     outcome = one_wire_fault(fault, procedure(name), 1, tmp_path, np.random.default_rng(1))
     assert outcome.problems == ()
     assert (outcome.status, outcome.alarm) == ("stopped", alarm)
-    assert outcome.safe_s <= SAFE_S
+    assert outcome.safe_s <= SAFE_S["on-demand"]
     assert outcome.wall_s <= AT_REST_S
+
+
+def test_an_instrument_that_fails_once_is_no_reason_to_stop(tmp_path: Path) -> None:
+    fault = WireFault("input_drive", "drop once")
+    draw = np.random.default_rng(1)
+    outcome = one_wire_fault(fault, procedure("verify input"), 1, tmp_path, draw)
+    assert (outcome.problems, outcome.status) == ((), "harmless")
+
+
+def test_the_same_holds_in_real_time(tmp_path: Path) -> None:
+    fault, draw = WireFault("input_drive", "disconnect"), np.random.default_rng(1)
+    outcome = one_wire_fault(fault, procedure("friction sweep"), 1, tmp_path, draw, "real")
+    assert outcome.problems == ()
+    assert outcome.alarm == "drive fault: input"
+    assert outcome.safe_s <= SAFE_S["real"]
+
+
+@pytest.mark.parametrize("name", ["seal: killed"])
+def test_a_calibration_that_was_killed_is_found_and_certified(name: str) -> None:
+    number = [kind.name for kind in PHASE_KINDS].index(name)
+    command = [sys.executable, "-m", "benchmarks.faults", "--only", f"phases:{number}"]
+    survived = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert survived.returncode == 0, survived.stdout + survived.stderr
+    assert f"kind={name!r}" in survived.stdout
+    assert "points=16" in survived.stdout
