@@ -67,6 +67,7 @@ def calibrated_bench(
     seal: bool = True,
     profile: Profile | None = None,
     operator: str = "M. Weber",
+    ended_h: int = 10,
 ) -> CalibratedBench:
     chosen = profile or load_profile("rapid-in-situ").with_options(step_percent=20.0)
     data = points(chosen, simulated=simulated, temperature_drift_k=temperature_drift_k)
@@ -109,7 +110,7 @@ def calibrated_bench(
     if not seal:
         writer.close()
     else:
-        registry.finish_run(writer.seal(), started.replace(hour=10))
+        registry.finish_run(writer.seal(), started.replace(hour=ended_h))
     entry = registry.add_calibration(
         data,
         performed=started,

@@ -190,6 +190,12 @@ def test_changed_run_is_refused(registry: Registry) -> None:
         build_record(registry, bench.calibration, ISSUE)
 
 
+def test_run_that_ended_before_it_began_is_refused(registry: Registry) -> None:
+    bench = calibrated_bench(registry, ended_h=8)
+    with pytest.raises(RecordError, match="08:30:00\\) before it began"):
+        build_record(registry, bench.calibration, ISSUE)
+
+
 def test_changed_model_is_refused(registry: Registry) -> None:
     bench = calibrated_bench(registry)
     next((registry.root / "models").iterdir()).write_text("{}")
