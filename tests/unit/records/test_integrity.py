@@ -22,6 +22,7 @@ from torquebench.records import (
     check_records,
     sha256_of_file,
 )
+from torquebench.records.database_check import schema_changes
 from torquebench.records.schema import Base, LinkRow, RunRow
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
@@ -243,6 +244,28 @@ def test_changed_files_and_run_folders_are_named(filled, tmp_path):
     assert any("manifest was changed" in str(each) for each in check_records(filled).findings)
     shutil.rmtree(tmp_path / "runs")
     assert any("no run in" in str(each) for each in check_records(filled).findings)
+
+
+def test_tables_indexes_and_triggers_are_compared_with_those_that_were_made(
+    registry, around, unguarded
+):
+    missing = {"keep_" + table.name for table in Base.metadata.sorted_tables}
+    found = {each.where: each.found for each in schema_changes(registry)}
+    if registry.dialect == "sqlite":
+        missing = {f"{name}_{event}" for name in missing for event in ("update", "delete")}
+        assert set(found.values()) == {"is missing"}
+    else:
+        assert set(found.values()) == {"differs from what was made"}
+    assert set(found) == {f"trigger {name}" for name in missing}
+    with around.begin() as connection:
+        connection.execute(text("DROP INDEX ix_runs_started"))
+        connection.execute(text("ALTER TABLE runs ADD COLUMN mood TEXT"))
+    more = {each.where for each in schema_changes(registry)} - set(found)
+    assert more == {"index ix_runs_started", "table runs"}
+
+
+def test_the_schema_as_it_is_made_has_no_changes(registry):
+    assert list(schema_changes(registry)) == []
 
 
 def test_the_database_itself_refuses_to_change_a_record(filled, around):
