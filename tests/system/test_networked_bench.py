@@ -134,6 +134,8 @@ def test_orders_come_over_the_control_channel() -> None:
                 control.ask("misbehave", endpoint="nobody", kind="drop")
             with pytest.raises(BenchError, match="unknown request"):
                 control.ask("dance")
+            with pytest.raises(BenchError, match="NaN is no number"):
+                control.ask("sweep", side="output", torque_nm=[0.0, float("nan")])
             with pytest.raises(BenchError, match="mounting"):
                 control.ask("mount", mounting="elephant")
         finally:

@@ -333,6 +333,56 @@ def test_a_read_out_with_jitter_hands_out_every_sample_once(simulators: Simulato
         simulators.plant.bench.mount("nothing")
 
 
+def test_a_counter_with_jitter_answers_late_on_the_bench(
+    counter: ScpiClient, simulators: Simulators
+) -> None:
+    counter.tell("SENS:FREQ:GATE:TIME 0.01;:INIT")
+    counter.ask("DATA:REM? 1,WAIT")
+    begun_s = simulators.plant.now_s - 0.01
+    simulators.misbehaviour.start("counter", "jitter", amount=0.2)
+    late = []
+    for number in range(2, 8):
+        assert len(counter.ask("DATA:REM? 1,WAIT").split(",")) == 1
+        late.append(simulators.plant.now_s - begun_s - 0.01 * number)
+    assert min(late) >= -1e-6
+    assert 0.02 < max(late) <= 0.2
+
+
+def test_a_wrong_scale_is_in_every_reading_from_then_on(
+    counter: ScpiClient, simulators: Simulators
+) -> None:
+    counter.tell("SENS:FREQ:GATE:TIME 0.01;:INIT")
+    before = float(counter.ask("DATA:REM? 1,WAIT"))
+    simulators.misbehaviour.start("counter", "scale", amount=1.5)
+    assert float(counter.ask("DATA:REM? 1,WAIT")) == pytest.approx(1.5 * before, rel=1e-3)
+    probes = ModbusClient(simulators.description.driver["temperature"]["address"])
+    try:
+        warm = probes.read(4, 0, 5)
+        simulators.misbehaviour.start("temperature", "scale", amount=2.0)
+        assert probes.read(4, 0, 5) == pytest.approx([2 * word for word in warm], abs=2)
+    finally:
+        probes.socket.close()
+
+
+def test_positions_with_jitter_are_those_of_some_time_ago(
+    drive: ModbusClient, simulators: Simulators
+) -> None:
+    angles = ModbusClient(simulators.description.driver["angles"]["address"])
+    try:
+        simulators.plant.bench.set_mode("input", "driven")
+        drive.write(WATCHDOG, [4, 0])
+        drive.write(6, [*words(10.0), *words(1000.0)])
+        drive.write(CONTROL, [ENABLE, 2])
+        go_on(simulators, 0.5)
+        assert len({tuple(angles.read(4, 0, 2)) for _ in range(5)}) == 1
+        simulators.misbehaviour.start("angles", "jitter", amount=0.3)
+        assert len({tuple(angles.read(4, 0, 2)) for _ in range(10)}) > 2
+    finally:
+        drive.write(CONTROL, [0, 0])
+        simulators.plant.bench.set_mode("input", "free")
+        angles.socket.close()
+
+
 # -- CANopen ----------------------------------------------------------------------------------
 
 

@@ -34,6 +34,10 @@ __all__ = ["ControlServer"]
 TRUTH_WINDOW_S = 0.1
 
 
+def _refuse(constant: str) -> float:
+    raise ValueError(f"{constant} is no number")
+
+
 class ControlServer(LineServer):
     """Does what no instrument can: mounts, breaks and heals.
 
@@ -71,7 +75,7 @@ class ControlServer(LineServer):
 
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
+            request = json.loads(line, parse_constant=_refuse)
             action = self._actions.get(request.get("do"))
             if action is None:
                 return {"error": "unknown request; known: " + ", ".join(self._actions)}
