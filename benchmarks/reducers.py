@@ -264,7 +264,9 @@ def one_bench(work: Work) -> Found:
                 profile = work.calibration(side)
                 measured = measure_calibration(station, side, profile)
                 fitted = fit_models(measured.result.data, [ModelChoice(RECOMMENDED)])
-                register_calibration(station, measured, profile, fitted, active=RECOMMENDED)
+                register_calibration(
+                    station.registry, measured, profile, fitted, active=RECOMMENDED
+                )
         found = specimen_deviations(work, data)
     if kept is not None:
         part = kept.with_suffix(".part")

@@ -26,34 +26,69 @@ def binaries() -> Path | None:
     return next((path for path in folders if (path / "initdb").is_file()), None)
 
 
+class Server:
+    """A server on a socket in a folder of its own, which can be stopped and started again."""
+
+    def __init__(self, folder: Path) -> None:
+        found = binaries()
+        assert found is not None, "PostgreSQL isn't installed (Debian package: postgresql)"
+        self.socket = folder / f".s.PGSQL.{PORT}"
+        self._folder, self._data, self._bin = folder, folder / "data", found
+        self._identity: dict[str, object] = {}
+        if os.geteuid() == 0:  # the server refuses to run as root
+            self._identity = {"user": "postgres", "group": "postgres", "extra_groups": []}
+            shutil.chown(folder, "postgres", "postgres")
+        initialise = [found / "initdb", "-D", self._data, "-U", USER, "-A", "trust", "-E", "UTF8"]
+        initialise += ["--locale=C", "--no-sync"]
+        subprocess.run(initialise, cwd=folder, check=True, capture_output=True, **self._identity)  # type: ignore[call-overload]
+
+    @property
+    def url(self) -> str:
+        """URL of a registry on it."""
+        return f"postgresql://{USER}@/postgres?unix_sock={self.socket}"
+
+    def start(self) -> None:
+        """Start the server and wait until it answers."""
+        serve = [self._bin / "postgres", "-D", self._data, "-k", self._folder, "-p", str(PORT)]
+        serve += ["-c", "listen_addresses=", "-c", "fsync=off", "-c", "full_page_writes=off"]
+        with (self._folder / "log").open("ab") as log:
+            self._process = subprocess.Popen(  # type: ignore[call-overload]
+                serve, cwd=self._folder, stdout=log, stderr=log, **self._identity
+            )
+        _wait(self.socket, self._process, self._folder / "log")
+
+    def stop(self) -> None:
+        """End the server as its service does: whoever is connected is thrown out."""
+        self._process.send_signal(signal.SIGINT)
+        self._process.wait(timeout=30)
+
+    def close(self) -> None:
+        """End the server at once: nobody needs its data any more."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGQUIT)
+            self._process.wait(timeout=30)
+
+
 @contextmanager
-def server() -> Iterator[Path]:
-    """Run a server on a socket in a folder of its own, and yield the socket."""
-    bin_folder = binaries()
-    assert bin_folder is not None, "PostgreSQL isn't installed (Debian package: postgresql)"
+def restartable() -> Iterator[Server]:
+    """Run a server in a folder of its own, and yield it."""
     folder = Path(tempfile.mkdtemp(prefix="torquebench-postgresql-"))
-    identity: dict[str, object] = {}
-    if os.geteuid() == 0:  # the server refuses to run as root
-        identity = {"user": "postgres", "group": "postgres", "extra_groups": []}
-        shutil.chown(folder, "postgres", "postgres")
-    data = folder / "data"
-    initialise = [bin_folder / "initdb", "-D", data, "-U", USER, "-A", "trust", "-E", "UTF8"]
-    initialise += ["--locale=C", "--no-sync"]
-    serve = [bin_folder / "postgres", "-D", data, "-k", folder, "-p", str(PORT)]
-    serve += ["-c", "listen_addresses=", "-c", "fsync=off", "-c", "full_page_writes=off"]
     try:
-        subprocess.run(initialise, cwd=folder, check=True, capture_output=True, **identity)  # type: ignore[call-overload]
-        with (folder / "log").open("wb") as log:
-            process = subprocess.Popen(serve, cwd=folder, stdout=log, stderr=log, **identity)  # type: ignore[call-overload]
+        found = Server(folder)
+        found.start()
         try:
-            socket = folder / f".s.PGSQL.{PORT}"
-            _wait(socket, process, folder / "log")
-            yield socket
+            yield found
         finally:
-            process.send_signal(signal.SIGQUIT)  # at once: nobody needs its data any more
-            process.wait(timeout=30)
+            found.close()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def server() -> Iterator[Path]:
+    """Run a server in a folder of its own, and yield its socket."""
+    with restartable() as found:
+        yield found.socket
 
 
 def connect(socket: Path, database: str = "postgres") -> pg8000.native.Connection:

@@ -1,6 +1,7 @@
 import contextlib
 import json
 import sqlite3
+import time
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
@@ -324,18 +325,29 @@ def test_a_model_file_that_was_changed_never_compensates(station: Station) -> No
     assert station.acquisition.compensation("output") is None
 
 
-def test_a_run_that_the_registry_does_not_take_leaves_no_folder(station: Station) -> None:
+def test_a_registry_that_fails_costs_no_run_and_catches_up_visibly(station: Station) -> None:
     with contextlib.closing(sqlite3.connect(station.data_dir / "registry.sqlite")) as database:
         database.execute(
             "CREATE TRIGGER full BEFORE INSERT ON runs "
             "BEGIN SELECT RAISE(ABORT, 'database or disk is full'); END"
         )
-        with pytest.raises(RecordError, match="disk is full"):
-            station.run(set_up(station.devices), kind="set-up")
-        assert list((station.data_dir / "runs").iterdir()) == []
+        record = station.run(set_up(station.devices), kind="set-up")
+        assert record.exit_status == "success"
+        RunFolder.open(record.folder).verify()
+        (warning,) = station.alarms
+        assert warning.alarm.name == "registry behind: registry"
+        assert "database or disk is full; 1 run waits in the data dir" in warning.alarm.found
+        assert station.supervisor.alarm is None, "it stops nothing"
+        station.run(set_up(station.devices), kind="set-up")
+        assert station.queue.waiting == 2
+        assert station.registry.runs() == []
         database.execute("DROP TRIGGER full")
-    station.run(set_up(station.devices), kind="set-up")
-    assert len(station.registry.runs()) == 1
+    deadline = time.monotonic() + 20.0
+    while station.alarms and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert station.alarms == ()
+    assert [run.status for run in station.registry.runs()] == ["completed"] * 2
+    assert [run.folder for run in station.registry.runs()][1] == record.folder
 
 
 def test_closing_a_loaded_bench_takes_the_torque_off(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,14 @@ from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
 from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.procedures import StaircaseResult
-from torquebench.records import CheckEntry, ModelEntry
-from torquebench.station import Station
+from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
+from torquebench.station import Station, enter_run
 from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
 
-__all__ = ["CheckResult", "check_module", "judge_check"]
+__all__ = ["CheckResult", "check_module", "finish_check", "judge_check"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,36 +125,72 @@ def check_module(
     ModelMismatchError
         The module's model was made with another counter; nothing was moved.
     """
-    serial = station.description.module(side).transducer.serial
-    entry = station.registry.active_model(serial, station.drivers.counter.clock_identity)
-    chain = None if entry is None else load_chain(entry.check_file())
-    if chain is not None:  # no further than it was calibrated
-        range_nm = station.description.module(side).range_nm
-        profile = profile.within(100.0 * chain.model.calibrated_nm / range_nm)
-    measured = measure_check(station, side, profile, progress=progress, on_pause=on_pause)
-    data = measured.result.data
-    standard = station.description.verification_standard
-    torque, expanded, decisions = judge_check(
-        data,
-        chain,
-        standard_uncertainty_percent=standard.expanded_uncertainty_percent,
-        tolerance_percent_fs=tolerance_percent_fs,
+    registry, description = station.registry, station.description
+    serial, counter = description.module(side).transducer.serial, station.drivers.counter
+    entry = registry.patiently(lambda: registry.active_model(serial, counter.clock_identity))
+    if entry is not None:  # no further than it was calibrated
+        chain = load_chain(entry.check_file())
+        profile = profile.within(
+            100.0 * chain.model.calibrated_nm / description.module(side).range_nm
+        )
+    asked = {
+        "tolerance_percent_fs": tolerance_percent_fs,
+        "model_id": None if entry is None else entry.model_id,
+    }
+    measured = measure_check(
+        station, side, profile, metadata={REGISTERS: asked}, progress=progress, on_pause=on_pause
     )
-    result = CheckResult(
-        data=data,
-        torque_nm=torque,
-        expanded_uncertainty_nm=expanded,
-        decisions=decisions,
-        verdict=Verdict.worst(each.verdict for each in decisions),
-        model=entry,
-        run_id=measured.record.run_id,
-    )
-    _register(station, measured, result, tolerance_percent_fs)
-    return result
+    return finish_check(registry, measured, progress)
+
+
+def finish_check(
+    registry: Registry, measured: Measured[StaircaseResult], progress: Progress = NO_PROGRESS
+) -> CheckResult:
+    """Judge a check that is measured, and register the verdict.
+
+    Parameters
+    ----------
+    registry : Registry
+    measured : Measured
+        Its run notes tolerance, model in use and standard.
+    progress : Progress
+
+    Raises
+    ------
+    RecordError
+        The registry can't take it. Everything is measured: it can be finished later.
+    """
+    data, known = measured.result.data, measured.record.metadata
+    asked = known[REGISTERS]
+    tolerance, model_id = float(asked["tolerance_percent_fs"]), asked["model_id"]
+
+    def register() -> CheckResult:
+        entry = None if model_id is None else registry.model(int(model_id))
+        chain = None if entry is None else load_chain(entry.check_file())
+        standard = known["bench"]["verification_standard"]
+        torque, expanded, decisions = judge_check(
+            data,
+            chain,
+            standard_uncertainty_percent=standard["expanded_uncertainty_percent"],
+            tolerance_percent_fs=tolerance,
+        )
+        result = CheckResult(
+            data=data,
+            torque_nm=torque,
+            expanded_uncertainty_nm=expanded,
+            decisions=decisions,
+            verdict=Verdict.worst(each.verdict for each in decisions),
+            model=entry,
+            run_id=measured.record.run_id,
+        )
+        _register(registry, measured, result, tolerance)
+        return result
+
+    return registered_patiently(registry, measured.record.run_id, register, progress)
 
 
 def _register(
-    station: Station,
+    registry: Registry,
     measured: Measured[StaircaseResult],
     result: CheckResult,
     tolerance_percent_fs: float,
@@ -166,18 +203,23 @@ def _register(
         "verdicts": [each.verdict for each in result.decisions],
         "decision_rule": result.decisions[0].rule(),
     }
-    station.registry.add_check(
-        CheckEntry(
-            transducer_serial=result.data.transducer_serial,
-            performed=datetime.now(UTC),
-            verdict=result.verdict.value,
-            worst_percent_fs=abs(result.worst_percent_fs),
-            tolerance_percent_fs=tolerance_percent_fs,
-            simulated=result.data.simulated,
-            standard_serial=measured.result.standard_serial,
-            model_id=None if result.model is None else result.model.model_id,
-            run_id=result.run_id,
-            measured_by=operator_name(),
-            summary=summary,
+    folder, serial = RunFolder(measured.record.folder), result.data.transducer_serial
+    with registry.writing():
+        enter_run(registry, folder)
+        if any(each.run_id == result.run_id for each in registry.checks(serial)):
+            return
+        registry.add_check(
+            CheckEntry(
+                transducer_serial=serial,
+                performed=datetime.fromisoformat(folder.manifest["sealed"]),
+                verdict=result.verdict.value,
+                worst_percent_fs=abs(result.worst_percent_fs),
+                tolerance_percent_fs=tolerance_percent_fs,
+                simulated=result.data.simulated,
+                standard_serial=measured.result.standard_serial,
+                model_id=None if result.model is None else result.model.model_id,
+                run_id=result.run_id,
+                measured_by=str(measured.record.metadata.get("operator") or operator_name()),
+                summary=summary,
+            )
         )
-    )

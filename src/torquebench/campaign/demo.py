@@ -3,32 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.chains import bench_effects
-from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models
+from torquebench.campaign.finishing import (
+    FinishedCalibration,
+    finish_calibration,
+    registers_calibration,
+)
+from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import (
-    Measured,
     measure_calibration,
     measure_friction,
     measure_verification,
 )
-from torquebench.campaign.modules import (
-    RegisteredCalibration,
-    dense_sweep,
-    evaluate_module,
-    register_calibration,
-    register_verification,
-)
+from torquebench.campaign.modules import dense_sweep, evaluate_module, register_verification
 from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.compensation import RECOMMENDED
-from torquebench.procedures import FrictionSettings, StaircaseResult
+from torquebench.procedures import FrictionSettings
+from torquebench.records import REGISTERS
 from torquebench.station import Station
 
 __all__ = ["DemoSettings", "run_demo"]
@@ -106,59 +104,44 @@ def run_demo(
     )
 
 
-@dataclass(frozen=True)
-class _Calibrated:
-    """A module between its calibration and its verification."""
-
-    side: Side
-    measured: Measured[StaircaseResult]
-    fitted: list[FittedModel]
-    registered: RegisteredCalibration
-
-
 def _modules(station: Station, settings: DemoSettings, progress: Progress) -> list[ModuleResult]:
     """Calibrate both modules before the standard is changed for the verifications."""
     choices = settings.choices()
+    recommended = choices[0].name
+    known = registers_calibration([choice.name for choice in choices], recommended)
+    profile = settings.calibration
     measured = [
-        measure_calibration(station, side, settings.calibration, progress=progress)
+        measure_calibration(station, side, profile, metadata=known, progress=progress)
         for side in SIDES
     ]
     calibrated = [
-        _fit(station, settings, side, item, choices, progress)
-        for side, item in zip(SIDES, measured, strict=True)
+        finish_calibration(station.registry, item, profile, choices, recommended, progress)
+        for item in measured
     ]
-    return [_verify(station, settings, item, choices[0].name, progress) for item in calibrated]
-
-
-def _fit(
-    station: Station,
-    settings: DemoSettings,
-    side: Side,
-    measured: Measured[StaircaseResult],
-    choices: Sequence[ModelChoice],
-    progress: Progress,
-) -> _Calibrated:
-    data = measured.result.data
-    title = f"Fitting the {side} module"
-    effects = bench_effects(station.description, data)
-    fitted = fit_models(data, choices, progress, title=title, effects=effects)
-    registered = register_calibration(
-        station, measured, settings.calibration, fitted, active=choices[0].name
-    )
-    return _Calibrated(side, measured, fitted, registered)
+    return [
+        _verify(station, settings, side, item, recommended, progress)
+        for side, item in zip(SIDES, calibrated, strict=True)
+    ]
 
 
 def _verify(
     station: Station,
     settings: DemoSettings,
-    calibrated: _Calibrated,
+    side: Side,
+    calibrated: FinishedCalibration,
     recommended: str,
     progress: Progress,
 ) -> ModuleResult:
-    side = calibrated.side
+    models = calibrated.registered.models
     verified = measure_verification(
-        station, side, settings.verification, settings.seed, progress=progress
+        station,
+        side,
+        settings.verification,
+        settings.seed,
+        metadata={REGISTERS: {"models": {name: each.model_id for name, each in models.items()}}},
+        progress=progress,
     )
+    run_ids = (calibrated.measured.record.run_id, verified.record.run_id)
     module, result = evaluate_module(
         calibrated.measured.result,
         verified.result,
@@ -166,7 +149,12 @@ def _verify(
         calibrated.fitted,
         recommended,
         dense=dense_sweep(station, side),
-        run_ids=(calibrated.measured.record.run_id, verified.record.run_id),
+        run_ids=run_ids,
     )
-    register_verification(station, calibrated.registered, result, verified.record.run_id)
+    registered_patiently(
+        station.registry,
+        run_ids[1],
+        lambda: register_verification(station.registry, models, result, verified.record),
+        progress,
+    )
     return module

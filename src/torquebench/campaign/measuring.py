@@ -15,7 +15,6 @@ import numpy as np
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import Profile
 from torquebench.campaign.progress import NO_PROGRESS, Progress
-from torquebench.campaign.zeros import register_zeroings
 from torquebench.errors import BenchError
 from torquebench.procedures import (
     FrictionSettings,
@@ -133,6 +132,7 @@ def measure_verification(
     profile: Profile,
     seed: int,
     *,
+    metadata: Mapping[str, Any] | None = None,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> Measured[StaircaseResult]:
@@ -144,7 +144,7 @@ def measure_verification(
         lambda: verify(station.devices, side, profile, steps),
         kind=f"verify-{side}",
         title=f"Verifying the {side} module",
-        metadata=_metadata(side, profile),
+        metadata={**_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )
@@ -155,6 +155,7 @@ def measure_check(
     side: Side,
     profile: Profile,
     *,
+    metadata: Mapping[str, Any] | None = None,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> Measured[StaircaseResult]:
@@ -165,7 +166,7 @@ def measure_check(
         lambda: verify(station.devices, side, profile, steps),
         kind=f"check-{side}",
         title=f"Checking the {side} module",
-        metadata=_metadata(side, profile),
+        metadata={**_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )
@@ -257,7 +258,7 @@ def measure(
     progress: Progress,
     on_pause: OnPause | None,
 ) -> Measured[Result]:
-    """Rehearse a plan, run it as a run of its own, and register the zeros that it took.
+    """Rehearse a plan and run it as a run of its own.
 
     `rehearsed` makes the plan without what can't be done with a rehearsal's recordings.
     """
@@ -274,7 +275,6 @@ def measure(
             done = step.done
 
     record = station.run(plan(), kind=kind, metadata=metadata, progress=watch, on_pause=on_pause)
-    register_zeroings(station, record)
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

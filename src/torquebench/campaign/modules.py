@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,15 @@ from torquebench.compensation import (
     features,
 )
 from torquebench.procedures import StaircaseResult
-from torquebench.records import MANIFEST, CalibrationEntry, ModelEntry, sha256_of_file
-from torquebench.station import Station
+from torquebench.records import (
+    MANIFEST,
+    CalibrationEntry,
+    ModelEntry,
+    Registry,
+    RunFolder,
+    sha256_of_file,
+)
+from torquebench.station import RunRecord, Station, enter_run
 
 __all__ = [
     "RegisteredCalibration",
@@ -63,7 +70,7 @@ class RegisteredCalibration:
 
 
 def register_calibration(
-    station: Station,
+    registry: Registry,
     measured: Measured[StaircaseResult],
     profile: Profile,
     fitted: Sequence[FittedModel],
@@ -71,11 +78,13 @@ def register_calibration(
 ) -> RegisteredCalibration:
     """Register a calibration, store its models beside the runs and put one of them into use.
 
+    All of it in one transaction; where the run has a calibration already, that one is returned.
+
     Parameters
     ----------
-    station : Station
+    registry : Registry
     measured : Measured
-        The calibration.
+        The calibration; its folder is sealed.
     profile : Profile
         That it followed.
     fitted : sequence of FittedModel
@@ -83,28 +92,54 @@ def register_calibration(
     active : str or None
         Name of the one that the module compensates with from now on; None leaves that open.
     """
-    registry, result = station.registry, measured.result
-    entry = registry.add_calibration(
-        result.data,
-        run_id=measured.record.run_id,
-        standard_serial=result.standard_serial,
-        profile_name=profile.name,
-        profile_sha256=profile.sha256,
-        measured_by=operator_name(),
-        due=propose_due_date(datetime.now(UTC), None, longest_days=profile.valid_days),
-        files={MANIFEST: sha256_of_file(measured.record.folder / MANIFEST)},
-        summary=_summary(measured),
-    )
-    models = {}
-    for item in fitted:
+    result, run_id, folder = measured.result, measured.record.run_id, measured.record.folder
+    performed = datetime.fromisoformat(RunFolder(folder).manifest["sealed"])
+    files = {}
+    for item in fitted:  # before the registry knows of them
         metrics = fit_metrics(item, result.data)
-        path = station.data_dir / "models" / f"{measured.record.run_id}-{item.name}.json"
-        store_model(path, item.model, result.data, metrics, item.effects)
-        models[item.name] = registry.add_model(
-            entry, kind=item.model.kind, file=path, side=result.data.side, metrics=metrics
+        files[item.name] = registry.root / "models" / f"{run_id}-{item.name}.json", metrics
+    with registry.writing():
+        enter_run(registry, RunFolder(folder))
+        before = registry.calibration_of_run(run_id)
+        if before is not None:
+            return _registered(registry, registry.calibration(before))
+        for item in fitted:
+            path, metrics = files[item.name]
+            store_model(path, item.model, result.data, metrics, item.effects)
+        entry = registry.add_calibration(
+            result.data,
+            performed=performed,
+            run_id=run_id,
+            standard_serial=result.standard_serial,
+            profile_name=profile.name,
+            profile_sha256=profile.sha256,
+            measured_by=str(measured.record.metadata.get("operator") or operator_name()),
+            due=propose_due_date(performed, None, longest_days=profile.valid_days),
+            files={MANIFEST: sha256_of_file(folder / MANIFEST)},
+            summary=_summary(measured),
         )
-    if active is not None:
-        registry.activate(models[active].model_id, reason="recommended by the calibration")
+        models = {
+            item.name: registry.add_model(
+                entry,
+                kind=item.model.kind,
+                file=files[item.name][0],
+                side=result.data.side,
+                metrics=files[item.name][1],
+            )
+            for item in fitted
+        }
+        if active is not None:
+            registry.activate(models[active].model_id, reason="recommended by the calibration")
+    return RegisteredCalibration(entry, models)
+
+
+def _registered(registry: Registry, entry: CalibrationEntry) -> RegisteredCalibration:
+    """Return a calibration that is registered already, with its models by their names."""
+    models = {
+        model.file.stem.removeprefix(f"{entry.run_id}-"): model
+        for model in registry.models(entry.transducer_serial)
+        if model.calibration_id == entry.calibration_id
+    }
     return RegisteredCalibration(entry, models)
 
 
@@ -126,17 +161,28 @@ def _summary(measured: Measured[StaircaseResult]) -> dict[str, Any]:
 
 
 def register_verification(
-    station: Station,
-    registered: RegisteredCalibration,
+    registry: Registry,
+    models: Mapping[str, ModelEntry],
     result: VerificationResult,
-    run_id: str,
+    record: RunRecord,
 ) -> None:
-    """Register what a verification found, for each model beside the raw reading."""
-    for name, entry in registered.models.items():
-        part = replace(result, models=(result.of(RAW), result.of(name)))
-        station.registry.add_verification(
-            entry.model_id, part, run_id=run_id, measured_by=operator_name()
-        )
+    """Register what a verification found, for each model beside the raw reading.
+
+    In one transaction; what is registered of the run already stays as it is.
+    """
+    with registry.writing():
+        enter_run(registry, RunFolder(record.folder))
+        for name, entry in models.items():
+            if any(each.run_id == record.run_id for each in registry.verifications(entry.model_id)):
+                continue
+            part = replace(result, models=(result.of(RAW), result.of(name)))
+            registry.add_verification(
+                entry.model_id,
+                part,
+                run_id=record.run_id,
+                performed=datetime.fromisoformat(RunFolder(record.folder).manifest["sealed"]),
+                measured_by=str(record.metadata.get("operator") or operator_name()),
+            )
 
 
 def dense_sweep(station: Station, side: Side) -> DenseSweep | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -21,7 +21,13 @@ from torquebench.procedures.resuming import (
     steps_from,
 )
 from torquebench.procedures.staircase import Row, describe_step
-from torquebench.records import Registry, RunFolder, RunSummary
+from torquebench.records import (
+    Registry,
+    RunFolder,
+    RunSummary,
+    followers,
+    latest_unfinished_calibration,
+)
 from torquebench.station import Station
 
 __all__ = ["InterruptedCalibration", "find_interrupted", "read_interrupted", "resume_calibration"]
@@ -145,7 +151,10 @@ class InterruptedCalibration:
 
 
 def find_interrupted(registry: Registry, name: str) -> RunSummary:
-    """Return a run by its id, the beginning of it, or "latest" for the newest interrupted one.
+    """Return a run by its id, the beginning of it, or "latest" for the newest unfinished one.
+
+    The newest calibration that isn't finished is one that was interrupted and can be gone on
+    with, or one that is measured and not registered: see `campaign.finishing`.
 
     Raises
     ------
@@ -153,11 +162,8 @@ def find_interrupted(registry: Registry, name: str) -> RunSummary:
         There is none, or more than one.
     """
     if name == "latest":
-        candidates = [
-            run
-            for run in registry.runs()
-            if run.status in INTERRUPTED and run.kind.startswith("calibrate-")
-        ][:1]
+        newest = latest_unfinished_calibration(registry)
+        candidates = [] if newest is None else [newest]
     else:
         candidates = registry.runs_beginning(name, limit=2)
     if len(candidates) != 1:
@@ -185,12 +191,30 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
             "a calibration that was interrupted, aborted or failed",
             "wait until it ends, or calibrate again",
         )
+    later = followers(registry, run)
+    if later:
+        raise InputError(
+            f"run {run.run_id} was gone on with in run {later[0].run_id}",
+            "a calibration that nothing has gone on with",
+            "go on with the later run, or calibrate again",
+        )
+    if registry.discarded(run.run_id):
+        raise InputError(
+            f"run {run.run_id} was discarded",
+            "a calibration that nobody has discarded",
+            "calibrate again",
+        )
+    return _read(registry, run)
+
+
+def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
+    """Read back a run, whatever was done about it since."""
     folder = RunFolder.open(run.folder)
     folder.verify()
     start = next((document for _, document in folder.documents("start")), None)
     taken = list(_points(folder))
-    if run.status == "failed":  # what stopped it may have begun while the last point was taken
-        taken = taken[:-1]
+    if run.status == "failed" and not _measured(folder):
+        taken = taken[:-1]  # what stopped it may have begun while the last point was taken
     before = _before(registry, folder)
     if start is None or not (taken or before):
         raise InputError(
@@ -232,6 +256,7 @@ def resume_calibration(
     station: Station,
     interrupted: InterruptedCalibration,
     *,
+    metadata: Mapping[str, Any] | None = None,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
     now: datetime | None = None,
@@ -244,6 +269,8 @@ def resume_calibration(
     ----------
     station : Station
     interrupted : InterruptedCalibration
+    metadata : mapping, optional
+        What else the run's record is to know, such as the models that are fitted to it.
     progress, on_pause
         As everywhere.
     now : datetime.datetime, optional
@@ -275,6 +302,7 @@ def resume_calibration(
             "points_of_earlier_runs": len(interrupted.kept),
             "points_measured_again": interrupted.repeated,
             "damaged_points": [describe_step(step) for step in interrupted.damaged],
+            **(metadata or {}),
         },
         progress=progress,
         on_pause=on_pause,
@@ -326,7 +354,13 @@ def _certificates(interrupted: InterruptedCalibration, description: Any) -> tupl
 def _before(registry: Registry, folder: RunFolder) -> InterruptedCalibration | None:
     """Return what a run that was itself a continuation had gone on with."""
     resumed = folder.metadata.get("resumes")
-    return read_interrupted(registry, registry.run(str(resumed[-1]))) if resumed else None
+    return _read(registry, registry.run(str(resumed[-1]))) if resumed else None
+
+
+def _measured(folder: RunFolder) -> bool:
+    """Return whether a run's plan had ended well, and what failed came after it."""
+    stops = [document for _, document in folder.documents("stop")]
+    return bool(stops) and stops[-1].get("exit_status") == "success"
 
 
 def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,15 +22,13 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.bench.drivers.base import Side
     from torquebench.calibration import Profile
-    from torquebench.campaign.fitting import FittedModel
+    from torquebench.campaign.finishing import FinishedCalibration
     from torquebench.campaign.measuring import Measured
-    from torquebench.campaign.modules import RegisteredCalibration
     from torquebench.campaign.resuming import InterruptedCalibration
     from torquebench.cli.progress import TerminalProgress
     from torquebench.procedures import StaircaseResult
-    from torquebench.station import Station
 
-__all__ = ["confirm_start", "register", "run_calibrations"]
+__all__ = ["confirm_start", "register", "report_calibration", "run_calibrations"]
 
 
 class Sides(StrEnum):
@@ -218,6 +214,8 @@ def run_calibrations(
 ) -> None:
     """Calibrate modules one after the other, or go on with one, and report each."""
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
+    from torquebench.campaign.finishing import finish_calibration, registers_calibration
+    from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.measuring import RunAbortedError, measure_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.doubts import CALIBRATOR, tell_doubts
@@ -225,7 +223,7 @@ def run_calibrations(
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
     from torquebench.compensation import RECOMMENDED
     from torquebench.station import Station
 
@@ -233,6 +231,8 @@ def run_calibrations(
         note("simulated bench")
     prompts = PromptQueue()
     operator = None if description.simulated else QueuedOperator(prompts)
+    kind = model or RECOMMENDED
+    known = registers_calibration([kind], kind)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
         tell_doubts(station, CALIBRATOR)
@@ -247,61 +247,37 @@ def run_calibrations(
             ) -> Measured[StaircaseResult]:
                 ask = interrupts.ask
                 if interrupted is not None:
-                    return resume_calibration(station, interrupted, progress=progress, on_pause=ask)
-                return measure_calibration(station, side, profile, progress=progress, on_pause=ask)
+                    return resume_calibration(
+                        station, interrupted, metadata=known, progress=progress, on_pause=ask
+                    )
+                return measure_calibration(
+                    station, side, profile, metadata=known, progress=progress, on_pause=ask
+                )
 
             try:
                 with (
                     progress,
+                    tell_warnings(station, progress),
                     attending(station, progress),
                     interrupts.watching(),
                     answering(prompts, progress, yes=yes),
                 ):
-                    outcome = _one_side(station, measure, profile, model or RECOMMENDED, progress)
+                    finished = finish_calibration(
+                        station.registry, measure(), profile, [ModelChoice(kind)], kind, progress
+                    )
             except RunAbortedError as aborted:
                 raise interrupts.reported(aborted) from None
-            _report(outcome)
+            report_calibration(finished)
 
 
-def _one_side(
-    station: Station,
-    measure: Callable[[], Measured[StaircaseResult]],
-    profile: Profile,
-    kind: str,
-    progress: TerminalProgress,
-) -> _Outcome:
-    from torquebench.campaign.chains import bench_effects
-    from torquebench.campaign.fitting import ModelChoice, fit_models
-    from torquebench.campaign.modules import register_calibration
-
-    measured = measure()
-    data = measured.result.data
-    fitted = fit_models(
-        data,
-        [ModelChoice(kind)],
-        progress,
-        title=f"Fitting the {data.side} module",
-        effects=bench_effects(station.description, data),
-    )
-    registered = register_calibration(station, measured, profile, fitted, active=kind)
-    return _Outcome(measured, fitted[0], registered)
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    measured: Measured[StaircaseResult]
-    fitted: FittedModel
-    registered: RegisteredCalibration
-
-
-def _report(outcome: _Outcome) -> None:
+def report_calibration(finished: FinishedCalibration) -> None:
     """Print what the calibration found, on its own points: that is no verification."""
     from torquebench.calibration import summarise_errors
     from torquebench.campaign.fitting import feature_columns
     from torquebench.cli.staircase import placement_table
     from torquebench.cli.tables import error_blocks
 
-    result, fitted = outcome.measured.result, outcome.fitted
+    result, fitted = finished.measured.result, finished.fitted[0]
     data, model = result.data, fitted.model
     torque = model.predict(data.features(feature_columns(model)))
     simulated = " - simulated" if data.simulated else ""
@@ -319,9 +295,10 @@ def _report(outcome: _Outcome) -> None:
     if result.placement is not None:
         say(result.placement.sentence)
         out().print(placement_table(result.placement))
-    entry = outcome.registered.models[fitted.name]
-    say(f"In use: model-{entry.model_id} of calibration-{entry.calibration_id}.")
-    say(f"Run: {outcome.measured.record.run_id}")
+    entry = finished.registered.models[fitted.name]
+    use = "In use" if finished.active == fitted.name else "Registered, not put into use"
+    say(f"{use}: model-{entry.model_id} of calibration-{entry.calibration_id}.")
+    say(f"Run: {finished.measured.record.run_id}")
     if result.unsettled:
         warn(f"{result.unsettled} points still drifted when their waiting time was over")
     for remark in fitted.remarks:

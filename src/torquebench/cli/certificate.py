@@ -102,7 +102,7 @@ def certificate(
 
         judged = tolerance if conformity else None
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
-        record = build_record(registry, calibration, issue)
+        record = registry.patiently(lambda: build_record(registry, calibration, issue))
         if checked_by:  # entered only where nothing refuses the certificate
             registry.review(
                 "calibrations", calibration.calibration_id, checked_by=checked_by, accepted=True

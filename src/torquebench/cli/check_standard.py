@@ -71,7 +71,7 @@ def check(
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
     from torquebench.station import Station
 
     if description.simulated:
@@ -86,6 +86,7 @@ def check(
         try:
             with (
                 progress,
+                tell_warnings(station, progress),
                 attending(station, progress),
                 interrupts.watching(),
                 answering(prompts, progress, yes=yes),

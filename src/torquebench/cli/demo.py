@@ -110,7 +110,7 @@ def _tell(
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.recovered import tell_recovered
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
     from torquebench.station import Station
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
@@ -119,7 +119,12 @@ def _tell(
         tell_recovered(station)
         interrupts = BenchInterrupts(station, progress, may_pause=False)
         try:
-            with progress, attending(station, progress), interrupts.watching():
+            with (
+                progress,
+                tell_warnings(station, progress),
+                attending(station, progress),
+                interrupts.watching(),
+            ):
                 return run_demo(station, settings, progress)
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None

@@ -183,7 +183,7 @@ def _doubts(description: BenchDescription, data: Path) -> Iterator[Finding]:
 
 
 def _records(data: Path) -> Iterator[Finding]:
-    from torquebench.records import Registry
+    from torquebench.records import Registry, unfinished_runs
 
     parent = data if data.is_dir() else data.resolve().parent
     if not os.access(parent, os.W_OK):
@@ -201,6 +201,15 @@ def _records(data: Path) -> Iterator[Finding]:
         runs, models = registry.number_of_runs(), len(registry.models())
         where = data if os.environ.get(REGISTRY_URL) is None else registry.name
         yield Finding("records", "ok", f"{runs} runs and {models} models in {where}")
+        for run in unfinished_runs(registry):
+            yield Finding("unfinished", "note", run.found, run.remedy)
+        if not (registry.root / "certificates").is_dir():
+            return
+        from torquebench.reports.certificate import unregistered_certificates
+
+        for path in unregistered_certificates(registry):
+            found = f"certificate {path.name} was written and not registered"
+            yield Finding("unfinished", "note", found, "issue it again; nobody has been given it")
 
 
 def _guarded(examine: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:

@@ -17,6 +17,7 @@ from torquebench.cli import (
     equipment,
     export,
     export_data,
+    finish,
     record_backup,
     record_checks,
 )
@@ -29,6 +30,7 @@ from torquebench.cli.options import (
     DataOption,
     data_directory,
 )
+from torquebench.cli.recovered import tell_unfinished
 from torquebench.errors import InputError, RecordError
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ export_data.register(app)
 drift.register(app)
 audit.register(app)
 equipment.register(app)
+finish.register(app)
 
 
 class Kind(StrEnum):
@@ -79,7 +82,7 @@ def list_records(
     if kind is Kind.runs and (runs := _runs_at_once(folder, limit + 1)) is not None:
         _print_runs(runs, limit)
         return
-    from torquebench.records import Registry
+    from torquebench.records import Registry, unfinished_runs
 
     with Registry.open(folder) as registry:
         wanted = [item for item in Kind if item is not Kind.all and kind in (item, Kind.all)]
@@ -87,15 +90,21 @@ def list_records(
             if number:
                 say("")
             _LISTS[item](registry, limit)
+        if Kind.runs in wanted:
+            tell_unfinished(list(unfinished_runs(registry)))
 
 
 def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
-    """Return the newest runs without opening the registry; None where it isn't a file of ours."""
+    """Return the newest runs without opening the registry.
+
+    None where it isn't a file of ours, or where a run may not be finished, which is named then.
+    """
     if os.environ.get(REGISTRY_URL):
         return None
-    from torquebench.records.run_list import newest_runs
+    from torquebench.records.run_list import maybe_unfinished, newest_runs
 
-    return newest_runs(folder / REGISTRY_FILE, limit)
+    file = folder / REGISTRY_FILE
+    return None if maybe_unfinished(file) else newest_runs(file, limit)
 
 
 @app.command("show")

@@ -1,19 +1,24 @@
-"""What a command says of runs that it found interrupted when it opened the bench."""
+"""What a command says of runs that it found unfinished, and of warnings while it works."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from torquebench.cli.console import warn
 
 if TYPE_CHECKING:
+    from torquebench.bench.safety import StandingAlarm
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.records import UnfinishedRun
     from torquebench.station import Station
 
-__all__ = ["tell_recovered"]
+__all__ = ["tell_recovered", "tell_unfinished", "tell_warnings"]
 
 
 def tell_recovered(station: Station, *, but: str = "") -> None:
-    """Say which runs were found open, what was kept of them and what to do.
+    """Say which runs were found open or unregistered, what was kept of them and what to do.
 
     Parameters
     ----------
@@ -22,10 +27,48 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
     but : str
         A run that needs no word, since the command is about it.
     """
+    from torquebench.records import unfinished_runs
+
+    unfinished = {run.run_id: run for run in unfinished_runs(station.registry)}
     for run in station.recovered:
+        named = unfinished.pop(run.run_id, None)
         if run.run_id == but:
+            continue
+        if run.status != "interrupted":  # sealed, and unknown to the registry until now
+            warn(f"run {run.run_id} ({run.status}) is entered now, from its folder")
+            tell_unfinished([named] if named else [])
             continue
         kept = "1 acknowledged point is" if run.points == 1 else f"{run.points} points are"
         torn = f", {run.torn_bytes} incomplete bytes left out" if run.torn_bytes else ""
         damaged = f", damaged and left out: {run.damaged}" if run.damaged else ""
         warn(f"run {run.run_id} was interrupted; {kept} kept{torn}{damaged}: {run.advice}")
+    tell_unfinished([run for run in unfinished.values() if run.run_id != but])
+
+
+def tell_unfinished(runs: list[UnfinishedRun]) -> None:
+    """Say which runs aren't finished and what to do."""
+    for run in runs:
+        warn(f"{run.found}: {run.remedy}")
+
+
+@contextlib.contextmanager
+def tell_warnings(station: Station, progress: TerminalProgress) -> Iterator[None]:
+    """Say every warning of the bench that comes up until the block ends, and when it is over."""
+    from torquebench.bench.safety import AlarmLevel
+
+    speaking = True
+
+    def tell(entry: StandingAlarm) -> None:
+        alarm = entry.alarm
+        if not speaking or alarm.level is not AlarmLevel.WARNING or entry.acknowledged:
+            return
+        if entry.cleared is not None:
+            progress.say(f"over: {alarm.name}")
+        else:
+            progress.say(f"warning  {alarm.name}: {alarm.found}; {alarm.remedy}")
+
+    station.supervisor.subscribe(tell)
+    try:
+        yield
+    finally:
+        speaking = False

@@ -286,7 +286,7 @@ def _run(
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
     from torquebench.station import Station
 
     if described.simulated:
@@ -302,6 +302,7 @@ def _run(
         try:
             with (
                 progress,
+                tell_warnings(station, progress),
                 attending(station, progress),
                 interrupts.watching(),
                 answering(prompts, progress, yes=yes),

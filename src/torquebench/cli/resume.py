@@ -28,6 +28,8 @@ def resume_run(
 ) -> None:
     """Recover what was left open, read the run back and go on with it.
 
+    A run that is measured already is fitted and registered; its bench isn't opened.
+
     Parameters
     ----------
     name : str
@@ -44,6 +46,8 @@ def resume_run(
     from torquebench.procedures.staircase import describe_step
 
     interrupted = _read(name, data)
+    if interrupted is None:
+        return
     if sides and sides != (interrupted.side,):
         raise InputError(
             f"{' and '.join(sides)} with --resume {name}",
@@ -71,14 +75,23 @@ def resume_run(
     )
 
 
-def _read(name: str, data: Path) -> InterruptedCalibration:
+def _read(name: str, data: Path) -> InterruptedCalibration | None:
+    """Read a run back; None where it was only to be registered, which is done then."""
+    from torquebench.campaign.finishing import find_unfinished
     from torquebench.campaign.resuming import find_interrupted, read_interrupted
+    from torquebench.cli.finish import finish_and_report
     from torquebench.records import Registry
     from torquebench.station import recover_unfinished
+    from torquebench.station.bench_lock import BenchLock
 
-    with Registry.open(data_directory(data)) as registry:
+    folder = data_directory(data)
+    with BenchLock(None, folder), Registry.open(folder) as registry:
         recover_unfinished(registry)
-        return read_interrupted(registry, find_interrupted(registry, name))
+        run = find_interrupted(registry, name)
+        if run.status != "completed" or registry.calibration_of_run(run.run_id) is not None:
+            return read_interrupted(registry, run)
+        finish_and_report(registry, find_unfinished(registry, run.run_id))
+    return None
 
 
 def _recorded(interrupted: InterruptedCalibration) -> BenchDescription:

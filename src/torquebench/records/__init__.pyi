@@ -7,6 +7,7 @@ from .csv_text import (
 from .database import (
     REGISTRY_FILE as REGISTRY_FILE,
     REGISTRY_URL as REGISTRY_URL,
+    UnavailableError as UnavailableError,
 )
 from .entries import (
     Activation as Activation,
@@ -50,6 +51,9 @@ from .run_folder import (
     RunWriter as RunWriter,
     new_run_id as new_run_id,
 )
+from .run_lock import (
+    RunLock as RunLock,
+)
 from .tables import (
     ReadingsTable as ReadingsTable,
     calibration_csv as calibration_csv,
@@ -58,4 +62,13 @@ from .tables import (
     read_readings_csv as read_readings_csv,
     write_calibration_csv as write_calibration_csv,
     write_torque_csv as write_torque_csv,
+)
+from .unfinished import (
+    REGISTERS as REGISTERS,
+    RunState as RunState,
+    UnfinishedRun as UnfinishedRun,
+    followers as followers,
+    latest_unfinished_calibration as latest_unfinished_calibration,
+    unentered_folders as unentered_folders,
+    unfinished_runs as unfinished_runs,
 )

@@ -6,12 +6,13 @@ import json
 import os
 import sqlite3
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from sqlalchemy import (
     URL,
@@ -24,7 +25,15 @@ from sqlalchemy import (
     select,
     text,
 )
-from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+from sqlalchemy.engine import ExceptionContext
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import (
+    ArgumentError,
+    DBAPIError,
+    InterfaceError,
+    OperationalError,
+    SQLAlchemyError,
+)
 from sqlalchemy.orm import Session, UOWTransaction
 
 from torquebench.errors import InputError, RecordError
@@ -40,6 +49,7 @@ __all__ = [
     "REGISTRY_URL",
     "WAY_BACK",
     "Database",
+    "UnavailableError",
     "as_json",
     "content_of",
     "equipment_row",
@@ -51,6 +61,21 @@ WAY_BACK = "`torquebench records restore BACKUP`, or without a backup `torqueben
 """What to do about a registry that is lost or damaged."""
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server."""
+SERVER_TIMEOUT_S = 10.0
+"""How long a server may take for one answer, s."""
+PATIENCE_S = 30.0
+"""How long `Database.patiently` goes on trying, s."""
+RETRY_S = 0.25
+DISCONNECTING = ("08", "57P")
+"""SQLSTATEs of a connection that has gone: PostgreSQL 18, appendix A."""
+PASSING = (*DISCONNECTING, "40", "53", "55P03", "57")
+"""SQLSTATEs of what may be over a moment later: deadlocks, no room, a server that starts."""
+
+Result = TypeVar("Result")
+
+
+class UnavailableError(RecordError):
+    """The registry's database can't be used at the moment; what it holds is unchanged."""
 
 
 def lost_registry(data_dir: Path) -> str:
@@ -81,6 +106,11 @@ class Database:
         The data directory. In SQLite, paths below it are stored relative to it, so that it can
         be moved; a server, which several benches share, gets whole paths.
 
+    Attributes
+    ----------
+    known_head : ChainHead
+        The chain's end as this process knows it, also while the database doesn't answer.
+
     Raises
     ------
     InputError
@@ -100,15 +130,13 @@ class Database:
         if self.read_only:
             self._engine = _reading_engine(self._closing.enter_context(sqlite_reader(file)))
         else:
-            self._engine = create_engine(self._url)
-            if self._sqlite:
-                event.listen(self._engine, "connect", _set_up_sqlite)
-                event.listen(self._engine, "begin", _begin_sqlite)
+            self._engine = _engine(self._url)
+        self.known_head = ChainHead(0, START)
         try:
             upgrade(self._engine, read_only=self.read_only)
         except SQLAlchemyError as error:
             self.close()
-            raise RecordError(
+            raise _kind_of(error)(
                 f"the registry {self.name} can't be opened: {_cause(error)}",
                 "a database that can be read and written",
                 "make room on its disk, or look whether it runs and may be written",
@@ -118,7 +146,7 @@ class Database:
             raise
 
     @classmethod
-    def open(cls, data_dir: Path, url: str | None = None) -> Self:
+    def open(cls, data_dir: Path, url: str | None = None, *, longest_s: float = 0.0) -> Self:
         """Open the registry of a data directory, creating what doesn't exist.
 
         Parameters
@@ -128,6 +156,8 @@ class Database:
         url : str, optional
             A database elsewhere, such as ``postgresql://user@server/torquebench``. By default
             ``$TORQUEBENCH_REGISTRY``, or a SQLite file in the data directory.
+        longest_s : float
+            How long to go on trying where its server doesn't answer, s.
 
         Raises
         ------
@@ -147,7 +177,14 @@ class Database:
         lost = "" if given else lost_registry(data_dir)
         if lost:
             raise RecordError(f"the registry {file} {lost}", "a registry that has them", WAY_BACK)
-        return cls(given or URL.create("sqlite", database=str(file)), data_dir)
+        deadline = time.monotonic() + (longest_s if given else 0.0)
+        while True:
+            try:
+                return cls(given or URL.create("sqlite", database=str(file)), data_dir)
+            except UnavailableError:
+                if time.monotonic() >= deadline:
+                    raise
+                time.sleep(RETRY_S)
 
     def __enter__(self) -> Self:
         return self
@@ -179,11 +216,17 @@ class Database:
     def session(self) -> Iterator[Session]:
         """Yield a session that reads one state of the registry.
 
+        Inside `writing` of the same thread it reads what that transaction has added, too.
+
         Raises
         ------
         RecordError
             Where the database fails.
         """
+        outer: Session | None = getattr(self._open, "session", None)
+        if outer is not None:
+            yield outer
+            return
         with self._session() as session:
             yield session
 
@@ -220,9 +263,10 @@ class Database:
             try:
                 yield session
                 session.flush()
-                _append_links(session)
+                head = _append_links(session)
             finally:
                 self._open.session = None
+        self.known_head = head
 
     @contextmanager
     def _session(self, *, writes: bool = False) -> Iterator[Session]:
@@ -231,7 +275,7 @@ class Database:
             with Session(engine) as session, session.begin():
                 yield session
         except SQLAlchemyError as error:
-            raise RecordError(
+            raise _kind_of(error)(
                 f"the registry {self.name} failed: {_cause(error)}",
                 "a database that can be read and written",
                 "make room on its disk, or look whether it runs; what it has is unchanged",
@@ -243,10 +287,48 @@ class Database:
             for statement in statements:
                 session.execute(text(statement))
 
+    def patiently(
+        self,
+        action: Callable[[], Result],
+        *,
+        told: Callable[[str], None] | None = None,
+        longest_s: float = PATIENCE_S,
+    ) -> Result:
+        """Do something with the registry, again and again while its server doesn't answer.
+
+        A file is tried once: what is wrong with it doesn't mend itself.
+
+        Parameters
+        ----------
+        action : callable
+            Whole transactions, which may be begun again.
+        told : callable, optional
+            Called once with what is wrong, before the first further attempt.
+        longest_s : float
+            How long to go on trying, s.
+
+        Raises
+        ------
+        UnavailableError
+            The server hasn't come back.
+        """
+        deadline = time.monotonic() + longest_s
+        while True:
+            try:
+                return action()
+            except UnavailableError as error:
+                if self._sqlite or time.monotonic() >= deadline:
+                    raise
+                if told is not None:
+                    told(error.found)
+                    told = None
+                time.sleep(RETRY_S)
+
     def head(self) -> ChainHead:
         """Return the end of the chain, which covers every record so far."""
         with self.session() as session:
-            return _head(session)
+            self.known_head = _head(session)
+        return self.known_head
 
     def stored(self, path: Path) -> str:
         """Return a path as it is stored; see the parameter `root`."""
@@ -287,13 +369,14 @@ def _note_new_rows(session: Session, _context: UOWTransaction) -> None:
     )
 
 
-def _append_links(session: Session) -> None:
+def _append_links(session: Session) -> ChainHead:
     head, now = _head(session), datetime.now(UTC)
     for row in session.info.pop("appended", []):
         link = seal(head, row.__tablename__, row.id, now, canonical(content_of(row)))
         session.add(LinkRow(**vars(link)))
         head = ChainHead(link.sequence, link.sha256)
     session.flush()
+    return head
 
 
 _ORDER = {table.name: number for number, table in enumerate(Base.metadata.sorted_tables)}
@@ -332,13 +415,57 @@ def _reading_engine(address: str) -> Engine:
     return create_engine("sqlite://", creator=connect, poolclass=NullPool)
 
 
+def _engine(url: URL) -> Engine:
+    """Return an engine whose connections are tried before they are used again."""
+    if url.drivername == "sqlite":
+        engine = create_engine(url)
+        event.listen(engine, "connect", _set_up_sqlite)
+        event.listen(engine, "begin", _begin_sqlite)
+        return engine
+    engine = create_engine(url, pool_pre_ping=True, connect_args={"timeout": SERVER_TIMEOUT_S})
+    event.listen(engine, "handle_error", _note_disconnect)
+    close = engine.dialect.do_close
+
+    def close_quietly(dbapi_connection: DBAPIConnection) -> None:
+        with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server has gone first
+            close(dbapi_connection)
+
+    engine.dialect.do_close = close_quietly  # type: ignore[method-assign]
+    return engine
+
+
+def _note_disconnect(context: ExceptionContext) -> None:
+    # A server that shuts down says so by a code, which SQLAlchemy's dialect doesn't look at.
+    if _code(context.original_exception).startswith(DISCONNECTING):
+        context.is_disconnect = True
+
+
+def _code(error: BaseException | None) -> str:
+    """Return the SQLSTATE of an error of PostgreSQL; empty where it has none."""
+    fields = error.args[0] if error is not None and error.args else None
+    return str(fields.get("C", "")) if isinstance(fields, dict) else ""
+
+
+def _kind_of(error: SQLAlchemyError) -> type[RecordError]:
+    """Return which error stands for one of the database."""
+    if isinstance(error, OperationalError | InterfaceError) or (
+        isinstance(error, DBAPIError)
+        and (error.connection_invalidated or _code(error.orig).startswith(PASSING))
+    ):
+        return UnavailableError
+    return RecordError
+
+
 def _cause(error: SQLAlchemyError) -> str:
     """Return what the database itself said, without the statement and its parameters."""
     said = getattr(error, "orig", None)
     if said is None:
         return str(error)
     fields = said.args[0] if said.args else ""
-    return str(fields["M"]) if isinstance(fields, dict) and "M" in fields else str(said)
+    if isinstance(fields, dict) and "M" in fields:
+        return str(fields["M"])
+    reason = said.__cause__  # why a server can't be reached
+    return str(said) if reason is None else f"{said} ({getattr(reason, 'strerror', '') or reason})"
 
 
 def _set_up_sqlite(connection: Any, _record: object) -> None:

@@ -3,12 +3,12 @@
 from torquebench.records.calibration_records import CalibrationRecords
 from torquebench.records.conformity_records import ConformityRecords
 from torquebench.records.equipment_records import EquipmentRecords
-from torquebench.records.run_records import RunRecords
+from torquebench.records.run_states import RunStateRecords
 
 __all__ = ["Registry"]
 
 
-class Registry(EquipmentRecords, RunRecords, CalibrationRecords, ConformityRecords):
+class Registry(EquipmentRecords, RunStateRecords, CalibrationRecords, ConformityRecords):
     """The records of a data directory, in SQLite by default and in PostgreSQL by URL.
 
     It is opened by `Registry.open` for a data directory, or by a database URL and the data

@@ -525,11 +525,13 @@ class RunFolder:
                 )
 
     def recover(self) -> Recovery:
-        """Seal a folder that a kill or a power cut left open, as interrupted.
+        """Seal a folder that a kill or a power cut left open.
 
-        Documents with their checksum and complete samples are kept. An incomplete last line or
-        block is cut off, and what is damaged is left out; ``recovery.json`` reports both, and a
-        damaged file stays as it was found, under a name of its own. Nothing is filled in.
+        It is sealed as interrupted, or as completed where its results are there: they are written
+        when everything is measured. Documents with their checksum and complete samples are kept.
+        An incomplete last line or block is cut off, and what is damaged is left out;
+        ``recovery.json`` reports both, and a damaged file stays as it was found, under a name of
+        its own. Nothing is filled in.
 
         Returns
         -------
@@ -576,7 +578,10 @@ class RunFolder:
             damaged += _kept_aside(self.path / EDGE_STREAM, move=True)
         report = replace(report, damaged_files=tuple(damaged))
         atomic_write(self.path / _RECOVERY, json_text(report, indent=2) + "\n")
-        _seal(self.path, "interrupted", "the run was left open and recovered")
+        if (self.path / _RESULTS).exists() and not report.damages:
+            _seal(self.path, "completed", "")
+        else:
+            _seal(self.path, "interrupted", "the run was left open and recovered")
         return report
 
     def _recover_metadata(self) -> Iterator[str]:

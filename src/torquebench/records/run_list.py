@@ -4,22 +4,38 @@
 the newest of 100 000 runs does.
 """
 
+import os
 import sqlite3
 from contextlib import closing
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.schema_version import SCHEMA_VERSION, VERSIONS_TABLE
 
-__all__ = ["RunLine", "newest_runs"]
+__all__ = ["RunLine", "maybe_unfinished", "newest_runs"]
 
 _NEWEST = """
     SELECT run_id, started, coalesce(status, 'running'), bench, simulated
     FROM runs LEFT JOIN run_ends ON run_ends.run_key = runs.id
     ORDER BY started DESC, runs.id DESC LIMIT ?
 """
+
+_WITHOUT_RESULT = """
+    SELECT 1 FROM runs JOIN run_ends ON run_ends.run_key = runs.id
+    WHERE kind >= :kind || '-' AND kind < :kind || '.' AND status = 'completed'
+    AND runs.id NOT IN (SELECT run_key FROM {table} WHERE run_key IS NOT NULL)
+    AND run_ends.id NOT IN (SELECT subject_key FROM amendments WHERE subject = 'run_ends')
+    LIMIT 1
+"""
+_RESULTS = {"calibrate": "calibrations", "check": "checks", "verify": "verifications"}
+_INTERRUPTED = """
+    SELECT 1 FROM runs JOIN run_ends ON run_ends.run_key = runs.id
+    WHERE kind >= 'calibrate-' AND kind < 'calibrate.' AND started > ?
+    AND status IN ('interrupted', 'aborted', 'failed') LIMIT 1
+"""
+RECENT = timedelta(days=30)
 
 
 class RunLine(NamedTuple):
@@ -30,6 +46,38 @@ class RunLine(NamedTuple):
     status: str
     bench: str
     simulated: bool
+
+
+def maybe_unfinished(file: Path) -> bool:
+    """Return whether a run beside a registry in SQLite may not be finished.
+
+    Quick, and right where it says no; `records.unfinished` knows which.
+    """
+    runs = file.parent / "runs"
+    try:
+        with (
+            sqlite_reader(file) as address,
+            closing(sqlite3.connect(address, uri=True, timeout=5.0)) as connection,
+        ):
+            ended = {
+                name
+                for (name,) in connection.execute(
+                    "SELECT run_id FROM runs JOIN run_ends ON run_ends.run_key = runs.id"
+                )
+            }
+            if runs.is_dir() and not ended.issuperset(each.name for each in os.scandir(runs)):
+                return True
+            recent = (datetime.now(UTC) - RECENT).strftime("%Y-%m-%d %H:%M:%S")
+            if connection.execute(_INTERRUPTED, (recent,)).fetchone():
+                return True
+            return any(
+                connection.execute(
+                    _WITHOUT_RESULT.replace("{table}", table), {"kind": kind}
+                ).fetchone()
+                for kind, table in _RESULTS.items()
+            )
+    except sqlite3.Error:
+        return True
 
 
 def newest_runs(file: Path, limit: int) -> list[RunLine] | None:

@@ -5,6 +5,10 @@ from .bench_station import (
 from .engine import (
     Plan as Plan,
 )
+from .entering import (
+    SPECIMEN as SPECIMEN,
+    enter_run as enter_run,
+)
 from .runs import (
     Progress as Progress,
     ProgressCallback as ProgressCallback,

@@ -30,13 +30,14 @@ from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.chain import Timebase
 from torquebench.errors import BenchError, RecordError, TorquebenchError
-from torquebench.records import Registry
+from torquebench.records import Registry, RunFolder
 from torquebench.records.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for
 from torquebench.station.recording import Recording, RunEnd
 from torquebench.station.registration import register_equipment
+from torquebench.station.registry_queue import RegistryQueue
 from torquebench.station.runs import ProgressCallback, RunRecord
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
@@ -48,6 +49,9 @@ UNLOADED_WITHIN_S = 1.0
 """How long readings may show torque after both drives are at zero, bench time, s."""
 REST_TIMEOUT_S = 5.0
 """How long to wait for the drives after an alarm, beyond a stall's own time, s of wall time."""
+
+REGISTRY_WAIT_S = 10.0
+"""How long opening a bench waits for the registry's server, s of wall time."""
 
 OnPause = Callable[["Station"], Literal["resume", "abort"]]
 
@@ -128,6 +132,7 @@ class Station:
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
         self._lock: BenchLock | None = None
+        self._registry_warning: int | None = None
         self._closed = False
 
     # -- opening and closing ----------------------------------------------------------------
@@ -183,11 +188,16 @@ class Station:
         return station
 
     def _start(self) -> None:
-        self.registry = Registry.open(self.data_dir)
+        self.registry = Registry.open(self.data_dir, longest_s=REGISTRY_WAIT_S)
         self.clock_behind = clock_behind(self.registry)
         check_identities(self.description, self.drivers.identities())
-        register_equipment(self.registry, self.description)
-        self.recovered = recover_unfinished(self.registry)
+        self.registry.patiently(lambda: register_equipment(self.registry, self.description))
+        self.registry.head()
+        self.recovered = self.registry.patiently(lambda: recover_unfinished(self.registry))
+        self.queue = RegistryQueue(self.registry, self._warn_of_registry, self._clear_registry)
+        for run in self.recovered:
+            if run.problem and (folder := RunFolder(self.data_dir / "runs" / run.run_id)).sealed:
+                self.queue.enter(folder.path)
         self.audit.write_soon(
             "bench opens",
             recovered=[run.run_id for run in self.recovered],
@@ -242,6 +252,8 @@ class Station:
         self.drivers.close()
         self.audit.write("bench closes")
         self.audit.close()
+        if hasattr(self, "queue"):
+            self.queue.close()
         if hasattr(self, "registry"):
             self._note_audit_end()
             self.registry.close()
@@ -349,7 +361,13 @@ class Station:
         started_s, before = self.clock.now(), self.devices.interruptions
         alarms_before = len(self.supervisor.history)
         recording = Recording(
-            self.devices.context, self.registry, self.audit, self.data_dir / "runs", kind, metadata
+            self.devices.context,
+            self.registry,
+            self.queue,
+            self.audit,
+            self.data_dir / "runs",
+            kind,
+            metadata,
         )
         writer = recording.writer
         self.engine.progress = progress
@@ -440,6 +458,22 @@ class Station:
             "make room on the disk or repair it",
         )
 
+    def _warn_of_registry(self, failure: str, waiting: int) -> None:
+        runs = "1 run waits" if waiting == 1 else f"{waiting} runs wait"
+        alarm = self.supervisor.warn(
+            AlarmKind.REGISTRY,
+            "registry",
+            f"it can't take what is measured: {failure}; {runs} in the data directory",
+            "a registry that answers",
+            "look whether its server runs and has room; it catches up by itself",
+        )
+        self._registry_warning = alarm.number
+
+    def _clear_registry(self) -> None:
+        number, self._registry_warning = self._registry_warning, None
+        if number is not None:
+            self.supervisor.clear_warning(number)
+
     def acknowledge_alarm(self, who: str) -> Alarm | None:
         """Clear the latched alarm once its cause is gone; see `SafetySupervisor.acknowledge`."""
         return self.supervisor.acknowledge(who)
@@ -516,7 +550,9 @@ class Station:
             The model's file is missing or was changed.
         """
         module, counter = self.description.module(side), self.drivers.counter.clock_identity
-        active = compensation_for(self.registry, module, counter, side, accepted)
+        active = self.registry.patiently(
+            lambda: compensation_for(self.registry, module, counter, side, accepted)
+        )
         self.acquisition.set_compensation(side, active)
         return active
 

@@ -19,8 +19,8 @@ from torquebench.records.database_check import (
     index_damage_only,
     schema_changes,
 )
+from torquebench.records.run_lock import RunLock
 from torquebench.records.time_check import time_remarks
-from torquebench.station.holding import RunLock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

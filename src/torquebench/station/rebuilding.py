@@ -37,11 +37,11 @@ from torquebench.records.database_check import (
     schema_changes,
 )
 from torquebench.records.files import read_json
+from torquebench.records.run_lock import RunLock
 from torquebench.station.backup import require_file_registry
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.data_check import run_folders
 from torquebench.station.entering import enter_run
-from torquebench.station.holding import RunLock
 from torquebench.station.registration import register_equipment
 from torquebench.validation import validated
 

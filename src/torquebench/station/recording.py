@@ -9,12 +9,12 @@ from typing import Any, Literal
 from torquebench.bench.audit import AuditLog
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.safety import AlarmKind
-from torquebench.errors import RecordError
-from torquebench.records import Registry, RunFolder
-from torquebench.station.holding import RunLock
+from torquebench.errors import InputError, RecordError
+from torquebench.records import Registry, RunFolder, RunLock
 from torquebench.station.journal import RunJournal
 from torquebench.station.queued_journal import QueuedJournal
-from torquebench.station.registration import run_metadata, run_summary
+from torquebench.station.registration import run_metadata
+from torquebench.station.registry_queue import RegistryQueue
 
 __all__ = ["Recording", "RunEnd"]
 
@@ -28,6 +28,9 @@ class Recording:
     ----------
     context : BenchContext
     registry : Registry
+        Whose end is noted in the folder; only the queue talks to it.
+    queue : RegistryQueue
+        Takes the run into the registry, now and when it has ended.
     audit : AuditLog
     runs : pathlib.Path
         Folder of all runs.
@@ -40,23 +43,24 @@ class Recording:
         self,
         context: BenchContext,
         registry: Registry,
+        queue: RegistryQueue,
         audit: AuditLog,
         runs: Path,
         kind: str,
         metadata: Mapping[str, Any],
     ) -> None:
         self._context = context
-        self._registry = registry
+        self._queue = queue
         self._audit = audit
-        head = str(registry.head())  # ties the folder to all records before it
+        head = str(registry.known_head)  # ties the folder to all records before it
         self.known: dict[str, Any] = {**run_metadata(context), "registry_head": head, **metadata}
         self.writer = RunFolder.create(runs, self.known, kind=kind)
         try:
             self._hold = RunLock(self.writer.path)
-            registry.add_run(run_summary(self.writer, kind, self.known))
-        except BaseException:  # the records know nothing of it, so nobody would look for it
+        except BaseException:
             self.writer.discard()
             raise
+        queue.enter(self.writer.path)
         operator = str(self.known.get("operator", ""))
         audit.begin_run(self.writer.run_id, operator, self.writer.path)
         audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))
@@ -81,12 +85,13 @@ class Recording:
             raise
 
     def end(self, status: RunEnd, reason: str) -> None:
-        """End the recording, seal the folder and enter it into the registry.
+        """End the recording, seal the folder and have it entered into the registry.
 
         Raises
         ------
         RecordError
-            Something couldn't be kept; the folder is sealed as failed.
+            Something couldn't be kept; the folder is sealed as failed. A registry that fails is
+            no reason: it takes the run later.
         """
         self._context.acquisition.set_journal(None)
         try:
@@ -97,20 +102,23 @@ class Recording:
                 lost = None
             self._audit.write("run ends", status=status, reason=reason)
             self._audit.end_run()
-            self._registry.finish_run(self._sealed(status, reason))
+            self._seal(status, reason)
+            self._queue.enter(self.writer.path)
+            self._queue.settle()
             if lost is not None:
                 raise lost
         finally:
             self._audit.end_run()
             self._hold.release()
 
-    def _sealed(self, status: RunEnd, reason: str) -> RunFolder:
+    def _seal(self, status: RunEnd, reason: str) -> None:
         """Seal the folder; what can't be sealed now is sealed at the next start."""
         try:
-            return self.writer.seal(status, reason)
-        except OSError as error:
+            self.writer.seal(status, reason)
+        except (OSError, InputError) as error:
+            what = getattr(error, "strerror", None) or error
             raise RecordError(
-                f"{self.writer.path} can't be sealed ({error.strerror or error})",
+                f"{self.writer.path} can't be sealed ({what})",
                 "room and a working disk",
                 "make room on the disk; everything measured is kept, and is sealed at the next "
                 "start",

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 from typing import Any
 
-import torquebench
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import SIDES
-from torquebench.records import Equipment, EquipmentKind, Registry, Report, RunSummary, RunWriter
+from torquebench.records import Equipment, EquipmentKind, Registry, Report
 
-__all__ = ["register_equipment", "run_metadata", "run_summary"]
+__all__ = ["register_equipment", "run_metadata"]
 
 
 def register_equipment(registry: Registry, description: BenchDescription) -> None:
@@ -117,20 +116,3 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
 def _accepted(active: ActiveChain) -> dict[str, Any]:
     """Say where a model was made with another counter, and how much that adds."""
     return {} if active.accepted is None else {"accepted_counter": active.accepted.specification()}
-
-
-def run_summary(writer: RunWriter, kind: str, known: Mapping[str, Any]) -> RunSummary:
-    """Return the line of the list of runs for a run that starts."""
-    return RunSummary(
-        run_id=writer.run_id,
-        kind=kind,
-        started=datetime.now(UTC),
-        simulated=bool(known["simulated"]),
-        software_version=torquebench.__version__,
-        folder=writer.path,
-        side=str(known.get("side", "")),
-        operator=str(known.get("operator", "")),
-        bench=str(known["bench_name"]),
-        profile_name=str(known.get("profile_name", "")),
-        profile_sha256=str(known.get("profile_sha256", "")),
-    )

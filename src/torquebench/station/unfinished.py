@@ -1,13 +1,20 @@
-"""Runs that a kill, a power cut or a full disk left open: found and sealed at the next start."""
+"""Runs that a kill, a full disk or a database has left behind: sealed and entered at the start."""
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
 
-from torquebench.errors import RecordError
-from torquebench.records import Recovery, Registry, RunFolder, RunSummary
-from torquebench.station.holding import RunLock
+from torquebench.errors import InputError, RecordError
+from torquebench.records import (
+    Recovery,
+    Registry,
+    RunFolder,
+    RunLock,
+    UnfinishedRun,
+    unentered_folders,
+)
+from torquebench.station.entering import enter_run
 
 __all__ = ["RecoveredRun", "recover_unfinished"]
 
@@ -16,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RecoveredRun:
-    """A run that was found open and was sealed as interrupted.
+    """A run that was found open or unregistered, and what was done with it.
 
     Parameters
     ----------
@@ -27,8 +34,10 @@ class RecoveredRun:
         Bytes of incomplete ends that were left out.
     damaged : str
         What else was left out because it is damaged, and where.
+    status : str
+        How it ended: "interrupted", or as its folder was sealed before.
     problem : str
-        Why it could not be sealed yet; empty when it was.
+        Why it could not be sealed or entered yet; empty when it was.
     """
 
     run_id: str
@@ -37,43 +46,48 @@ class RecoveredRun:
     points: int
     torn_bytes: int = 0
     damaged: str = ""
+    status: str = "interrupted"
     problem: str = ""
 
     @property
     def resumable(self) -> bool:
         """Whether `torquebench calibrate --resume` may go on with it."""
-        return self.kind.startswith("calibrate-") and self.points > 0 and not self.problem
+        calibrates = self.kind.startswith("calibrate-") and self.status != "completed"
+        return calibrates and self.points > 0 and not self.problem
 
     @property
     def advice(self) -> str:
         """What to do about it."""
         if self.problem:
-            return f"it can't be sealed yet ({self.problem}); make room or repair the disk"
+            return f"it can't be entered yet ({self.problem}); make room or repair the disk"
         if self.resumable:
             return f"go on with `torquebench calibrate --resume {self.run_id}`, or start again"
         return "start again; what was recorded stays"
 
 
 def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
-    """Seal every run of a registry that is open although nobody writes it any more.
+    """Seal what was left open, and enter what the registry doesn't know of runs measured here.
 
     Complete documents and samples are kept, incomplete ends are cut off and counted; nothing is
-    filled in. A run that another process holds is left alone.
+    filled in. A run that another process holds is left alone. Whoever calls this owns the data
+    directory (`BenchLock`): a run that is just being begun isn't held yet.
     """
-    found = []
+    found = [_recovered(registry, run) for run in unentered_folders(registry)]
+    runs = registry.root / "runs"
     for run in registry.unfinished_runs():
-        recovered = _recovered(registry, run)
-        if recovered is not None:
-            found.append(recovered)
-    return tuple(found)
+        if run.folder.parent == runs and not run.folder.is_dir():
+            gone = f"{run.folder} is missing"
+            found.append(RecoveredRun(run.run_id, run.kind, run.side, 0, problem=gone))
+    return tuple(each for each in found if each is not None)
 
 
-def _recovered(registry: Registry, run: RunSummary) -> RecoveredRun | None:
+def _recovered(registry: Registry, run: UnfinishedRun) -> RecoveredRun | None:
+    folder, side = RunFolder(run.folder), ""
     try:
-        folder = RunFolder.open(run.folder)
+        side = str(folder.metadata.get("side", ""))
         hold = RunLock(folder.path)
     except (RecordError, OSError) as error:
-        return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
+        return RecoveredRun(run.run_id, run.kind, side, 0, problem=str(error))
     if not hold.held:
         return None
     torn_bytes, damaged = 0, ""
@@ -82,16 +96,12 @@ def _recovered(registry: Registry, run: RunSummary) -> RecoveredRun | None:
             report = folder.recover()
             torn_bytes = report.torn_document_bytes + report.torn_raw_bytes + report.torn_edge_bytes
             damaged = _named(report)
-        try:
-            registry.finish_run(folder)
-        except RecordError:
-            if any(each.run_id == run.run_id for each in registry.unfinished_runs()):
-                raise  # no other process was quicker: it can't be entered
-        points = _points(folder)
-        return RecoveredRun(run.run_id, run.kind, run.side, points, torn_bytes, damaged)
-    except (RecordError, OSError) as error:
+        enter_run(registry, folder)
+        status, points = str(folder.manifest["status"]), _points(folder)
+        return RecoveredRun(run.run_id, run.kind, side, points, torn_bytes, damaged, status)
+    except (RecordError, InputError, OSError) as error:
         logger.warning("run %s can't be recovered: %s", run.run_id, error)
-        return RecoveredRun(run.run_id, run.kind, run.side, 0, problem=str(error))
+        return RecoveredRun(run.run_id, run.kind, side, 0, problem=str(error))
     finally:
         hold.release()
 

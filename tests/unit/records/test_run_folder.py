@@ -41,7 +41,7 @@ def written(runs, **options):
     return writer
 
 
-def test_a_sealed_run_holds_what_was_written(runs):
+def test_a_sealed_run_locks_what_was_written(runs):
     writer = written(runs)
     writer.write_results({"worst_nm": np.float64(0.5), "points": np.arange(3)})
     folder = writer.seal()

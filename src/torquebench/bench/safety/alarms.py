@@ -33,6 +33,7 @@ class AlarmKind(Enum):
     DRIVE_FAULT = "drive fault"
     JOURNAL = "journal failed"
     AUDIT = "audit log failed"
+    REGISTRY = "registry behind"
     HEARTBEAT = "heartbeat missing"
     PRESENCE = "operator missing"
     STALL = "acquisition stalled"
@@ -59,6 +60,7 @@ _ERRORS: dict[AlarmKind, type[TorquebenchError]] = {
     AlarmKind.DISAGREEMENT: SignalFault,
     AlarmKind.JOURNAL: RecordError,
     AlarmKind.AUDIT: RecordError,
+    AlarmKind.REGISTRY: RecordError,
 }
 
 

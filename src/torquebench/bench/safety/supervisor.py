@@ -264,6 +264,10 @@ class SafetySupervisor:
         self._book.announce(alarm.number)
         return alarm
 
+    def clear_warning(self, number: int) -> None:
+        """Note that the cause of a warning has gone."""
+        self._book.clear(number)
+
     # -- limits of a step, heartbeats, presence ---------------------------------------------
 
     def limits_of(self, side: Side) -> SideLimits:

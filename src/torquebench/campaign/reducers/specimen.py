@@ -20,9 +20,8 @@ from torquebench.campaign.reducers.results import (
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.procedures import Plan
-from torquebench.records import Equipment
 from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
-from torquebench.station import RunRecord, Station
+from torquebench.station import SPECIMEN, RunRecord, Station
 from torquebench.uncertainty import Verdict
 
 __all__ = ["Specimen"]
@@ -42,25 +41,6 @@ class Specimen:
 
     def __post_init__(self) -> None:
         self.known = Known.stated(self.settings)
-
-    def register(self) -> None:
-        """Enter the specimen among the equipment, where it has a serial number."""
-        if not self.serial:
-            return
-        reducer = self.reducer
-        self.station.registry.add_equipment(
-            Equipment(
-                "reducer",
-                self.serial,
-                model=reducer.name,
-                range_nm=reducer.rated_torque_nm,
-                details={
-                    "kind": reducer.kind,
-                    "ratio": reducer.signed_ratio,
-                    "simulated": self.station.description.simulated,
-                },
-            )
-        )
 
     def prepare(self, preparation: Preparation) -> None:
         """Measure something of the bench itself."""
@@ -124,10 +104,27 @@ class Specimen:
                 "serial": self.serial,
                 "profile_name": self.reducer.name,
                 "operator": operator_name(),
+                SPECIMEN: self._equipment(),
             },
             progress=self.progress,
             on_pause=self.on_pause,
         ).record
+
+    def _equipment(self) -> dict[str, Any] | None:
+        """Return the specimen as it is entered among the equipment; None without a number."""
+        if not self.serial:
+            return None
+        reducer = self.reducer
+        return {
+            "serial": self.serial,
+            "model": reducer.name,
+            "range_nm": reducer.rated_torque_nm,
+            "details": {
+                "kind": reducer.kind,
+                "ratio": reducer.signed_ratio,
+                "simulated": self.station.description.simulated,
+            },
+        }
 
     def _results(
         self, test: ReducerTest, found: Evaluated, judged: tuple[QuantityVerdict, ...]

@@ -166,7 +166,6 @@ def run_reducer_test(
     )
     rehearse_reducer_test(station, name, reducer, settings)
     specimen = Specimen(station, reducer, settings, serial, progress, on_pause)
-    specimen.register()
     outcomes, failures = _all_parts(specimen, name)
     return ReducerTestRecord(
         name=TESTS[name].name,

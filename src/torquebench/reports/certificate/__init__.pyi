@@ -18,6 +18,7 @@ from .issuing import (
     archive_folder as archive_folder,
     certificate_files as certificate_files,
     issue_certificate as issue_certificate,
+    unregistered_certificates as unregistered_certificates,
 )
 from .labels import (
     LANGUAGES as LANGUAGES,

@@ -1,6 +1,8 @@
 """Write the files of a certificate and enter them in the registry."""
 
 import hashlib
+import secrets
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +14,16 @@ from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.record import CertificateRecord
 from torquebench.reports.certificate.typesetting import certificate_pdf
 
-__all__ = ["IssuedCertificate", "archive_folder", "certificate_files", "issue_certificate"]
+__all__ = [
+    "IssuedCertificate",
+    "archive_folder",
+    "certificate_files",
+    "issue_certificate",
+    "unregistered_certificates",
+]
+
+UNREGISTERED = ".unregistered-"
+"""In the name of a folder of files that no certificate came of."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,8 @@ def issue_certificate(
 ) -> IssuedCertificate:
     """Write the files of a certificate and register it.
 
-    The data directory keeps one copy in ``certificates/NUMBER``.
+    The data directory keeps one copy in ``certificates/NUMBER``. What an issue that was
+    interrupted before it was registered has left there is set aside.
 
     Parameters
     ----------
@@ -75,36 +87,66 @@ def issue_certificate(
             f"certificate {record.number} is issued", "a new number", "give another --number"
         )
     contents = certificate_files(record)
-    folders = [archive_folder(registry, record.number), *([] if folder is None else [folder])]
-    for place in folders:
-        for name in contents:
-            if (place / name).exists():
-                raise InputError(
-                    f"{place / name} exists", "files that aren't there yet", "give another --out"
-                )
-    for place in folders:
-        place.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            atomic_write(place / name, content)
-    files = tuple(folders[-1] / name for name in contents)
+    archive = archive_folder(registry, record.number)
+    for name in contents:
+        if folder is not None and (folder / name).exists():
+            raise InputError(
+                f"{folder / name} exists", "files that aren't there yet", "give another --out"
+            )
+    _set_aside(archive)
+    _write(archive, contents)
     conformity = record.conformity
-    entry = registry.add_certificate(
-        record.number,
-        record.calibration_id,
-        authorised_by=", ".join(record.authorised_by),
-        files={name: hashlib.sha256(content).hexdigest() for name, content in contents.items()},
-        summary={
-            "record_sha256": record.sha256,
-            "languages": list(record.languages),
-            "simulated": record.simulated,
-            "verdict": None if conformity is None else conformity.verdict.value,
-            "tolerance_percent_fs": None if conformity is None else conformity.tolerance_percent_fs,
-            "archive": registry.stored(folders[0]),
-            "profile": record.method.name,
-            "profile_sha256": record.method.sha256,
-            "deviations": [each.clause for each in record.deviations],
-        },
-        supersedes=record.supersedes,
-        issued=datetime.now(UTC),
-    )
+    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
+    issued = datetime.now(UTC)
+
+    summary = {
+        "record_sha256": record.sha256,
+        "languages": list(record.languages),
+        "simulated": record.simulated,
+        "verdict": None if conformity is None else conformity.verdict.value,
+        "tolerance_percent_fs": None if conformity is None else conformity.tolerance_percent_fs,
+        "archive": registry.stored(archive),
+        "profile": record.method.name,
+        "profile_sha256": record.method.sha256,
+        "deviations": [each.clause for each in record.deviations],
+    }
+
+    def register() -> CertificateEntry:
+        for entry in registry.certificates(record.calibration_id):
+            if entry.number == record.number and entry.files == hashes:
+                return entry  # the server went away after it had taken it
+        return registry.add_certificate(
+            record.number,
+            record.calibration_id,
+            authorised_by=", ".join(record.authorised_by),
+            files=hashes,
+            summary=summary,
+            supersedes=record.supersedes,
+            issued=issued,
+        )
+
+    entry = registry.patiently(register)
+    if folder is not None:  # nothing leaves the archive before it is registered
+        _write(folder, contents)
+    files = tuple((folder or archive) / name for name in contents)
     return IssuedCertificate(record, files, entry)
+
+
+def _set_aside(archive: Path) -> None:
+    """Keep, under another name, what was written under a number that was never registered."""
+    if archive.exists():
+        archive.rename(archive.with_name(f"{archive.name}{UNREGISTERED}{secrets.token_hex(4)}"))
+
+
+def _write(folder: Path, contents: Mapping[str, bytes]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in contents.items():
+        atomic_write(folder / name, content)
+
+
+def unregistered_certificates(registry: Registry) -> tuple[Path, ...]:
+    """Return archive folders of certificates that were written and never registered."""
+    known = {entry.number for entry in registry.certificates()}
+    folder = registry.root / "certificates"
+    found = sorted(folder.iterdir()) if folder.is_dir() else []
+    return tuple(path for path in found if path.name not in known and UNREGISTERED not in path.name)

@@ -28,6 +28,11 @@ from torquebench.calibration import (
     verify,
 )
 from torquebench.campaign.chains import bench_effects
+from torquebench.campaign.finishing import (
+    FinishedCalibration,
+    finish_calibration,
+    registers_calibration,
+)
 from torquebench.campaign.fitting import (
     COMPARED_COLUMNS,
     ModelChoice,
@@ -41,11 +46,8 @@ from torquebench.campaign.measuring import (
     measure_verification,
     rehearse_calibration,
 )
-from torquebench.campaign.modules import (
-    RegisteredCalibration,
-    register_calibration,
-    register_verification,
-)
+from torquebench.campaign.modules import register_verification
+from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.chain import load_chain
 from torquebench.compensation import (
@@ -69,7 +71,7 @@ from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobReques
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
-from torquebench.records import CalibrationEntry
+from torquebench.records import REGISTERS, CalibrationEntry
 from torquebench.station import Station
 
 __all__ = [
@@ -183,7 +185,8 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
     confirm_clear(station.description, request.bench_clear)
     profile = _calibration_profile(context, request)
     choices = _choices(request.models)
-    measured = measure_calibration(station, request.side, profile, progress=job)
+    known = registers_calibration([choice.name for choice in choices], None)
+    measured = measure_calibration(station, request.side, profile, metadata=known, progress=job)
     return _fitted(context, measured, profile, choices)
 
 
@@ -193,7 +196,8 @@ def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
     confirm_clear(station.description, request.bench_clear)
     choices = _choices(request.models)
     interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
-    measured = resume_calibration(station, interrupted, progress=context.job)
+    known = registers_calibration([choice.name for choice in choices], None)
+    measured = resume_calibration(station, interrupted, metadata=known, progress=context.job)
     return _fitted(context, measured, interrupted.profile, choices)
 
 
@@ -211,15 +215,25 @@ def _fitted(
     choices: Sequence[ModelChoice],
 ) -> JobResult:
     """Fit models to what was measured and register it all."""
-    station = context.station
     context.check()
-    data = measured.result.data
-    effects = bench_effects(station.description, data)
-    fitted = fit_models(data, choices, context.job, title="Fitting models", effects=effects)
-    registered = register_calibration(station, measured, profile, fitted, active=None)
+    done = finish_calibration(
+        context.station.registry,
+        measured,
+        profile,
+        choices,
+        None,
+        context.job,
+        title="Fitting models",
+    )
+    return calibration_job_result(done)
+
+
+def calibration_job_result(done: FinishedCalibration) -> JobResult:
+    """Return what a calibration's job found."""
+    result, registered = done.measured.result, done.registered
     numbers = {name: entry.model_id for name, entry in registered.models.items()}
-    found = calibration_result(registered.calibration, data, fitted, numbers)
-    return replace(found, details=dict(found.details) | {"unsettled": measured.result.unsettled})
+    found = calibration_result(registered.calibration, result.data, done.fitted, numbers)
+    return replace(found, details=dict(found.details) | {"unsettled": result.unsettled})
 
 
 # -- compare and fit ------------------------------------------------------------------------
@@ -323,12 +337,22 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     if seed is None:  # drawn anew for every verification, and kept with its points
         seed = int(np.random.default_rng().integers(2**32))
     measured = measure_verification(
-        station, side, _verification_profile(context, request), seed, progress=context.job
+        station,
+        side,
+        _verification_profile(context, request),
+        seed,
+        metadata={REGISTERS: {"models": {name: each.model_id for name, each in models.items()}}},
+        progress=context.job,
     )
     data = measured.result.data
     result = verify(data, loaded)
     run_id = measured.record.run_id
-    register_verification(station, RegisteredCalibration(entry, models), result, run_id)
+    registered_patiently(
+        station.registry,
+        run_id,
+        lambda: register_verification(station.registry, models, result, measured.record),
+        context.job,
+    )
     return verification_result(
         station,
         entry,

@@ -17,7 +17,6 @@ from pydantic import Field
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.measuring import RunAbortedError
-from torquebench.campaign.zeros import register_zeroings
 from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
 from torquebench.panel.service.jobs.results import as_details
@@ -78,7 +77,6 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
         metadata={"operator": context.actor.label},
         progress=watch,
     )
-    register_zeroings(station, record)
     if record.exit_status != "success":
         raise RunAbortedError(record)
     job.advance(len(sides))
@@ -147,7 +145,7 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
     """Issue a certificate that the person who started it authorises."""
     registry, job = context.station.registry, context.job
     job.start("Issuing the certificate", 1)
-    calibration = registry.calibration(request.calibration_id)
+    calibration = registry.patiently(lambda: registry.calibration(request.calibration_id))
     kept = registry.root / LABORATORY_FILE
     parties: dict[str, Any] = {}
     if kept.is_file():
@@ -160,9 +158,9 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
         number=request.number,
         **parties,
     )
-    issued = issue_certificate(registry, build_record(registry, calibration, issue))
+    record = registry.patiently(lambda: build_record(registry, calibration, issue))
+    issued = issue_certificate(registry, record)
     job.advance()
-    record = issued.record
     conformity = record.conformity
     judged = "" if conformity is None else f": {conformity.verdict.label}"
     return JobResult(

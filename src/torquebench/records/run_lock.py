@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["RunLock"]
+__all__ = ["RunLock", "is_held"]
 
 LOCKED_FILE = "run.json"
 """The file of a run's folder that is locked: it exists from the start and never changes."""
@@ -52,3 +52,15 @@ else:
         except OSError:
             return False
         return True
+
+
+def is_held(folder: Path) -> bool:
+    """Return whether a process writes a run's folder right now."""
+    try:
+        hold = RunLock(folder)
+    except OSError:  # nothing there to hold
+        return False
+    try:
+        return not hold.held
+    finally:
+        hold.release()

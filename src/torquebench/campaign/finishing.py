@@ -1,0 +1,313 @@
+"""Finish a run that something has come between: fit and register what is measured already.
+
+Command line, panel and API go through here, whether nothing happened or everything did: a
+calibration is fitted and registered by `finish_calibration` right after its run, and by the same
+function days later from its folder. Nothing is measured again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from torquebench.bench.description import BenchDescription
+from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
+from torquebench.campaign.chains import bench_effects
+from torquebench.campaign.checking import finish_check
+from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models
+from torquebench.campaign.measuring import Measured
+from torquebench.campaign.modules import (
+    RegisteredCalibration,
+    register_calibration,
+    register_verification,
+)
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.registering import registered_patiently
+from torquebench.chain import load_chain
+from torquebench.compensation import RECOMMENDED
+from torquebench.errors import InputError, RecordError
+from torquebench.procedures import StaircaseResult
+from torquebench.records import (
+    REGISTERS,
+    Registry,
+    RunFolder,
+    RunState,
+    UnfinishedRun,
+    unfinished_runs,
+)
+from torquebench.station import RunRecord, enter_run
+
+__all__ = [
+    "Finished",
+    "FinishedCalibration",
+    "discard_run",
+    "find_unfinished",
+    "finish_calibration",
+    "finish_run",
+    "measured_calibration",
+    "read_measured",
+    "registers_calibration",
+]
+
+
+@dataclass(frozen=True)
+class FinishedCalibration:
+    """A calibration with the models that were fitted to it, all registered.
+
+    Parameters
+    ----------
+    measured : Measured
+    profile : Profile
+    fitted : tuple of FittedModel
+    registered : RegisteredCalibration
+    active : str or None
+        Name of the model that was put into use.
+    """
+
+    measured: Measured[StaircaseResult]
+    profile: Profile
+    fitted: tuple[FittedModel, ...]
+    registered: RegisteredCalibration
+    active: str | None
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What became of an unfinished run.
+
+    Parameters
+    ----------
+    run_id : str
+    sentence : str
+        In words.
+    calibration : FinishedCalibration or None
+        Where it was a calibration.
+    """
+
+    run_id: str
+    sentence: str
+    calibration: FinishedCalibration | None = None
+
+
+def registers_calibration(models: Sequence[str], active: str | None) -> dict[str, Any]:
+    """Return what a calibration's run notes of what it is made for.
+
+    Parameters
+    ----------
+    models : sequence of str
+        Names of the models that are fitted to it.
+    active : str or None
+        Which of them is put into use.
+    """
+    return {REGISTERS: {"models": list(models), "active": active}}
+
+
+def finish_calibration(
+    registry: Registry,
+    measured: Measured[StaircaseResult],
+    profile: Profile,
+    choices: Sequence[ModelChoice],
+    active: str | None,
+    progress: Progress = NO_PROGRESS,
+    *,
+    title: str = "",
+) -> FinishedCalibration:
+    """Fit models to a calibration, register it with them, and put one into use.
+
+    Parameters
+    ----------
+    registry : Registry
+    measured : Measured
+        The calibration; its folder is sealed.
+    profile : Profile
+        That it followed.
+    choices : sequence of ModelChoice
+    active : str or None
+        Name of the one that the module compensates with from now on; None leaves that open.
+    progress : Progress
+    title : str
+        Of the stage of fitting.
+
+    Raises
+    ------
+    RecordError
+        The registry or the disk can't take it. Everything is measured: it can be finished later.
+    """
+    data, run_id = measured.result.data, measured.record.run_id
+    description = BenchDescription.model_validate(measured.record.metadata["bench"])
+    fitted = fit_models(
+        data,
+        choices,
+        progress,
+        title=title or f"Fitting the {data.side} module",
+        effects=bench_effects(description, data),
+    )
+
+    def register() -> RegisteredCalibration:
+        return register_calibration(registry, measured, profile, fitted, active)
+
+    registered = registered_patiently(registry, run_id, register, progress)
+    return FinishedCalibration(measured, profile, tuple(fitted), registered, active)
+
+
+def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
+    """Return an unfinished run by its id or the beginning of it, or "latest".
+
+    Raises
+    ------
+    InputError
+        There is none, or more than one.
+    """
+    every = unfinished_runs(registry)
+    found = every[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
+    if len(found) != 1:
+        raise InputError(
+            f"{name!r} names {'several unfinished runs' if found else 'no unfinished run'}",
+            "a run that isn't finished",
+            "see `torquebench records list runs`",
+        )
+    return found[0]
+
+
+def finish_run(
+    registry: Registry, run: UnfinishedRun, progress: Progress = NO_PROGRESS
+) -> Finished:
+    """Bring a run to the end that it was made for, as far as that needs no bench.
+
+    Parameters
+    ----------
+    registry : Registry
+    run : UnfinishedRun
+        From `unfinished_runs`.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        It is an interrupted calibration, which has to be gone on with on its bench.
+    RecordError
+        Its folder was changed, or the registry can't take it.
+    """
+    folder = RunFolder.open(run.folder)
+    if run.state is RunState.LEFT_OPEN:
+        folder.recover()
+    if run.state in (RunState.LEFT_OPEN, RunState.SEALED):
+        enter_run(registry, folder)
+        rest = [each for each in unfinished_runs(registry) if each.run_id == run.run_id]
+        if not rest or rest[0].state is RunState.INTERRUPTED:
+            status = folder.manifest["status"]
+            return Finished(run.run_id, f"run {run.run_id} is entered as {status}")
+    if run.state is RunState.INTERRUPTED:
+        raise InputError(
+            f"run {run.run_id} was interrupted",
+            "a run that is measured",
+            f"go on with `torquebench calibrate --resume {run.run_id}`",
+        )
+    folder.verify()
+    kind = str(folder.metadata["kind"]).partition("-")[0]
+    return _FINISHERS[kind](registry, folder, progress)
+
+
+def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str) -> None:
+    """Enter that nothing comes of an unfinished run; what it measured stays in its folder.
+
+    Raises
+    ------
+    InputError
+        Nobody or no reason is named.
+    RecordError
+        The registry can't take it.
+    """
+    if not by.strip() or not reason.strip():
+        raise InputError(f"run {run.run_id} discarded without a reason", "who decides it, and why")
+    folder = RunFolder.open(run.folder)
+    if run.state is RunState.LEFT_OPEN:
+        folder.recover()
+    with registry.writing():
+        enter_run(registry, folder)
+        registry.discard_run(run.run_id, by=by, reason=reason)
+
+
+def measured_calibration(
+    registry: Registry, folder: RunFolder, progress: Progress = NO_PROGRESS
+) -> FinishedCalibration:
+    """Fit and register a calibration from its folder, with the models that it was begun with.
+
+    A model is put into use as the run's command would have done, unless its module was
+    calibrated again since.
+    """
+    measured, profile = read_measured(folder)
+    wanted = folder.metadata.get(REGISTERS) or {"models": [RECOMMENDED], "active": RECOMMENDED}
+    active = wanted["active"]
+    serial = measured.result.data.transducer_serial
+    newest = registry.calibrations(serial, limit=1)
+    if newest and newest[0].performed > datetime.fromisoformat(folder.manifest["sealed"]):
+        active = None
+    choices = [ModelChoice(name) for name in wanted["models"]]
+    return finish_calibration(registry, measured, profile, choices, active, progress)
+
+
+def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile]:
+    """Return what a completed calibration, check or verification measured, and its profile.
+
+    Raises
+    ------
+    RecordError
+        The folder holds no such result.
+    """
+    results, start = folder.results, next(document for _, document in folder.documents("start"))
+    try:
+        placement = results.get("placement")
+        result = StaircaseResult(
+            data=CalibrationData(**results["data"]),
+            unsettled=int(results["unsettled"]),
+            standard_serial=str(results["standard_serial"]),
+            placement=None if placement is None else _placement(placement),
+        )
+        profile = Profile.model_validate(start["profile"]["settings"])
+    except (AttributeError, KeyError, TypeError) as error:
+        raise RecordError(
+            f"{folder.path} holds no points of a calibration ({error})", "a calibration run"
+        ) from error
+    metadata = folder.metadata
+    record = RunRecord(
+        folder.run_id, str(metadata["kind"]), folder.path, "success", result, metadata=metadata
+    )
+    return Measured(result, record), profile
+
+
+def _placement(plain: Mapping[str, Any]) -> Placement:
+    rounds = tuple(AdaptiveRound(**each) for each in plain["rounds"])
+    return Placement(**{**plain, "rounds": rounds})
+
+
+def _calibration(registry: Registry, folder: RunFolder, progress: Progress) -> Finished:
+    found = measured_calibration(registry, folder, progress)
+    entry = found.registered.calibration
+    numbers = ", ".join(f"model-{each.model_id}" for each in found.registered.models.values())
+    said = f"run {folder.run_id} is registered as calibration-{entry.calibration_id} with {numbers}"
+    return Finished(folder.run_id, said, found)
+
+
+def _check(registry: Registry, folder: RunFolder, progress: Progress) -> Finished:
+    found = finish_check(registry, read_measured(folder)[0], progress)
+    return Finished(folder.run_id, f"run {folder.run_id} is registered: {found.verdict.label}")
+
+
+def _verification(registry: Registry, folder: RunFolder, progress: Progress) -> Finished:
+    measured, _ = read_measured(folder)
+    numbers: Mapping[str, int] = folder.metadata[REGISTERS]["models"]
+
+    def register() -> None:
+        models = {name: registry.model(int(number)) for name, number in numbers.items()}
+        loaded = {name: load_chain(entry.check_file()) for name, entry in models.items()}
+        result = verify(measured.result.data, loaded)
+        register_verification(registry, models, result, measured.record)
+
+    registered_patiently(registry, folder.run_id, register, progress)
+    return Finished(folder.run_id, f"run {folder.run_id} is registered as a verification")
+
+
+_FINISHERS = {"calibrate": _calibration, "check": _check, "verify": _verification}

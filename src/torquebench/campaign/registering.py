@@ -1,0 +1,50 @@
+"""Register what is measured, although the registry's server restarts meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import InputError, RecordError
+from torquebench.records import Registry
+
+__all__ = ["registered_patiently"]
+
+Result = TypeVar("Result")
+
+
+def registered_patiently(
+    registry: Registry,
+    run_id: str,
+    register: Callable[[], Result],
+    progress: Progress = NO_PROGRESS,
+) -> Result:
+    """Register what came of a run; the progress says where that has to be tried again.
+
+    Parameters
+    ----------
+    registry : Registry
+    run_id : str
+    register : callable
+        One transaction, which finds what an earlier attempt has registered.
+    progress : Progress
+
+    Raises
+    ------
+    RecordError
+        The registry or the disk can't take it; what is measured can be finished later.
+    """
+
+    def told(_found: str) -> None:
+        progress.start("The registry doesn't answer; trying again")
+
+    try:
+        return registry.patiently(register, told=told)
+    except (RecordError, InputError, OSError) as error:
+        raise RecordError(
+            f"run {run_id} is measured and sealed, but what came of it isn't registered: "
+            f"{getattr(error, 'found', error)}",
+            "a registry and a disk that take it",
+            f"mend that, then `torquebench records finish {run_id}`: nothing is measured again",
+        ) from error

@@ -1,0 +1,87 @@
+"""`torquebench records finish` and `discard`: what becomes of runs that aren't finished."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import say
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.records import Registry, UnfinishedRun
+
+__all__ = ["finish_and_report", "register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command("finish")(finish)
+    app.command("discard")(discard)
+
+
+def finish(
+    run: Annotated[
+        str | None,
+        typer.Argument(help="A run's id or its beginning, or `latest`; without it all of them."),
+    ] = None,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Enter, fit and register runs that a kill, a full disk or the database has left behind.
+
+    Nothing is measured again. An interrupted calibration is gone on with at its bench instead, by
+    `torquebench calibrate --resume`.
+    """
+    from torquebench.campaign.finishing import find_unfinished
+    from torquebench.records import Registry, RunState, unfinished_runs
+    from torquebench.station.bench_lock import BenchLock
+
+    folder = data_directory(data)
+    with BenchLock(None, folder), Registry.open(folder) as registry:
+        if run is not None:
+            finish_and_report(registry, find_unfinished(registry, run))
+            return
+        every = unfinished_runs(registry)
+        for each in every:
+            if each.state is RunState.INTERRUPTED:
+                say(f"{each.found}: {each.remedy}")
+            else:
+                finish_and_report(registry, each)
+        if not every:
+            say("Every run is finished.")
+
+
+def finish_and_report(registry: Registry, run: UnfinishedRun) -> None:
+    """Finish a run and print what came of it."""
+    from torquebench.campaign.finishing import finish_run
+    from torquebench.cli.calibrate import report_calibration
+    from torquebench.cli.progress import TerminalProgress
+
+    with TerminalProgress() as progress:
+        finished = finish_run(registry, run, progress)
+    if finished.calibration is not None:
+        report_calibration(finished.calibration)
+    say(f"{finished.sentence}. Nothing was measured.")
+
+
+def discard(
+    run: Annotated[str, typer.Argument(help="A run's id or its beginning, or `latest`.")],
+    reason: Annotated[str, typer.Option(help="Why nothing comes of it.")],
+    by: Annotated[str, typer.Option(help="Who says so; by default whoever is logged in.")] = "",
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Enter that nothing comes of an unfinished run. What it measured stays in its folder."""
+    from torquebench.campaign.finishing import discard_run, find_unfinished
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.records import Registry
+    from torquebench.station.bench_lock import BenchLock
+
+    if not reason.strip():
+        raise InputError("a run discarded without a reason", "why nothing comes of it")
+    folder = data_directory(data)
+    with BenchLock(None, folder), Registry.open(folder) as registry:
+        found = find_unfinished(registry, run)
+        discard_run(registry, found, by=by or operator_name(), reason=reason)
+    say(f"run {found.run_id} is discarded on the record; its folder stays as it is.")

@@ -1,0 +1,253 @@
+"""What has become of a run, as its folder and the registry say: nothing measured is forgotten.
+
+A run goes through states in one direction: it is written, sealed, entered into the registry, and
+what it was made for is registered (a calibration with its models, a check, a verification).
+Nothing notes the state down, since a note could be wrong: it follows from what is there. A kill,
+a full disk or a database that fails can come between any two of them, so the next start looks.
+"""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from torquebench.errors import RecordError
+from torquebench.records.chain import ChainHead
+from torquebench.records.entries import RunSummary
+from torquebench.records.run_folder import RunFolder
+from torquebench.records.run_lock import is_held
+from torquebench.records.run_states import INTERRUPTED, RunStateRecords
+
+__all__ = [
+    "REGISTERS",
+    "RunState",
+    "UnfinishedRun",
+    "followers",
+    "latest_unfinished_calibration",
+    "unentered_folders",
+    "unfinished_runs",
+]
+
+REGISTERS = "registers"
+"""Key of a run's metadata: what is registered of it once it is measured, and how."""
+LONGEST_H = 24.0
+"""How long an interrupted calibration can be gone on with, unless its profile says it, h."""
+RECENT = timedelta(days=30)
+MANY = 10_000
+
+
+class RunState(Enum):
+    """How far a run has come that isn't finished."""
+
+    LEFT_OPEN = "left open"
+    """Its process has ended without sealing it."""
+    SEALED = "sealed"
+    """The registry doesn't know it, or doesn't know how it ended."""
+    MEASURED = "measured"
+    """It is complete and registered; what it was made for isn't."""
+    INTERRUPTED = "interrupted"
+    """A calibration that can be gone on with."""
+
+
+@dataclass(frozen=True)
+class UnfinishedRun:
+    """A run that something has come between, and what can be done about it.
+
+    Parameters
+    ----------
+    run_id, kind : str
+    state : RunState
+    folder : pathlib.Path
+    """
+
+    run_id: str
+    kind: str
+    state: RunState
+    folder: Path
+
+    @property
+    def found(self) -> str:
+        """What is the matter with it, in words."""
+        match self.state:
+            case RunState.LEFT_OPEN:
+                return f"run {self.run_id} was left open"
+            case RunState.SEALED:
+                return f"run {self.run_id} is measured and sealed, and not in the registry"
+            case RunState.MEASURED:
+                what = self.kind.partition("-")[0].replace("calibrate", "calibration")
+                what = what.replace("verify", "verification")
+                return f"run {self.run_id} is measured, and its {what} isn't registered"
+        return f"run {self.run_id} was interrupted"
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        match self.state:
+            case RunState.LEFT_OPEN | RunState.SEALED:
+                return f"`torquebench records finish {self.run_id}` enters it; so does any start"
+            case RunState.MEASURED:
+                return (
+                    f"`torquebench records finish {self.run_id}`: nothing is measured again; or "
+                    f"`records discard {self.run_id}`"
+                )
+        return (
+            f"go on with `torquebench calibrate --resume {self.run_id}`, or "
+            f"`records discard {self.run_id}`"
+        )
+
+
+def unfinished_runs(
+    registry: RunStateRecords, now: datetime | None = None
+) -> tuple[UnfinishedRun, ...]:
+    """Return every run that isn't finished and that no process writes, the oldest first.
+
+    Parameters
+    ----------
+    registry : Registry
+        With the data directory whose folders are looked at.
+    now : datetime.datetime, optional
+        The present moment: an interrupted calibration can be gone on with for so long only.
+    """
+    found = list(unentered_folders(registry))
+    found += [
+        UnfinishedRun(run.run_id, run.kind, RunState.MEASURED, run.folder)
+        for run in registry.completed_runs_without_result()
+        if _registers(run) and run.folder.is_dir()
+    ]
+    found += _interrupted(registry, now or datetime.now(UTC))
+    return tuple(sorted(found, key=lambda run: run.run_id))
+
+
+def unentered_folders(registry: RunStateRecords) -> Iterator[UnfinishedRun]:
+    """Yield runs of the data directory that the registry doesn't know, or not the end of.
+
+    Left out are folders that a process writes, and those that another registry has made: the end
+    of its chain is noted in them.
+    """
+    entered = registry.entered_runs(names := _folders(registry.root / "runs"))
+    for name in names:
+        path = registry.root / "runs" / name
+        if entered.get(name) or is_held(path):
+            continue
+        try:
+            folder = RunFolder.open(path)
+            metadata = folder.metadata
+        except RecordError:  # killed before anything was known of it
+            continue
+        if name not in entered and not _belongs(registry, metadata):
+            continue
+        state = RunState.SEALED if folder.sealed else RunState.LEFT_OPEN
+        yield UnfinishedRun(name, str(metadata.get("kind", "")), state, path)
+
+
+def _folders(runs: Path) -> list[str]:
+    return sorted(each.name for each in os.scandir(runs)) if runs.is_dir() else []
+
+
+def _belongs(registry: RunStateRecords, metadata: Mapping[str, Any]) -> bool:
+    """Return whether the registry is the one that a run's folder was made beside."""
+    number, _, digest = str(metadata.get("registry_head", "")).partition(":")
+    known = number.isdecimal() and int(number) > 0
+    return known and registry.passes_through(ChainHead(int(number), digest))
+
+
+def _registers(run: RunSummary) -> bool:
+    """Return whether a completed run was made for something that is registered."""
+    if run.kind.startswith("calibrate-"):
+        return True
+    try:
+        return bool(RunFolder(run.folder).metadata.get(REGISTERS))
+    except RecordError:  # moved away, or broken: `records verify` says so
+        return False
+
+
+def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[UnfinishedRun]:
+    """Yield interrupted calibrations that can still be gone on with, and that nothing follows."""
+    candidates = registry.interrupted_calibrations(now - RECENT)
+    for run in candidates:
+        folder = RunFolder(run.folder)
+        if not folder.sealed or not can_go_on(folder, now):
+            continue
+        if not followers(registry, run) and not _calibrated_since(registry, run):
+            yield UnfinishedRun(run.run_id, run.kind, RunState.INTERRUPTED, run.folder)
+
+
+def can_go_on(folder: RunFolder, now: datetime) -> bool:
+    """Return whether an interrupted calibration has a point, not too old by its profile."""
+    start, last_s = _start_and_last_point(folder)
+    if last_s is None:
+        return False
+    clause = start.get("profile", {}).get("settings", {}).get("interruption") or {}
+    passed_h = (now.timestamp() - last_s) / 3600.0
+    return clause.get("resume") != "never" and passed_h <= clause.get("longest_h", LONGEST_H)
+
+
+def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | None]:
+    """Return a run's start document and when its last point was taken; None without one."""
+    start: dict[str, Any] = {}
+    streams: set[str] = set()
+    last_s = None
+    try:
+        for name, document in folder.documents():
+            if name == "start":
+                start = document
+            elif name == "descriptor" and document.get("name") == "points":
+                streams.add(document["uid"])
+            elif name == "event" and document["descriptor"] in streams:
+                last_s = float(document["time"])
+    except (RecordError, KeyError, OSError):  # `records verify` says what is wrong with it
+        return {}, None
+    return start, last_s
+
+
+def followers(registry: RunStateRecords, run: RunSummary) -> tuple[RunSummary, ...]:
+    """Return the runs that went on with a run, the newest first.
+
+    One that was discarded doesn't count, nor one that ended before it had a point.
+    """
+    found = []
+    for other in registry.runs(limit=MANY, kind=run.kind):
+        if other.run_id == run.run_id:
+            break
+        if run.run_id in _resumed(other) and not registry.discarded(other.run_id):
+            ended = other.status in INTERRUPTED
+            if not ended or _start_and_last_point(RunFolder(other.folder))[1] is not None:
+                found.append(other)
+    return tuple(found)
+
+
+def latest_unfinished_calibration(registry: RunStateRecords) -> RunSummary | None:
+    """Return the newest calibration that isn't finished, whether or not it still can be.
+
+    None where the newest ones are registered, discarded, or were gone on with by a later run.
+    """
+    measured = {run.run_id for run in registry.completed_runs_without_result()}
+    for run in registry.runs(limit=MANY):
+        if not run.kind.startswith("calibrate-") or registry.discarded(run.run_id):
+            continue
+        if run.run_id in measured:
+            return run
+        interrupted = run.status in INTERRUPTED and not followers(registry, run)
+        if interrupted and not _calibrated_since(registry, run):
+            return run
+    return None
+
+
+def _resumed(run: RunSummary) -> list[str]:
+    try:
+        return list(RunFolder(run.folder).metadata.get("resumes", ()))
+    except RecordError:
+        return []
+
+
+def _calibrated_since(registry: RunStateRecords, run: RunSummary) -> bool:
+    """Return whether the same module was calibrated to the end after a run."""
+    for other in registry.runs(limit=MANY, kind=run.kind):
+        if other.run_id == run.run_id:
+            return False
+        if other.status == "completed":
+            return True
+    return False
