@@ -366,6 +366,95 @@ def _creeping(rng: np.random.Generator) -> list[Term]:
     return [Term("offset", 0.0), *_exponential_pair(rng, _sign(rng)), *_step_and_loops(rng)]
 
 
+def _plain(rng: np.random.Generator) -> list[Term]:
+    """Plain quadratic over the whole range, alike in both directions: three constants."""
+    return [
+        Term("offset", rng.normal(0, 1e-4)),
+        Term("whole-power", _sign(rng) * rng.uniform(0.001, 0.006), (1.0,), 1),
+        Term("whole-power", _sign(rng) * rng.uniform(5e-4, 4e-3), (2.0,), 1),
+    ]
+
+
+def _realistic(rng: np.random.Generator) -> list[Term]:
+    return [
+        Term("offset", rng.normal(0, 1e-4)),
+        *_main_quadratic(rng),
+        Term("smooth-step", _sign(rng) * rng.uniform(2e-4, 6e-4), (rng.uniform(0.005, 0.02),)),
+        *_loop_pair(rng, rng.uniform(0.5, 1.0), rng.uniform(0.8, 1.2)),
+        *_sine_pair(rng, 5e-5, 2e-4),
+    ]
+
+
+def _hard(rng: np.random.Generator) -> list[Term]:
+    """Step at reversal 0.3 % wide, ripple of 14 % period, two local errors."""
+    bumps = [
+        Term(
+            "bump",
+            _sign(rng) * rng.uniform(2e-4, 6e-4),
+            (rng.uniform(-0.9, 0.9), rng.uniform(0.03, 0.08)),
+        )
+        for _ in range(2)
+    ]
+    return [
+        Term("offset", rng.normal(0, 1e-4)),
+        *_main_quadratic(rng),
+        Term("smooth-step", _sign(rng) * rng.uniform(3e-4, 8e-4), (0.003,)),
+        *_sine_pair(rng, 1e-4, 3e-4, 0.14),
+        *bumps,
+        *_loop_pair(rng, 0.8, 1.0),
+    ]
+
+
+def _misspecified(rng: np.random.Generator) -> list[Term]:
+    """Power laws, a skewed loop, heavy tails and a zero that drifts."""
+    sign = _sign(rng)
+    terms = [Term("offset", 0.0)]
+    for side in (1.0, -1.0):
+        bent, root = rng.uniform(1.1, 2.6), rng.uniform(0.6, 1.0)
+        terms.append(Term("power", sign * rng.uniform(0.002, 0.005), (side, bent), 1))
+        terms.append(Term("power", sign * rng.uniform(0.001, 0.003), (side, root), 1))
+    return [
+        *terms,
+        *_loop_pair(rng, rng.uniform(0.3, 0.6), rng.uniform(1.0, 2.0)),
+        Term("rational-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.003, 0.02),)),
+    ]
+
+
+def _two_stage(rng: np.random.Generator) -> list[Term]:
+    """Coupling that stiffens at a torque, a packet of ripple on a joint that gives way."""
+    sign = _sign(rng)
+    terms = [Term("offset", rng.normal(0, 5e-5))]
+    for side in (1.0, -1.0):
+        knee, start = rng.uniform(0.3, 1.5), rng.uniform(0.3, 0.7)
+        terms.append(Term("saturation", sign * rng.uniform(0.002, 0.005), (side, knee), 1))
+        terms.append(
+            Term("kink", sign * rng.uniform(1e-3, 3e-3), (side, start, rng.uniform(0.03, 0.1)), 1)
+        )
+    packet = (rng.uniform(-0.7, 0.7), rng.uniform(0.15, 0.3), rng.uniform(0.15, 0.3))
+    return [
+        *terms,
+        Term("packet", _sign(rng) * rng.uniform(1e-4, 3e-4), packet),
+        Term("error-step", _sign(rng) * rng.uniform(1e-4, 3e-4), (rng.uniform(0.004, 0.02),)),
+        *_loop_pair(rng, rng.uniform(1.2, 2.0), rng.uniform(0.6, 1.0)),
+    ]
+
+
+def _cubic(rng: np.random.Generator) -> list[Term]:
+    """Cubic over the whole range and nothing else but a loop of slipping parts."""
+    size = _sign(rng) * rng.uniform(5e-5, 2e-4)
+    return [
+        Term("offset", rng.normal(0, 5e-5)),
+        *[
+            Term("whole-power", _sign(rng) * rng.uniform(0.001, 0.004), (power,), 1)
+            for power in (1.0, 2.0, 3.0)
+        ],
+        *[
+            Term("play-loop", size, (side, rng.uniform(0.1, 0.3), rng.uniform(0.2, 1.0)), 1)
+            for side in (1.0, -1.0)
+        ],
+    ]
+
+
 FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "reference": _reference,
     "quadratic": _quadratic,
@@ -386,8 +475,14 @@ FAMILIES: dict[str, Callable[[np.random.Generator], list[Term]]] = {
     "beating": _beating,
     "saddled": _saddled,
     "creeping": _creeping,
+    "plain": _plain,
+    "realistic": _realistic,
+    "hard": _hard,
+    "misspecified": _misspecified,
+    "two-stage": _two_stage,
+    "cubic": _cubic,
 }
-"""Families by name; all but the first two hold nothing of any model's basis exactly."""
+"""Families by name; most hold nothing of any model's basis exactly."""
 
 UNSEEN_FAMILIES = (
     "stick-slip",
@@ -396,6 +491,8 @@ UNSEEN_FAMILIES = (
     "beating",
     "saddled",
     "creeping",
+    "two-stage",
+    "cubic",
 )
 """Families that no model was changed for; the models were developed on the others."""
 
@@ -417,6 +514,8 @@ def draw_noise(family: str, rng: np.random.Generator) -> Noise:
     if family == "creeping":
         drift = _sign(rng) * rng.uniform(1e-4, 4e-4)
         return Noise(drift=drift, onset=rng.uniform(0.02, 0.2))
+    if family == "misspecified":
+        return Noise(freedom=4.0, drift=_sign(rng) * rng.uniform(5e-5, 3e-4))
     if family == "dead-band":
         return Noise(resolution=rng.uniform(1e-4, 4e-4))
     return Noise()

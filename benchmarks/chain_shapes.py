@@ -31,6 +31,10 @@ def _power(x: FloatArray, _branch: FloatArray, side: float, exponent: float) -> 
     return side * _one_sided(x, side) ** exponent
 
 
+def _whole_power(x: FloatArray, _branch: FloatArray, exponent: float) -> FloatArray:
+    return np.asarray(x**exponent)
+
+
 def _saturation(x: FloatArray, _branch: FloatArray, side: float, knee: float) -> FloatArray:
     return side * np.log1p(_one_sided(x, side) / knee)
 
@@ -202,6 +206,7 @@ def _saddle(x: FloatArray, _branch: FloatArray, centre: float, width: float) -> 
 SHAPES: dict[str, Shape] = {
     "offset": _offset,
     "power": _power,
+    "whole-power": _whole_power,
     "saturation": _saturation,
     "kink": _kink,
     "smooth-step": _smooth_step,

@@ -1,8 +1,9 @@
-"""Accuracy, honesty and speed of compensation models, on chains with a known truth.
+"""Accuracy, coverage and speed of compensation models, on chains with a known truth.
 
-``python -m benchmarks.compensation`` compares every kind of model of this package with other
-libraries and with the best that could be done, prints the tables, and exits with 1 where an aim is
-missed. ``--write`` puts the tables into ``docs/benchmarks.md`` between the section's markers.
+``python -m benchmarks.compensation`` compares what ``torquebench fit`` takes by default with every
+single kind of model of this package, with other libraries and with the best that could be done,
+prints the tables, and exits with 1 where an aim is missed. ``--write`` puts the tables into
+``docs/benchmarks.md`` between the section's markers.
 ``--quick`` takes fewer chains and ends within a minute on two quiet cores; the whole run takes some
 ten minutes. Chains are shared out between two processes (``--workers``).
 
@@ -245,7 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         outcomes[points] = results
         allowed = 2.0 if options.quick else 0.0
         aims += accuracy_aims(results, options.families, points, allowed)
-    parts.append(show(console, "Hybrid by family", *family_rows(outcomes, options.families)))
+    parts.append(show(console, "Default by family", *family_rows(outcomes, options.families)))
     cells = [
         [
             aim.name,

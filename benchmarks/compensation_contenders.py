@@ -18,9 +18,11 @@ import numpy as np
 
 from benchmarks.chain_shapes import FloatArray
 from benchmarks.chains import CalibrationSet, Chain, known_form
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.fitting import fit_table
 from torquebench.compensation import MODELS, make_model
 
-__all__ = ["Contender", "Prediction", "contenders"]
+__all__ = ["DEFAULT", "Contender", "Prediction", "contenders"]
 
 Prediction = tuple[FloatArray, FloatArray | None]
 Predict = Callable[[FloatArray], Prediction]
@@ -29,6 +31,9 @@ HIDDEN = 50
 """Neurons of every network, as the sources'."""
 
 POLYNOMIALS = (2, 3)
+
+DEFAULT = "default of fit"
+"""What ``torquebench fit`` makes of a table without being told a model."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +58,25 @@ class Contender:
     slow: bool = False
 
 
+MODEL_NAMES = (
+    *(f"polynomial-{degree}" for degree in (1, *POLYNOMIALS)),
+    *(f"polynomial-{degree} per direction" for degree in POLYNOMIALS),
+    *(kind for kind in MODELS if kind != "polynomial"),
+)
+"""Contenders that are single kinds of model of this package."""
+
+
 def contenders() -> list[Contender]:
     """Return everyone who is installed, bounds first."""
     found = [
         Contender("known form", _known(nonlinear=False)),
         Contender("known form, constants unknown", _known(nonlinear=True), slow=True),
         Contender("raw reading", lambda _chain, _data: lambda X: (X[:, 0], None)),
+    ]
+    found.append(Contender(DEFAULT, _default, own=True))
+    found += [
+        Contender(f"polynomial-{degree}", _own("polynomial", degree=degree), own=True)
+        for degree in (1, *POLYNOMIALS)
     ]
     found += [
         Contender(
@@ -94,6 +112,16 @@ def _own(kind: str, **parameters: Any) -> Callable[[Chain, CalibrationSet], Pred
         return lambda X: model.predict(X, return_std=True)
 
     return fit
+
+
+def _default(chain: Chain, data: CalibrationSet) -> Predict:
+    """Go the whole way of the command, from a table to its model."""
+    reading, branch, series = data.X.T
+    table = CalibrationData(
+        reading, data.standard_nm, series.astype(np.int64), branch.astype(np.int8), chain.range_nm
+    )
+    model = fit_table(table, "benchmark").model
+    return lambda X: model.predict(X[:, : model.n_features_in_], return_std=True)
 
 
 def _known(nonlinear: bool) -> Callable[[Chain, CalibrationSet], Predict]:
