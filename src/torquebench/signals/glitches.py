@@ -42,7 +42,7 @@ class GlitchFilter:
     With rising edges alone, an edge sooner than the least time after the one kept before is
     left out (dead time). With both edges, every pulse and every pause shorter than the least
     time is left out with both its edges, so the level settles on what lasts; the stream then
-    ends the least time before its last block does, since a pulse isn't judged before.
+    ends the least time before its last block does, since a pulse is only checked then.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks.chains import Chain, Noise, Term, make_chain
+from benchmarks.chains import Chain, Noise, Term, known_form, make_chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -292,3 +292,19 @@ def test_a_narrow_reversal_step_is_found_where_torques_lie_on_its_slope() -> Non
     small = np.array([-0.003, -0.0015, 0.0015, 0.003])
     found = model.predict(np.column_stack([50.0 * small, np.zeros(4)]))
     np.testing.assert_allclose(found, 50.0 * (small + added(small)), atol=1.5e-3)
+
+
+def test_a_plain_quadratic_is_recognised_as_one() -> None:
+    """Errors are those of the three constants, not of all that a chain might have shown."""
+    ratios, inside = [], []
+    for seed in range(12):
+        chain = make_chain("plain", seed)
+        data, dense = chain.calibration(50), chain.dense(100)
+        model = HybridModel(range_nm=chain.range_nm).fit(data.X, data.standard_nm)
+        torque, std = model.predict(dense.X, return_std=True)
+        bound = known_form(chain, data).predict(dense.X) - dense.torque_nm
+        error = torque - dense.torque_nm
+        ratios.append(np.sqrt(np.mean(error**2) / np.mean(bound**2)))
+        inside.append(np.mean(np.abs(error) < 1.96 * std))
+    assert np.median(ratios) < 1.3  # 1.7 without plain forms
+    assert np.mean(inside) > 0.8
