@@ -38,7 +38,6 @@ JITTER_S = 5e-9
 DAY_EDGES = 4 * 60e3 * 86_400
 """Recorded in a day by four transducers."""
 DAY_LIMIT_S = 60.0
-LIVE_LIMIT_MS = 2.0
 
 Ticks = NDArray[np.int64]
 
@@ -199,8 +198,8 @@ def measure_noise(console: Console, windows: int) -> list[Aim]:
     return aims
 
 
-def measure_live_path(console: Console, blocks: int) -> list[Aim]:
-    """Latency of edges to torque with uncertainty, for eight channels in blocks of 10 ms."""
+def measure_live_path(console: Console, blocks: int) -> None:
+    """Show how long edges take to torque with uncertainty; `benchmarks.live_path` has the aim."""
     channels = 8
     block_ticks = 1_000_000
     ticks = pulse_train(60e3, int(blocks * 600 * 1.01), seed=5)
@@ -216,14 +215,13 @@ def measure_live_path(console: Console, blocks: int) -> list[Aim]:
             scale.torque_samples(counter.push(edges))
         seconds[block] = time.perf_counter() - begin
     table = Table(title="Edges to torque, 8 channels of 60 kHz, a block of 10 ms, 1 ms windows")
-    aims = []
+    shown = []
     for percentile in (50, 90, 99):
         value = float(np.percentile(seconds[blocks // 20 :], percentile)) * 1e3
         table.add_column(f"{percentile} %, ms", justify="right")
-        aims.append(value)
-    table.add_row(*(f"{value:.3f}" for value in aims))
+        shown.append(f"{value:.3f}")
+    table.add_row(*shown)
     console.print(table)
-    return [Aim("ms for a block of 10 ms, 99 % of blocks", aims[2], LIVE_LIMIT_MS, at_least=False)]
 
 
 def main() -> int:
@@ -238,7 +236,7 @@ def main() -> int:
     aims += measure_counters(console, 240e3, edges, rounds)
     measure_bits(console, edges * 4, rounds)
     aims += measure_noise(console, 8_000 if quick else 40_000)
-    aims += measure_live_path(console, 1_000 if quick else 10_000)
+    measure_live_path(console, 1_000 if quick else 10_000)
     if "polars" not in "".join(solutions.available()):
         console.print("polars isn't installed: pip install '.[benchmarks]' to compare with it")
     table = Table(title="Aims")
