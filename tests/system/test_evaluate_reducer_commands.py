@@ -235,7 +235,7 @@ def test_what_a_flange_takes_to_move_is_taken_off(tmp_path: Path) -> None:
         assert evaluate(*arguments, *flange, "--output", folder).exit_code == 0
         backlash[len(flange)] = quantities(folder)["backlash"]
     settings = json.loads((tmp_path / "result2" / "result.json").read_text("utf-8"))["settings"]
-    assert settings["flange"] == {"inertia_kgm2": 0.25, "expanded_uncertainty_percent": 10.0}
+    assert settings["flange"] == {"inertia_kgm2": 0.25, "inertia_uncertainty_percent": 10.0}
     assert backlash[2] == pytest.approx(TRUE_BACKLASH, rel=0.02)
     assert backlash[0] < 0.95 * TRUE_BACKLASH
     timeless = write(tmp_path / "timeless.csv", "torque_nm,angle_rad", [[0, 0], [1, 1]])

@@ -48,14 +48,11 @@ class ReferenceStandard:
         Of the standard and of its certificate.
     due : datetime.date or None
         Last day on which its certificate counts; None where nobody has stated one.
-    expanded_uncertainty_percent : float or None
-        Its expanded uncertainty (k = 2), in %.
     """
 
     serial: str = ""
     certificate_number: str = ""
     due: date | None = None
-    expanded_uncertainty_percent: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,11 +51,13 @@ class ExternalCalibration:
     indicator : str
         Identity of the counter or amplifier that it was read with.
     reference : Report
-        The standard and its certificate; the uncertainty is in % of the torque.
+        The standard and its certificate.
     reference_model : str
         Type of the standard.
     resolution_nm : float
         Resolution of the indication, N·m.
+    reference_percent_of_torque : float
+        Expanded uncertainty (k = 2) of the standard, % of the torque.
     """
 
     performed: datetime
@@ -66,6 +68,7 @@ class ExternalCalibration:
     reference: Report
     reference_model: str
     resolution_nm: float
+    reference_percent_of_torque: float
 
 
 @dataclass(frozen=True)
@@ -218,8 +221,7 @@ def _metadata(
             "laboratory": reference.laboratory,
             "performed": reference.performed,
             "due": reference.due,
-            "expanded_uncertainty_percent": reference.expanded_uncertainty_percent,
-            "uncertainty_of": "torque",
+            "expanded_uncertainty_percent_of_torque": circumstances.reference_percent_of_torque,
         },
     }
 

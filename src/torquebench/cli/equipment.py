@@ -203,7 +203,7 @@ def _show(registry: Registry, shown: Equipment) -> None:
         (
             "certificate",
             f"{report.number}, {report.laboratory or 'laboratory not stated'}, until "
-            f"{report.due or 'not stated'}, U = {report.expanded_uncertainty_percent} %",
+            f"{report.due or 'not stated'}, U = {report.expanded_uncertainty_percent} % of range",
         )
         for report in registry.reports(shown.serial)
         if report.kind == shown.kind

@@ -127,9 +127,7 @@ def static(
     points = assign_nominal(read, chosen)
     moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)
     due = None if reference_due is None else reference_due.date()
-    standard = ReferenceStandard(
-        reference_serial, reference_certificate, due, reference_uncertainty
-    )
+    standard = ReferenceStandard(reference_serial, reference_certificate, due)
     deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)
     _print_heading(points, chosen)
     _print_deviations(deviations)
@@ -147,14 +145,21 @@ def static(
             reference_certificate,
             laboratory=reference_laboratory,
             due=due,
-            expanded_uncertainty_percent=reference_uncertainty,
         )
         item = Equipment(
             "transducer", points.transducer_serial, manufacturer, transducer_model, points.range_nm
         )
         read_with, by = points.counter_identity, measured_by
         circumstances = ExternalCalibration(
-            moment, by, place, item, read_with, report, reference_model, resolution
+            moment,
+            by,
+            place,
+            item,
+            read_with,
+            report,
+            reference_model,
+            resolution,
+            reference_uncertainty,
         )
         _register(records, data, points, chosen, circumstances, model)
     if any(each.consequence == "refuse" for each in deviations):

@@ -129,7 +129,7 @@ class Report:
     valid_nm : tuple of float, optional
         Lowest and highest torque that it covers, in N·m.
     expanded_uncertainty_percent : float, optional
-        k = 2.
+        k = 2, % of the standard's range.
     file : pathlib.Path, optional
         The certificate's file, which is hashed when it is registered.
     """

@@ -37,7 +37,7 @@ def measured(profile):
 
 
 def record(data, **changes):
-    reference = ReferenceStandard("TC-1", "C-77", date(2025, 12, 31), 0.02)
+    reference = ReferenceStandard("TC-1", "C-77", date(2025, 12, 31))
     return replace(CalibrationRecord(data, START, reference), **changes)
 
 

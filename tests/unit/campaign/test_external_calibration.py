@@ -36,11 +36,10 @@ CIRCUMSTANCES = ExternalCalibration(
     place="Lab 3",
     transducer=Equipment("transducer", "T-7", "HBK", "T12", 2000.0),
     indicator="DMP41 / 815",
-    reference=Report(
-        "calibrator", "R-9", "K-77", "PTB", due=date(2027, 1, 31), expanded_uncertainty_percent=0.05
-    ),
+    reference=Report("calibrator", "R-9", "K-77", "PTB", due=date(2027, 1, 31)),
     reference_model="TN 2000",
     resolution_nm=0.02,
+    reference_percent_of_torque=0.05,
 )
 
 

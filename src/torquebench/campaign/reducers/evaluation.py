@@ -14,7 +14,6 @@ from torquebench.campaign.reducers.uncertainty import (
     bench_remarks,
     nominal_nm,
     root_mean_square,
-    standard_relative,
     torque_uncertainty,
     without_tare,
 )
@@ -79,7 +78,7 @@ def _loop_uncertainty(
     )
     if not loops.compensated["output"]:
         nominal = nominal_nm(bench, "output")
-        relative = max(standard_relative(bench), nominal / loops.torque_nm)
+        relative = nominal / loops.torque_nm
         return replace(known, torque_relative=relative, torque_branch_nm=nominal)
     torque, whole = recording.output_torque_nm, recording.output_uncertainty_nm
     large = np.abs(torque) / loops.torque_nm > LARGE
@@ -191,9 +190,8 @@ def evaluate_ramps(
     time_s, angle, torque, whole = (np.concatenate(column) for column in zip(*parts, strict=True))
     # What a chain adds turns its sign with the torque: the mean of both directions keeps it.
     peak = max(float(np.max(np.abs(part[2]))) for part in parts)
-    relative = root_mean_square(whole) / peak
-    if not ramps.compensated:
-        relative = float(np.hypot(standard_relative(bench), nominal_nm(bench, side) / peak))
+    whole_nm = root_mean_square(whole) if ramps.compensated else nominal_nm(bench, side)
+    relative = whole_nm / peak
     result = evaluate_breakaway(
         time_s,
         angle,

@@ -20,7 +20,6 @@ __all__ = [
     "bench_remarks",
     "nominal_nm",
     "root_mean_square",
-    "standard_relative",
     "tares_of",
     "torque_uncertainty",
     "without_tare",
@@ -54,11 +53,6 @@ class Bench:
     description: BenchDescription
     twists: dict[Side, TwistCompliance]
     tares: dict[Side, Tare]
-
-
-def standard_relative(bench: Bench) -> float:
-    """Return the standard uncertainty that the calibrator passes on, as a share of the torque."""
-    return bench.description.calibrator.expanded_uncertainty_percent / 200.0
 
 
 def nominal_nm(bench: Bench, side: Side) -> float:
@@ -165,7 +159,6 @@ def _without_chain(bench: Bench, side: Side, zero_nm: float) -> TorqueUncertaint
     nominal = module.transducer.nominal_torque_nm
     shift = 1e-2 * module.transducer.speed_zero_percent_per_1000rpm * nominal / 1000.0
     return TorqueUncertainty(
-        relative=standard_relative(bench),
         zero_nm=zero_nm,
         model_nm=nominal_nm(bench, side),
         speed_nm_per_rpm=shift / np.sqrt(3.0),

@@ -28,12 +28,12 @@ class FlangeInertia:
     ----------
     inertia_kgm2 : float
         Its moment of inertia, kg·m².
-    expanded_uncertainty_percent : float
+    inertia_uncertainty_percent : float
         Of that (k = 2).
     """
 
     inertia_kgm2: float
-    expanded_uncertainty_percent: float = 10.0
+    inertia_uncertainty_percent: float = 10.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -42,7 +42,7 @@ class FlangeInertia:
 
     def __str__(self) -> str:
         """Return it with its uncertainty."""
-        return f"{self.inertia_kgm2:g} kg·m² ± {self.expanded_uncertainty_percent:g} %"
+        return f"{self.inertia_kgm2:g} kg·m² ± {self.inertia_uncertainty_percent:g} %"
 
 
 def torque_at_flange(
@@ -102,7 +102,7 @@ def torque_at_flange(
             "as many of each, at the same times",
         )
     uncertainty = np.broadcast_to(standard_uncertainty_nm, torque.shape).astype(np.float64)
-    unsure = flange.inertia_kgm2 * flange.expanded_uncertainty_percent / 200.0
+    unsure = flange.inertia_kgm2 * flange.inertia_uncertainty_percent / 200.0
     step_s = np.diff(time)
     interval_s = float(np.median(step_s)) if step_s.size else 0.0
     gaps = np.flatnonzero(np.abs(step_s - interval_s) > 0.5 * interval_s) + 1

@@ -126,7 +126,6 @@ class Source:
                 serial=self.reference.serial,
                 certificate_number=self.reference.certificate_number,
                 due=self.reference.due,
-                expanded_uncertainty_percent=self.reference.expanded_uncertainty_percent,
             ),
             unsettled=self.unsettled,
             changes=self.changes,
@@ -193,7 +192,12 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
     stated: Mapping[str, Any] | None = folder.metadata.get("standard")
     if stated is not None:
         standard, report = stated, _stated_report(stated)
-    percent = report.expanded_uncertainty_percent or standard.get("expanded_uncertainty_percent")
+    of_torque = standard.get("expanded_uncertainty_percent_of_torque")
+    percent = (
+        of_torque
+        or report.expanded_uncertainty_percent
+        or standard.get("expanded_uncertainty_percent")
+    )
     if percent is None:
         raise RecordError(
             f"nobody has stated the uncertainty of the standard {serial}",
@@ -208,7 +212,7 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
         expanded_uncertainty_percent=float(percent),
         performed=report.performed or _day(standard.get("certificate_date")),
         due=report.due,
-        of_range=standard.get("uncertainty_of", "range") == "range",
+        of_range=of_torque is None,
     )
 
 
@@ -228,7 +232,6 @@ def _stated_report(stated: Mapping[str, Any]) -> Report:
         laboratory=str(stated["laboratory"]),
         performed=_day(stated["performed"]),
         due=_day(stated["due"]),
-        expanded_uncertainty_percent=float(stated["expanded_uncertainty_percent"]),
     )
 
 

@@ -321,7 +321,6 @@ def _deviations(
         getattr(asked, "reference_serial", ""),
         getattr(asked, "reference_certificate", ""),
         asked.reference_due,
-        asked.reference_uncertainty_percent,
     )
     return find_deviations(CalibrationRecord(points, asked.performed, standard), profile)
 
@@ -371,8 +370,8 @@ def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> Externa
             asked.reference_certificate,
             laboratory=asked.reference_laboratory,
             due=asked.reference_due,
-            expanded_uncertainty_percent=asked.reference_uncertainty_percent,
         ),
         reference_model=asked.reference_model,
         resolution_nm=asked.resolution_nm,
+        reference_percent_of_torque=asked.reference_uncertainty_percent,
     )
