@@ -17,9 +17,13 @@ from torquebench.cli.options import RangeOption, check_output
 from torquebench.errors import ModelMismatchError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from torquebench.calibration import CalibrationData
     from torquebench.campaign.results import FitResult
     from torquebench.compensation import StoredModel
+    from torquebench.records import ReadingsTable
 
 __all__ = ["register"]
 
@@ -153,8 +157,10 @@ def _print_fit(fitted: FitResult) -> None:
 
 def apply(
     model: ModelArgument,
-    readings: Annotated[Path, typer.Argument(help="A CSV file with a column reading_nm.")],
-    result: Annotated[Path, typer.Option("--out", help="The CSV file to write.")],
+    readings: Annotated[
+        Path, typer.Argument(help="A CSV or Parquet file with a column reading_nm; - reads CSV.")
+    ],
+    result: Annotated[Path, typer.Option("--out", help="The CSV or Parquet file to write.")],
     zero_age: Annotated[
         float | None, typer.Option(min=0, help="Hours since the zero was taken.")
     ] = None,
@@ -168,23 +174,41 @@ def apply(
     branch, speed_rpm, temperature_c and standard_error_nm are used where there are any: what isn't
     measured widens U by what it may be on this chain.
     """
-    import numpy as np
-
-    from torquebench.chain import load_chain
-    from torquebench.records import read_readings_csv, write_torque_csv
+    from torquebench.compensation import load_model
+    from torquebench.records.table_formats import check_formats
 
     check_output(result, model, readings)
-    chain = load_chain(model)
-    table = read_readings_csv(readings)
-    table.check_range(chain.curve.low_nm, chain.curve.high_nm)
-    torque = chain.torque(table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature))
-    additional, expanded = torque.value_nm - table.reading_nm, torque.expanded_uncertainty_nm
-    write_torque_csv(result, table, torque.value_nm, additional, expanded)
-    simulated = " (simulated)" if table.simulated else ""
-    say(f"{len(table)} readings compensated{simulated}, written to {result}")
+    check_formats(readings, result)
+    stored = load_model(model)
+
+    from torquebench.chain import MeasuringChain
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.records.readings_stream import compensate_file
+
+    chain = MeasuringChain.of(stored)
+
+    def compensate(table: ReadingsTable) -> tuple[NDArray[np.float64], ...]:
+        table.check_range(chain.curve.low_nm, chain.curve.high_nm)
+        known = table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
+        torque = chain.torque(known)
+        return torque.value_nm, torque.value_nm - known.reading_nm, torque.expanded_uncertainty_nm
+
+    with TerminalProgress() as progress:
+        shown = 0
+
+        def show(share: float) -> None:
+            nonlocal shown
+            if shown == 0 and share < 1.0:
+                progress.start(f"Compensating {readings.name}", 100)
+            progress.advance(int(100 * share) - shown)
+            shown = int(100 * share)
+
+        done = compensate_file(readings, result, compensate, progress=show)
+    simulated = " (simulated)" if done.simulated else ""
+    say(f"{done.rows} readings compensated{simulated}, written to {result}")
     say(
-        f"additional torque {np.min(additional):.4g} to {np.max(additional):.4g} N·m, "
-        f"U (k = 2) up to {np.max(expanded):.3g} N·m"
+        f"additional torque {done.lowest_nm:.4g} to {done.highest_nm:.4g} N·m, "
+        f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
     tell_missing(chain)
 

@@ -1,6 +1,7 @@
 """Names of the columns of torque tables, the units in them, and what other names mean."""
 
 import re
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,15 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.records.csv_text import CsvTable
 
-__all__ = ["NUMERIC_COLUMNS", "branches", "check_direction", "find_columns", "quantity", "series"]
+__all__ = [
+    "NUMERIC_COLUMNS",
+    "branches",
+    "check_direction",
+    "find_columns",
+    "quantity",
+    "series",
+    "word_values",
+]
 
 TORQUES = ("reading", "standard", "nominal", "standard_error", "true_torque")
 _TORQUE_UNITS = {"nm": 1.0, "knm": 1e3, "mnm": 1e-3}
@@ -51,14 +60,37 @@ _FOREIGN_OTHER = {
 }
 
 _BRANCHES = {
-    **dict.fromkeys(("up", "increasing", "inc", "rising", "+1", "1", "1.0"), 1),
-    **dict.fromkeys(("down", "decreasing", "dec", "falling", "-1", "-1.0"), -1),
+    **dict.fromkeys(
+        (
+            *("up", "increasing", "inc", "rising", "+1", "1", "1.0"),
+            *("auf", "aufwärts", "steigend", "belastung", "加载", "上行", "进程", "升"),
+        ),
+        1,
+    ),
+    **dict.fromkeys(
+        (
+            *("down", "decreasing", "dec", "falling", "-1", "-1.0"),
+            *("ab", "abwärts", "fallend", "entlastung", "卸载", "下行", "回程", "降"),
+        ),
+        -1,
+    ),
     **dict.fromkeys(("unknown", "0", "0.0"), 0),
 }
 _DIRECTIONS = {
-    **dict.fromkeys(("cw", "clockwise", "+", "+1", "1"), 1),
-    **dict.fromkeys(("ccw", "counter-clockwise", "counterclockwise", "-", "-1"), -1),
+    **dict.fromkeys(("cw", "clockwise", "+", "+1", "1", "rechts", "im uhrzeigersinn", "顺时针"), 1),
+    **dict.fromkeys(
+        (
+            *("ccw", "counter-clockwise", "counterclockwise", "-", "-1"),
+            *("links", "gegen den uhrzeigersinn", "逆时针"),
+        ),
+        -1,
+    ),
 }
+
+
+def word_values(column: str) -> Mapping[str, int]:
+    """Return what each word of a column ``branch`` or ``direction`` means: +1, -1 or 0."""
+    return {"branch": _BRANCHES, "direction": _DIRECTIONS}[column]
 
 
 def find_columns(table: CsvTable, required: tuple[str, ...]) -> dict[str, tuple[str, float]]:

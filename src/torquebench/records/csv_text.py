@@ -1,8 +1,9 @@
 """CSV as laboratories write it: separators, decimal marks, comments; everything with its line."""
 
+import codecs
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,13 +12,15 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["CsvTable", "decode_csv", "parse_csv", "read_csv"]
+__all__ = ["CsvTable", "csv_encoding", "decode_csv", "is_comment", "parse_csv", "read_csv"]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
 """How a spreadsheet writes a cell that it can't compute, in its languages."""
 _COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
+_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
+_HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
 _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
 
 
@@ -35,10 +38,12 @@ class CsvTable:
         Names of the columns, in lower case.
     rows : tuple of tuple of str
         Cells, as many in each row as the header has.
-    lines : tuple of int
+    lines : sequence of int
         Number of the line that each row ends on, from 1.
     remarks : mapping of str to str
         What comment lines of the form ``# key = value`` say.
+    counted : str
+        What `lines` counts.
 
     Examples
     --------
@@ -51,12 +56,13 @@ class CsvTable:
     separator: str
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...]
+    lines: Sequence[int]
     remarks: dict[str, str]
+    counted: str = "line"
 
     def place(self, row: int, column: str) -> str:
         """Return where a cell stands, in words, for messages."""
-        return f"{self.origin}, line {self.lines[row]}, column {column}"
+        return f"{self.origin}, {self.counted} {self.lines[row]}, column {column}"
 
     def texts(self, column: str) -> list[str]:
         """Return the cells of a column as text."""
@@ -134,27 +140,67 @@ def read_csv(path: Path) -> CsvTable:
 
 
 def decode_csv(content: bytes, origin: str) -> str:
-    """Return the text of a CSV file: UTF-8, or UTF-16 where its first bytes say so.
+    """Return the text of a CSV file; see `csv_encoding`.
 
     Raises
     ------
     InputError
-        Naming the line that is neither.
+        Naming the line that isn't text.
     """
-    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    encoding = csv_encoding(content, origin)
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError(
-            f"{origin}, line {line}: byte {content[error.start]:#04x} isn't "
-            f"{encoding.upper()} text",
-            "a CSV file in UTF-8",
-            "save it as CSV UTF-8",
-        ) from error
+        raise _no_text(content, error, encoding, origin) from error
 
 
-def parse_csv(text: str, origin: str) -> CsvTable:
+def csv_encoding(content: bytes, origin: str) -> str:
+    """Return the encoding of the beginning of a CSV file.
+
+    UTF-8, or UTF-16 where the first bytes say so; otherwise GB 18030 where all other characters
+    than ASCII come in pairs of bytes that are Chinese, and Windows-1252 (Latin-1 and more) where
+    they don't.
+
+    Raises
+    ------
+    InputError
+        Where it isn't text.
+
+    Examples
+    --------
+    >>> [csv_encoding(text.encode(code), "a table") for text, code in (
+    ...     ("Prüfmoment [N·m]", "utf-8"), ("Prüfmoment [N·m]", "latin-1"), ("扭矩 [Nm]", "gbk")
+    ... )]
+    ['utf-8-sig', 'cp1252', 'gb18030']
+    """
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8-sig")().decode(content)
+        return "utf-8-sig"
+    except UnicodeDecodeError as error:
+        if _CONTROL.search(content):
+            raise _no_text(content, error, "utf-8", origin) from error
+    runs = _HIGH_BYTES.findall(content)
+    try:
+        if all(len(run) % 2 == 0 for run in runs[:-1]):
+            b" ".join(runs[:-1] or runs).decode("gb2312")
+            return "gb18030"
+    except UnicodeDecodeError:
+        pass
+    return "cp1252"
+
+
+def _no_text(content: bytes, error: UnicodeDecodeError, encoding: str, origin: str) -> InputError:
+    line = content[: error.start].count(b"\n") + 1
+    return InputError(
+        f"{origin}, line {line}: byte {content[error.start]:#04x} isn't {encoding.upper()} text",
+        "a CSV file, best in UTF-8",
+        "save it as CSV UTF-8",
+    )
+
+
+def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
     """Return the table in a CSV text.
 
     The separator (comma, semicolon or tab) is that of the header line. Lines that begin with
@@ -167,6 +213,8 @@ def parse_csv(text: str, origin: str) -> CsvTable:
         Content of the file.
     origin : str
         Name of the file, for messages.
+    before : int, default 0
+        How many lines of the file are before the text, for messages.
 
     Raises
     ------
@@ -184,7 +232,7 @@ def parse_csv(text: str, origin: str) -> CsvTable:
     if head is None:
         raise InputError(f"{origin} is empty", "a header line and at least one line of values")
     separator = next((mark for mark in "\t;" if mark in head), ",")
-    records = _records(content, separator, origin)
+    records = _records(content, separator, origin, before)
     _, names = records[0]
     header, width = _header(names, origin)
     if len(records) == 1:
@@ -209,7 +257,8 @@ def _remarks(text: str) -> Iterator[tuple[str, str]]:
             yield match[1].lower(), match[2].rstrip(",; \t").lstrip()
 
 
-def _is_comment(line: str) -> bool:
+def is_comment(line: str) -> bool:
+    """Return whether a line is a comment; a spreadsheet's error such as ``#DIV/0!`` isn't."""
     line = line.lstrip()
     return line.startswith("#") and _SPREADSHEET_ERROR.match(line) is None
 
@@ -217,22 +266,25 @@ def _is_comment(line: str) -> bool:
 def _uncommented(text: str) -> list[str]:
     """Return the lines with comments blanked, so that line numbers stay those of the file."""
     return [
-        "" if _is_comment(line) else line
+        "" if is_comment(line) else line
         for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     ]
 
 
-def _records(lines: list[str], separator: str, origin: str) -> list[tuple[int, list[str]]]:
+def _records(
+    lines: list[str], separator: str, origin: str, before: int
+) -> list[tuple[int, list[str]]]:
     reader = csv.reader((line + "\n" for line in lines), delimiter=separator, strict=True)
     records: list[tuple[int, list[str]]] = []
     try:
         for cells in reader:
             cleaned = [cell.translate(_MINUS).strip() for cell in cells]
             if any(cleaned):
-                records.append((reader.line_num, cleaned))
+                records.append((before + reader.line_num, cleaned))
     except csv.Error as error:
         raise InputError(
-            f"{origin}, line {reader.line_num}: {error}", "cells with matching quotation marks"
+            f"{origin}, line {before + reader.line_num}: {error}",
+            "cells with matching quotation marks",
         ) from error
     if not records:
         raise InputError(f"{origin} is empty", "a header line and at least one line of values")

@@ -40,13 +40,15 @@ _OPTIONAL = (
     "standard_error_nm",
     "true_torque_nm",
 )
+ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
+"""What compensation adds to a table of readings."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
 _MOST_STEPS = 2000
 """More points than this weren't loaded step by step."""
 
 
 def read_calibration_csv(
-    path: Path,
+    path: Path | str,
     *,
     range_nm: float | None = None,
     both_directions: bool = False,
@@ -66,7 +68,7 @@ def read_calibration_csv(
 
     Parameters
     ----------
-    path : pathlib.Path
+    path : pathlib.Path or str
         The file.
     range_nm : float, optional
         Full scale in N·m; without it, that of the file, or the largest torque in it.
@@ -82,7 +84,7 @@ def read_calibration_csv(
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
-    table = read_csv(path)
+    table = read_csv(Path(path))
     chain = {
         "side": side,
         "transducer_serial": transducer_serial,
@@ -242,7 +244,7 @@ class ReadingsTable:
             )
 
 
-def read_readings_csv(path: Path) -> ReadingsTable:
+def read_readings_csv(path: Path | str) -> ReadingsTable:
     """Return the readings in a CSV file, to be compensated.
 
     The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``,
@@ -253,7 +255,11 @@ def read_readings_csv(path: Path) -> ReadingsTable:
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
-    table = read_csv(path)
+    return readings_of(read_csv(Path(path)))
+
+
+def readings_of(table: CsvTable) -> ReadingsTable:
+    """Return the readings in a table; see `read_readings_csv`."""
     columns = find_columns(table, ("reading_nm",))
     used = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm")
     table.check_decimal_marks([columns[key][0] for key in used if key in columns])
@@ -301,11 +307,8 @@ def write_torque_csv(
         finite, or the file can't be written.
     """
     table = readings.table
-    added = {
-        "torque_nm": torque_nm,
-        "additional_torque_nm": additional_torque_nm,
-        "expanded_uncertainty_nm": expanded_uncertainty_nm,
-    }
+    values = (torque_nm, additional_torque_nm, expanded_uncertainty_nm)
+    added = dict(zip(ADDED_COLUMNS, values, strict=True))
     for name in added:
         if name in table.header:
             raise InputError(

@@ -1,0 +1,100 @@
+"""`torquebench apply` beside PyArrow reading and writing the same readings, as whole processes.
+
+    python -m benchmarks.apply [--rows 10000000] [--repeats 3]
+
+Prints the ratio of the wall times and the largest memory of each. PyArrow reads the readings and
+writes them again, nothing else: what any program needs for files of this size.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from torquebench.campaign.fitting import store_model
+from torquebench.compensation import RECOMMENDED, make_model
+from torquebench.records import read_calibration_csv
+
+RANGE_NM = 2000.0
+PYARROW = """
+import sys
+import pyarrow, pyarrow.csv, pyarrow.parquet as pq
+source, target = sys.argv[1:]
+if source.endswith(".csv"):
+    pyarrow.csv.write_csv(pyarrow.csv.read_csv(source), target)
+else:
+    pq.write_table(pq.read_table(source), target)
+"""
+
+
+def make_readings(folder: Path, rows: int) -> dict[str, Path]:
+    """Write an hour-long record of torque as CSV and as Parquet."""
+    time_s = np.round(1e-3 * np.arange(rows), 3)
+    rng = np.random.default_rng(1)
+    reading = 0.95 * RANGE_NM * np.sin(0.05 * time_s) + rng.normal(0.0, 0.2, rows)
+    table = pa.table({"time_s": time_s, "reading_nm": np.round(reading, 3)})
+    files = {ending: folder / f"readings.{ending}" for ending in ("csv", "parquet")}
+    pyarrow.csv.write_csv(table, files["csv"])
+    pyarrow.parquet.write_table(table, files["parquet"])
+    return files
+
+
+def make_chain(file: Path) -> None:
+    """Fit the default kind to the simulated calibration of the examples; write its model file."""
+    data = read_calibration_csv(Path("examples/calibration-output.csv"), range_nm=RANGE_NM)
+    model = make_model(RECOMMENDED, range_nm=RANGE_NM).fit(data.features(), data.standard_nm)
+    store_model(file, model, data, {})
+
+
+def measured(command: list[str]) -> tuple[float, float, float]:
+    """Return the wall time and the processor time of a process in s, and its memory in MB."""
+    started = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"{command} ended with {status}")
+    wall = time.perf_counter() - started
+    return wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0
+
+
+def main() -> None:
+    """Measure and print one line a format."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rows", type=int, default=10_000_000)
+    parser.add_argument("--repeats", type=int, default=3)
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        chain = folder / "chain.json"
+        make_chain(chain)
+        print(f"{asked.rows} rows, {os.cpu_count()} cores, median of {asked.repeats} pairs")
+        for ending, source in make_readings(folder, asked.rows).items():
+            target = folder / f"torque.{ending}"
+            ours = [sys.executable, "-c", "from torquebench.cli import main; main()", "apply"]
+            ours += [str(chain), str(source), "--out", str(target)]
+            alone = [sys.executable, "-c", PYARROW, str(source), str(target)]
+            pairs = [(measured(ours), measured(alone)) for _ in range(asked.repeats)]
+            ratio = median(mine[0] / theirs[0] for mine, theirs in pairs)
+            seconds = [median(each[side][0] for each in pairs) for side in (0, 1)]
+            worked = [median(each[side][1] for each in pairs) for side in (0, 1)]
+            memory = [max(each[side][2] for each in pairs) for side in (0, 1)]
+            print(
+                f"{ending} -> {ending}: {ratio:.2f} times PyArrow "
+                f"({seconds[0]:.1f} s and {seconds[1]:.1f} s; "
+                f"of processor time {worked[0]:.1f} s and {worked[1]:.1f} s; "
+                f"{memory[0]:.0f} MB and {memory[1]:.0f} MB)",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,556 @@
+"""Readings of any length, compensated block by block: little memory, both cores, progress."""
+
+from __future__ import annotations
+
+import codecs
+import sys
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import IO, Any, NamedTuple, Protocol
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from torquebench.atomic_write import atomic_file
+from torquebench.errors import InputError
+from torquebench.records.columns import find_columns, word_values
+from torquebench.records.csv_text import CsvTable, csv_encoding, is_comment, parse_csv
+from torquebench.records.table_formats import check_formats, is_parquet
+from torquebench.records.tables import ADDED_COLUMNS, ReadingsTable, readings_of
+
+__all__ = ["CompensatedFile", "compensate_file"]
+
+Compensate = Callable[[ReadingsTable], tuple[NDArray[np.float64], ...]]
+"""From readings to torque, additional torque and expanded uncertainty, all in N·m."""
+
+_BLOCK_BYTES = 1 << 21
+_BLOCK_ROWS = 1 << 16
+_HEAD_LINES = 6
+_WORKERS = 2
+_WAITING = 1
+_NUMBERS = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm")
+
+
+@dataclass(frozen=True)
+class CompensatedFile:
+    """What `compensate_file` has done.
+
+    Parameters
+    ----------
+    rows : int
+    simulated : bool
+        Whether the readings' file says that they are simulated.
+    lowest_nm, highest_nm : float
+        Additional torque.
+    largest_uncertainty_nm : float
+        Largest expanded uncertainty.
+    """
+
+    rows: int
+    simulated: bool
+    lowest_nm: float
+    highest_nm: float
+    largest_uncertainty_nm: float
+
+
+class _Block(NamedTuple):
+    cells: Any  # pyarrow.Table
+    readings: ReadingsTable
+    plain: bool = False  # no cell needs quotation marks
+
+
+class _Source(Protocol):
+    """A file of readings: `pieces` as they lie in it, each made a block by itself."""
+
+    header: tuple[str, ...]
+    remarks: dict[str, str]
+    simulated: bool
+
+    def pieces(self) -> Iterator[tuple[Any, float]]:
+        """Yield pieces and the share of the file that is read with each."""
+
+    def block(self, piece: Any) -> _Block | None:
+        """Return the block of a piece, None where it holds no row; any thread may call it."""
+
+
+def compensate_file(
+    source: Path,
+    target: Path,
+    compensate: Compensate,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> CompensatedFile:
+    """Compensate a file of readings into another, whole or not at all.
+
+    All columns of the source come first, as they are, then `ADDED_COLUMNS`. CSV keeps separator
+    and decimal mark.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        CSV or Parquet; ``-`` is CSV from standard input.
+    target : pathlib.Path
+        CSV or Parquet by its ending; see `atomic_write` for links, pipes and ``-``.
+    compensate : callable
+        Called for one block after the other and from two threads.
+    progress : callable, optional
+        Called with the share that is done, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        Naming file, line and column of what can't be used.
+    """
+    check_formats(source, target)
+    with ExitStack() as opened:
+        readings = _open(source, opened)
+        for name in ADDED_COLUMNS:
+            if name in readings.header:
+                raise InputError(
+                    f"{source} has a column {name} already",
+                    "readings without it",
+                    "rename or remove it",
+                )
+        kind = _ParquetSink if is_parquet(target) else _CsvSink
+        sink = kind(opened.enter_context(atomic_file(target)), readings)
+        found: list[tuple[int, float, float, float]] = []
+
+        def work(piece: Any) -> tuple[Any, tuple[int, float, float, float]] | None:
+            block = readings.block(piece)
+            if block is None:
+                return None
+            added = compensate(block.readings)
+            encoded = sink.encoded(block, added)
+            _, additional, expanded = added
+            extremes = (float(np.min(additional)), float(np.max(additional)))
+            return encoded, (additional.size, *extremes, float(np.max(expanded)))
+
+        for done, share in _in_order(work, readings.pieces()):
+            if done is not None:
+                sink.write(done[0])
+                found.append(done[1])
+            if progress is not None:
+                progress(share)
+        if not found:
+            raise InputError(f"{source} holds a header but no values", "at least one reading")
+        sink.close()
+    rows, lowest, highest, largest = zip(*found, strict=True)
+    return CompensatedFile(sum(rows), readings.simulated, min(lowest), max(highest), max(largest))
+
+
+def _in_order(
+    work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]]
+) -> Iterator[tuple[Any, float]]:
+    """Work on pieces in two threads; yield results in the order of the pieces."""
+    waiting: deque[tuple[Future[Any], float]] = deque()
+    iterator = iter(pieces)
+    for piece, share in iterator:  # the first one alone: it compiles what all others use
+        yield work(piece), share
+        break
+    with ThreadPoolExecutor(_WORKERS) as threads:
+        try:
+            for piece, share in iterator:
+                waiting.append((threads.submit(work, piece), share))
+                if len(waiting) > _WORKERS + _WAITING:
+                    future, reached = waiting.popleft()
+                    yield future.result(), reached
+            while waiting:
+                future, reached = waiting.popleft()
+                yield future.result(), reached
+        finally:
+            for future, _ in waiting:
+                future.cancel()
+
+
+def _open(path: Path, opened: ExitStack) -> _Source:
+    try:
+        if is_parquet(path):
+            return _ParquetSource(path, opened.enter_context(pq.ParquetFile(path)))
+        if str(path) == "-":
+            return _CsvSource("standard input", sys.stdin.buffer, 0)
+        return _CsvSource(str(path), opened.enter_context(path.open("rb")), path.stat().st_size)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(
+            f"can't read {path}: {getattr(error, 'strerror', None) or error}",
+            "a file of readings that exists and may be read",
+        ) from error
+
+
+class _CsvSource:
+    """A CSV file in pieces of whole lines.
+
+    Arrow reads a piece where it is plain; anything else (comments between, unusual numbers, a
+    mistake) goes through the reader of small tables, which names line and column.
+    """
+
+    def __init__(self, origin: str, file: IO[bytes], size: int) -> None:
+        self.origin, self._file, self._size = origin, file, size
+        self._rest = file.read(_BLOCK_BYTES)
+        self._read = len(self._rest)
+        self._encoding = csv_encoding(self._rest, origin)
+        self._decoder = codecs.getincrementaldecoder(self._encoding)()
+        self._plain = self._encoding in ("utf-8", "utf-8-sig")
+        self._rest = self._text(self._rest, final=False)
+        more = self._read == _BLOCK_BYTES
+        head, self._before = _head(self._rest[: _end_of_lines(self._rest)] if more else self._rest)
+        self._head_text = head.decode("utf-8", "replace")
+        self._table = parse_csv(self._head_text, origin)
+        self._header_line, self._rest = _after_header(self._rest, self._before)
+        self.header, self.remarks = self._table.header, self._table.remarks
+        self._columns = find_columns(self._table, ("reading_nm",))
+        self._comma = self._table.separator != "," and any(
+            "," in cell for cell in self._table.texts(self._columns["reading_nm"][0])
+        )
+        self.simulated = readings_of(self._table).simulated
+
+    @property
+    def separator(self) -> str:
+        return self._table.separator
+
+    @property
+    def decimal_comma(self) -> bool:
+        return self._comma
+
+    def _text(self, raw: bytes, *, final: bool) -> bytes:
+        """Return bytes of the file in UTF-8 with line feeds."""
+        if not self._plain:
+            raw = self._decoder.decode(raw, final).encode()
+        elif self._read == len(raw):
+            raw = raw.removeprefix(codecs.BOM_UTF8)
+        return raw
+
+    def pieces(self) -> Iterator[tuple[tuple[bytes, int], float]]:
+        """Yield whole lines and the number of lines before them."""
+        before = self._before + 1
+        first, ended = True, False
+        while not ended:
+            if not first:
+                more = self._file.read(_BLOCK_BYTES)
+                self._read += len(more)
+                self._rest += self._text(more, final=not more)
+                ended = not more
+            first = False
+            end = len(self._rest) if ended else _end_of_lines(self._rest)
+            piece, self._rest = self._rest[:end], self._rest[end:]
+            if piece:
+                yield (piece, before), self._read / self._size if self._size else 0.0
+                before += piece.count(b"\n")
+
+    def block(self, piece: tuple[bytes, int]) -> _Block | None:
+        """Return the rows of a piece."""
+        content, before = piece
+        return self._fast(content, before) or self._careful(content, before)
+
+    def _fast(self, content: bytes, before: int) -> _Block | None:
+        """Let Arrow read a plain piece; None where it isn't one."""
+        if content.startswith(b"#") or b"\n#" in content or not content.strip():
+            return None
+        text = pa.string()
+        try:
+            cells = pyarrow.csv.read_csv(
+                pa.BufferReader(content),
+                pyarrow.csv.ReadOptions(use_threads=False, column_names=list(self.header)),
+                pyarrow.csv.ParseOptions(
+                    delimiter=self.separator, newlines_in_values=b'"' in content
+                ),
+                pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(self.header, text)),
+            )
+            numbers = {key: self._numbers(cells, key) for key in _NUMBERS if key in self._columns}
+            branch = self._words(cells, "branch")
+        except (pa.ArrowInvalid, ValueError):
+            return None
+        if content.rstrip().count(b"\n") + 1 != cells.num_rows:  # then lines aren't rows
+            return None
+        if not self._labels_are_fine(cells, numbers["reading_nm"]):
+            return None
+        lines = range(before + 1, before + 1 + cells.num_rows)
+        return _Block(cells, self._readings(lines, numbers, branch), b'"' not in content)
+
+    def _readings(
+        self,
+        lines: range,
+        numbers: dict[str, NDArray[np.float64]],
+        branch: NDArray[np.int8] | None,
+    ) -> ReadingsTable:
+        return ReadingsTable(
+            table=replace(self._table, lines=lines),
+            reading_nm=numbers["reading_nm"],
+            branch=branch,
+            series=None,
+            speed_rpm=numbers.get("speed_rpm"),
+            temperature_c=numbers.get("temperature_c"),
+            standard_error_nm=numbers.get("standard_error_nm"),
+            simulated=self.simulated,
+        )
+
+    def _labels_are_fine(self, cells: Any, reading: NDArray[np.float64]) -> bool:
+        try:
+            direction = self._words(cells, "direction")
+            if "series" in self.header:
+                pc.cast(pc.utf8_trim_whitespace(cells["series"]), pa.int64())
+        except (pa.ArrowInvalid, ValueError):
+            return False
+        return direction is None or not np.any(direction * np.sign(reading) < 0)
+
+    def _numbers(self, cells: Any, key: str) -> NDArray[np.float64]:
+        name, factor = self._columns[key]
+        column = cells[name]
+        if self._comma:
+            if pc.any(pc.match_substring(column, ".")).as_py():
+                raise ValueError
+            column = pc.replace_substring(column, ",", ".")
+        values = pc.cast(pc.utf8_trim_whitespace(column), pa.float64()).to_numpy()
+        if not np.isfinite(values).all():
+            raise ValueError
+        return np.asarray(values if factor == 1.0 else values * factor)
+
+    def _words(self, cells: Any, column: str) -> NDArray[np.int8] | None:
+        if column not in self.header:
+            return None
+        meaning = word_values(column)
+        words = pc.utf8_lower(pc.utf8_trim_whitespace(cells[column]))
+        found = pc.index_in(words, pa.array(list(meaning)))
+        if found.null_count:
+            raise ValueError
+        signs = np.array(list(meaning.values()), dtype=np.int8)
+        return np.asarray(signs[found.to_numpy()])
+
+    def _careful(self, content: bytes, before: int) -> _Block | None:
+        """Read a piece cell by cell, as small tables are."""
+        try:
+            text = content.decode()
+        except UnicodeDecodeError as error:
+            line = before + 1 + content[: error.start].count(b"\n")
+            raise InputError(
+                f"{self.origin}, line {line}: byte {content[error.start]:#04x} isn't UTF-8 text",
+                "one encoding throughout the file",
+                "save it as CSV UTF-8",
+            ) from error
+        if not any(line.strip() and not is_comment(line) for line in text.splitlines()):
+            return None
+        table = parse_csv(f"{self._header_line}\n{text}", self.origin, before=before - 1)
+        first = replace(self._table, rows=self._table.rows[:1], lines=self._table.lines[:1])
+        both = replace(table, rows=first.rows + table.rows, lines=[*first.lines, *table.lines])
+        both.check_decimal_marks(
+            [self._columns[key][0] for key in _NUMBERS if key in self._columns]
+        )
+        columns = zip(*table.rows, strict=True)
+        cells = pa.table(
+            {name: list(cells) for name, cells in zip(self.header, columns, strict=True)}
+        )
+        return _Block(cells, replace(readings_of(table), simulated=self.simulated))
+
+
+def _head(content: bytes) -> tuple[bytes, int]:
+    """Return the lines up to the first few rows, and how many lines are before the header."""
+    lines = content.split(b"\n", _BLOCK_BYTES)
+    for number, line in enumerate(lines):
+        if line.strip() and not line.lstrip().startswith(b"#"):
+            return b"\n".join(lines[: number + _HEAD_LINES]), number
+    return content, len(lines)
+
+
+def _after_header(content: bytes, before: int) -> tuple[str, bytes]:
+    lines = content.split(b"\n", before + 1)
+    rest = lines[before + 1] if len(lines) > before + 1 else b""
+    return lines[before].decode("utf-8", "replace").rstrip("\r"), rest
+
+
+def _end_of_lines(content: bytes) -> int:
+    """Return where the last whole line ends that isn't within quotation marks."""
+    end = content.rfind(b"\n") + 1
+    while end and content.count(b'"', 0, end) % 2:
+        end = content.rfind(b"\n", 0, end - 1) + 1
+    return end
+
+
+class _ParquetSource:
+    """A Parquet file in row groups or parts of them."""
+
+    def __init__(self, path: Path, file: Any) -> None:
+        self.origin, self._file = str(path), file
+        schema = file.schema_arrow
+        self.schema = schema
+        self.header = tuple(name.lower() for name in schema.names)
+        notes = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
+        self.remarks = {key: value for key, value in notes.items() if "\n" not in value}
+        self.remarks.pop("ARROW:schema", None)
+        self.remarks.pop("pandas", None)
+        self.simulated = self.remarks.get("simulated", "").lower() in ("true", "yes", "1")
+        self._table = CsvTable(self.origin, ",", self.header, (), (), self.remarks, "row")
+        self._columns = find_columns(self._table, ("reading_nm",))
+
+    def pieces(self) -> Iterator[tuple[tuple[Any, int], float]]:
+        """Yield batches and the number of rows before them."""
+        before, total = 0, self._file.metadata.num_rows
+        for batch in self._file.iter_batches(_BLOCK_ROWS):
+            yield (batch, before), (before + batch.num_rows) / max(total, 1)
+            before += batch.num_rows
+
+    def block(self, piece: tuple[Any, int]) -> _Block | None:
+        """Return a batch with its readings."""
+        batch, before = piece
+        if not batch.num_rows:
+            return None
+        names = self.schema.names
+        numbers = {}
+        for key in _NUMBERS:
+            if key in self._columns:
+                header, factor = self._columns[key]
+                column = batch.column(self.header.index(header))
+                numbers[key] = self._numbers(column, header, before) * factor
+        branch = None
+        if "branch" in self.header:
+            branch = self._branch(batch.column(self.header.index("branch")), before)
+        cells = pa.Table.from_batches([batch])
+        assert cells.column_names == names
+        table = ReadingsTable(
+            replace(self._table, lines=range(before + 1, before + 1 + batch.num_rows)),
+            numbers["reading_nm"],
+            branch,
+            None,
+            numbers.get("speed_rpm"),
+            numbers.get("temperature_c"),
+            numbers.get("standard_error_nm"),
+            self.simulated,
+        )
+        return _Block(cells, table)
+
+    def _numbers(self, column: Any, header: str, before: int) -> NDArray[np.float64]:
+        try:
+            values = np.asarray(pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False))
+        except pa.ArrowInvalid as error:
+            raise InputError(f"{self.origin}, column {header}: {error}", "numbers") from error
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            found = "no value" if not column[int(bad[0])].is_valid else str(values[bad[0]])
+            raise InputError(
+                f"{self.origin}, row {before + int(bad[0]) + 1}, column {header}: {found}",
+                "a number in every cell",
+                "remove the row or measure the point again",
+            )
+        return values
+
+    def _branch(self, column: Any, before: int) -> NDArray[np.int8]:
+        meaning = word_values("branch")
+        words = [str(word).lower() for word in column.to_pylist()]
+        for row, word in enumerate(words):
+            if word not in meaning:
+                raise InputError(
+                    f"{self.origin}, row {before + row + 1}, column branch: {word!r}",
+                    "up, down or unknown (or +1, -1, 0)",
+                )
+        return np.array([meaning[word] for word in words], dtype=np.int8)
+
+
+class _CsvSink:
+    """Writes blocks as CSV in the manner of their source."""
+
+    def __init__(self, file: IO[bytes], source: Any) -> None:
+        self._file = file
+        self._separator = getattr(source, "separator", ",")
+        self._comma = getattr(source, "decimal_comma", False)
+        remarks = [f"# {key} = {value}\n" for key, value in source.remarks.items()]
+        header = self._separator.join(map(self._quoted, (*source.header, *ADDED_COLUMNS)))
+        file.write(("".join(remarks) + header + "\n").encode())
+
+    def _quoted(self, name: str) -> str:
+        quoted = any(mark in name for mark in (self._separator, '"', "\n"))
+        return '"' + name.replace('"', '""') + '"' if quoted else name
+
+    def encoded(self, block: _Block, added: tuple[NDArray[np.float64], ...]) -> Any:
+        """Return a block as lines of text."""
+        columns = list(block.cells.columns)
+        for values in added:
+            column = pa.array(values)
+            if self._comma:
+                column = pc.replace_substring(pc.cast(column, pa.string()), ".", ",")
+            columns.append(column)
+        if not block.plain:
+            return self._joined(columns)
+        lines = pa.BufferOutputStream()
+        options = pyarrow.csv.WriteOptions(
+            include_header=False, delimiter=self._separator, quoting_style="none"
+        )
+        names = [*block.cells.column_names, *ADDED_COLUMNS]
+        pyarrow.csv.write_csv(pa.table(columns, names=names), lines, options)
+        return lines.getvalue()
+
+    def _joined(self, columns: list[Any]) -> bytes:
+        """Return lines with quotation marks where cells need them."""
+        marks = f'[{self._separator}"\r\n]'
+        cells = []
+        for column in columns:
+            text = pc.fill_null(pc.cast(column, pa.string()), "")
+            quoted = pc.binary_join_element_wise(
+                '"', pc.replace_substring(text, '"', '""'), '"', ""
+            )
+            cells.append(pc.if_else(pc.match_substring_regex(text, marks), quoted, text))
+        lines = pc.binary_join_element_wise(*cells, self._separator)
+        return ("\n".join(lines.to_pylist()) + "\n").encode()
+
+    def write(self, lines: Any) -> None:
+        """Append what `encoded` returned."""
+        self._file.write(lines)
+
+    def close(self) -> None:
+        """Nothing is left to write."""
+
+
+class _ParquetSink:
+    """Writes blocks as row groups of a Parquet file; text that holds numbers becomes numbers."""
+
+    def __init__(self, file: IO[bytes], source: Any) -> None:
+        self._file, self._source = file, source
+        self._writer: Any = None
+        self._schema: Any = None
+
+    def encoded(self, block: _Block, added: tuple[NDArray[np.float64], ...]) -> Any:
+        """Return a block as a table."""
+        table = block.cells
+        if self._schema is None:
+            self._schema = self._settled(table)
+        try:
+            table = table.cast(self._schema)
+        except pa.ArrowInvalid as error:
+            raise InputError(
+                f"{self._source.origin}: a column of numbers holds something else ({error})",
+                "one kind of value in each column",
+                "correct the column, or write CSV",
+            ) from error
+        for name, values in zip(ADDED_COLUMNS, added, strict=True):
+            field = pa.field(name, pa.float64(), metadata={"unit": "N·m"})
+            table = table.append_column(field, pa.array(values))
+        return table
+
+    def _settled(self, table: Any) -> Any:
+        """Return the schema: text of the first block becomes numbers where all of it can."""
+        fields = []
+        for field, column in zip(table.schema, table.columns, strict=True):
+            kind = field.type
+            if kind == pa.string():
+                try:
+                    pc.cast(column, pa.float64())
+                    kind = pa.float64()
+                except pa.ArrowInvalid:
+                    pass
+            fields.append(field.with_type(kind))
+        return pa.schema(fields, metadata=self._source.remarks or None)
+
+    def write(self, table: Any) -> None:
+        """Append a row group."""
+        if self._writer is None:
+            self._writer = pq.ParquetWriter(self._file, table.schema)
+        self._writer.write_table(table)
+
+    def close(self) -> None:
+        """Write what a Parquet file ends with."""
+        self._writer.close()
