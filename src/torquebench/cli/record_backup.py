@@ -110,6 +110,8 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
         f"{len(done.runs)} runs, {len(done.calibrations)} calibrations, {len(done.models)} models "
         f"and {len(done.certificates)} certificates entered"
     )
+    for run_id in done.unfitted:
+        say(f"run {run_id} has no model: `torquebench records finish {run_id}` fits and registers")
     for problem in done.problems:
         warn(f"not entered: {problem}")
     if done.anew:

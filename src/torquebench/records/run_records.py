@@ -1,6 +1,5 @@
 """The registry's runs: entered when they start, and again when they end."""
 
-from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,6 @@ __all__ = ["RunRecords"]
 
 REBUILT = "registry"
 """Subject of the entries that say that runs were entered again from their folders."""
-CHUNK = 500
 _BEGIN = (
     "run_id",
     "kind",
@@ -117,19 +115,6 @@ class RunRecords(Database):
         with self.session() as session:
             found = session.execute(query.where(AuditEndRow.log == self.stored(log)))
             return [(line, sha256) for line, sha256 in found]
-
-    def entered_runs(self, run_ids: Iterable[str]) -> dict[str, bool]:
-        """Return which of some runs are registered, and whether their ends are."""
-        wanted, found = list(run_ids), {}
-        with self.session() as session:
-            for start in range(0, len(wanted), CHUNK):
-                query = (
-                    select(RunRow.run_id, RunEndRow.id)
-                    .outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
-                    .where(RunRow.run_id.in_(wanted[start : start + CHUNK]))
-                )
-                found.update({name: end is not None for name, end in session.execute(query)})
-        return found
 
     def note_rebuilt(self, run_ids: list[str], *, by: str, anew: bool) -> None:
         """Enter that runs were entered again from their folders, by whom and when.

@@ -154,7 +154,7 @@ def _require_same_records(registry: Registry, target: Path) -> None:
     if not (target / BACKUP_FILE).exists():
         return
     before = _noted_head(target)
-    if before.sequence and not _passes_through(registry, before):
+    if before.sequence and not registry.passes_through(before):
         raise InputError(
             f"the registry doesn't pass through the end of the chain in {target}, entry "
             f"{before.sequence}",
@@ -166,16 +166,6 @@ def _require_same_records(registry: Registry, target: Path) -> None:
 
 def _noted_head(backup: Path) -> ChainHead:
     return anchor_of(str(read_json(backup / BACKUP_FILE).get("chain_end", "")))
-
-
-def _passes_through(registry: Registry, head: ChainHead) -> bool:
-    from sqlalchemy import select
-
-    from torquebench.records.schema import LinkRow
-
-    with registry.session() as session:
-        query = select(LinkRow.sha256).where(LinkRow.sequence == head.sequence)
-        return session.scalar(query) == head.sha256
 
 
 def _copy_database(source: Path, target: Path) -> None:
@@ -432,7 +422,7 @@ def _registry_state(backup: Path, data: Path) -> tuple[bool, bool]:
     try:
         with Registry(f"sqlite:///{file.resolve()}", data) as registry:
             same = registry.head() == head
-            return same, not same and (not head.sequence or _passes_through(registry, head))
+            return same, not same and (not head.sequence or registry.passes_through(head))
     except RecordError:
         return False, False
 

@@ -21,6 +21,7 @@ from torquebench.records.database_check import (
 )
 from torquebench.records.run_lock import RunLock
 from torquebench.records.time_check import time_remarks
+from torquebench.records.unfinished import unentered_folders
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -140,8 +141,9 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
         count = f"{len(strange)} run folder{'s' if len(strange) > 1 else ''}"
         yield Finding("registry", registry.name, "", f"holds no run beside {count}", "", WAY_BACK)
         return
+    own = {run.run_id for run in unentered_folders(registry)} if strange else set()
     for path in strange:
-        yield from _stranger(registry, path)
+        yield from _stranger(registry, path, own=path.name in own)
     archive = registry.root / "certificates"
     issued = {Path(each.archive).name for each in registry.certificates()}
     for path in sorted(archive.iterdir()) if archive.is_dir() else ():
@@ -156,7 +158,8 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
             )
 
 
-def _stranger(registry: Registry, path: Path) -> Iterator[Finding]:
+def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]:
+    """Yield what a folder is that the registry doesn't know; `own` where it was made beside it."""
     try:
         folder = RunFolder.open(path)
         lock = RunLock(path)
@@ -169,13 +172,14 @@ def _stranger(registry: Registry, path: Path) -> Iterator[Finding]:
     if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
         return
     state = "a sealed run" if folder.sealed else "a run that was left open"
+    command = f"finish {path.name}" if own else "rebuild"
     yield Finding(
         "orphan",
         str(path),
         "",
         f"{state} that isn't in the registry",
         "",
-        "`torquebench records rebuild` enters it",
+        f"`torquebench records {command}` enters it",
     )
 
 

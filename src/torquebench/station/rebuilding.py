@@ -11,7 +11,7 @@ import hashlib
 import json
 import shutil
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -20,11 +20,10 @@ from typing import Any
 
 from torquebench.bench.description import BenchDescription
 from torquebench.calibration import CalibrationData, Profile, propose_due_date
-from torquebench.compensation import load_model
+from torquebench.compensation import StoredModel, load_model
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.records import (
     MANIFEST,
-    CalibrationEntry,
     Registry,
     RunFolder,
     sha256_of_file,
@@ -53,7 +52,8 @@ NOT_REBUILT = (
     "which model is in use: put it into use on the panel, or calibrate",
     "reviews and amendments: who checked what, and what records should have said",
     "equipment, certificates of standards, parts and adjustments that were entered by hand",
-    "verdicts of checks, and what verifications found: their runs are there, verify again",
+    "verdicts of checks, and what verifications found: `torquebench records list runs` names their "
+    "runs, `records finish RUN` registers them again",
     "calibrations of tables from elsewhere: evaluate them again",
     "accounts, passwords and settings of the panel, which lie in panel.sqlite: `records restore`",
 )
@@ -74,6 +74,8 @@ class Rebuilt:
         The registry as it was found.
     runs, calibrations, models, certificates : list of str
         What was entered.
+    unfitted : list of str
+        Runs of calibrations without a model file: `records finish` fits and registers them.
     problems : list of str
         What couldn't be entered, and why.
     """
@@ -85,6 +87,7 @@ class Rebuilt:
     calibrations: list[str] = field(default_factory=list)
     models: list[str] = field(default_factory=list)
     certificates: list[str] = field(default_factory=list)
+    unfitted: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
 
 
@@ -199,6 +202,10 @@ def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> 
         return
     known, start = folder.metadata, next(document for _, document in folder.documents("start"))
     data = CalibrationData(**results["data"])
+    models = list(_models_of(registry.root / "models", data.sha256(), done))
+    if not models:  # nothing came of it before the registry was lost
+        done.unfitted.append(folder.run_id)
+        return
     profile = Profile.model_validate(start["profile"]["settings"])
     performed = datetime.fromisoformat(manifest["sealed"])
     entry = registry.add_calibration(
@@ -217,28 +224,29 @@ def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> 
         },
     )
     done.calibrations.append(f"calibration-{entry.calibration_id} ({folder.run_id})")
-    for file in sorted((registry.root / "models").glob("*.json")):
-        _enter_model(registry, file, entry, data, done)
+    for file, stored in models:
+        model = registry.add_model(
+            entry,
+            kind=stored.model.kind,
+            file=file,
+            side=data.side,
+            metrics=dict(stored.provenance.metrics),
+        )
+        done.models.append(f"model-{model.model_id} ({file.name})")
 
 
-def _enter_model(
-    registry: Registry, file: Path, entry: CalibrationEntry, data: CalibrationData, done: Rebuilt
-) -> None:
-    """Enter a model file that was fitted to the points of a calibration."""
-    if entry.data_sha256.encode() not in file.read_bytes():
-        return
-    try:
-        stored = load_model(file)
-    except TorquebenchError as error:
-        done.problems.append(f"{file.name}: {error.found}")
-        return
-    known = stored.provenance
-    if known.training_data_sha256 != entry.data_sha256:
-        return
-    model = registry.add_model(
-        entry, kind=stored.model.kind, file=file, side=data.side, metrics=dict(known.metrics)
-    )
-    done.models.append(f"model-{model.model_id} ({file.name})")
+def _models_of(folder: Path, data_sha256: str, done: Rebuilt) -> Iterator[tuple[Path, StoredModel]]:
+    """Yield the model files that were fitted to the points of a calibration."""
+    for file in sorted(folder.glob("*.json")):
+        if data_sha256.encode() not in file.read_bytes():
+            continue
+        try:
+            stored = load_model(file)
+        except TorquebenchError as error:
+            done.problems.append(f"{file.name}: {error.found}")
+            continue
+        if stored.provenance.training_data_sha256 == data_sha256:
+            yield file, stored
 
 
 def _enter_certificates(registry: Registry, data: Path, done: Rebuilt) -> None:

@@ -88,6 +88,12 @@ def add_run(data: Path) -> None:
     RunFolder.create(data / "runs", {}, kind="zero", run_id="stranger").seal()
 
 
+def add_own_run(data: Path) -> None:
+    with Registry.open(data) as registry:
+        known = {"registry_head": str(registry.head())}
+    RunFolder.create(data / "runs", known, kind="zero", run_id="own").seal()
+
+
 def add_folder(data: Path) -> None:
     (data / "runs" / "holiday-photos").mkdir()
 
@@ -141,6 +147,7 @@ RESTORE_OR_REBUILD = "records restore BACKUP`, or without a backup `torquebench 
             RESTORE_OR_REBUILD,
         ),
         (add_run, "stranger: a sealed run that isn't in the registry", "records rebuild` enters"),
+        (add_own_run, "own: a sealed run that isn't in the registry", "records finish own` enters"),
         (add_folder, "holiday-photos: isn't a run", "take it away"),
         (add_certificate, "TB-77: no certificate of this number is registered", "records rebuild"),
         (remove_run, "no run in", "records restore"),

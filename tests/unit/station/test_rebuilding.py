@@ -112,6 +112,18 @@ def test_the_command_says_what_it_cannot_rebuild(data: Path) -> None:
         assert lost in said
 
 
+def test_a_calibration_without_a_model_is_left_to_be_finished(data: Path) -> None:
+    lose(data)
+    shutil.rmtree(data / "models")
+    shutil.rmtree(data / "certificates")
+    done = rebuild(data, "Ana")
+    assert (done.calibrations, done.unfitted) == ([], done.runs)
+    finished = run("records", "finish", "--data", data, cwd=data.parent)
+    assert finished.returncode == 0, finished.stderr
+    with Registry.open(data) as registry:
+        assert len(registry.calibrations()) == len(registry.models()) == 1
+
+
 def test_a_sound_registry_is_completed_after_an_older_one_was_restored(
     data: Path, tmp_path: Path
 ) -> None:
