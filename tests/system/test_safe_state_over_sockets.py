@@ -1,5 +1,6 @@
 """The safe state over real sockets, with the drive's own log as the witness."""
 
+import threading
 import time
 from collections.abc import Callable, Generator
 from pathlib import Path
@@ -12,6 +13,8 @@ from tests.system.command_line import started
 from tests.system.networked import described, simulating
 from tests.system.test_station_runs import set_up
 
+from torquebench.bench.audit import AUDIT_FOLDER, read_audit
+from torquebench.bench.drivers.simulation_control import SimulationControl
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import BenchError, InterlockError, TorquebenchError
 from torquebench.simulators import Simulators
@@ -110,3 +113,46 @@ def loading_only(station: Station, torque_nm: float) -> Generator[Msg]:
     yield from bps.mv(station.devices.output.drive.torque, torque_nm)
     yield from bps.mv(station.devices.output.drive.torque, 0.0)
     yield from bps.sleep(0.5)
+
+
+def drive_log(control: SimulationControl, side: str) -> list[dict[str, Any]]:
+    events: list[dict[str, Any]] = control.ask("drive_log", side=side)["events"]
+    return events
+
+
+def test_the_ramp_of_an_alarm_in_real_time_ends_before_the_power(tmp_path: Path) -> None:
+    with (
+        simulating(tmp_path, "--real-time") as (bench, control),
+        Station.open(bench, tmp_path / "data") as station,
+    ):
+        ramp_s = station.description.safety.ramp_to_zero_s
+
+        def stop() -> None:
+            threading.Timer(0.01, station.emergency_stop, ("somebody pressed stop",)).start()
+
+        with pytest.raises(BenchError, match="somebody pressed stop"):
+            station.run(loading(station, 800.0, stop), kind="loaded")
+        assert station.supervisor.wait_safe(PATIENCE_S)
+        log = drive_log(control, "output")
+        assert becomes(lambda: not station.supervisor.still_on())
+        assert station.acknowledge_alarm("A. Tester") is not None
+    ramp = next(event for event in log if event["event"] == "torque to 0" and event["torque_nm"])
+    off = next(
+        event for event in log if event["event"] == "off" and event["time_s"] > ramp["time_s"]
+    )
+    assert ramp["torque_nm"] == pytest.approx(800.0, abs=2.0)
+    assert abs(off["torque_nm"]) < 20.0, "it was cut from the torque that the ramp had reached"
+    assert off["time_s"] - ramp["time_s"] >= 0.9 * ramp_s
+
+
+def test_a_calibration_in_real_time_over_sockets_is_not_disturbed(tmp_path: Path) -> None:
+    """What `simulate --real-time` and `calibrate` are documented to do, with few steps."""
+    with simulating(tmp_path, "--real-time") as (bench, _):
+        command = ("calibrate", "output", "--bench", bench, "--data", "data", "--yes")
+        few = ("--step-percent", "50", "--model", "polynomial")
+        with started(*command, *few, cwd=tmp_path) as process:
+            told, said = process.communicate(timeout=2.0 * PATIENCE_S)
+            assert process.returncode == 0, said
+    assert "In use: model-1 of calibration-1." in " ".join((told + said).split())
+    alarms = [line for line in read_audit(tmp_path / "data" / AUDIT_FOLDER) if "alarm" in line]
+    assert alarms == []

@@ -36,6 +36,10 @@ from torquebench.errors import BenchError, SignalFault
 
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
 
+CATCHING_UP_S = 10.0
+"""How much bench time may be caught up at the start, s."""
+CAUGHT_UP_BLOCKS = 10
+"""So many blocks one after the other didn't come sooner than those before: nothing is buffered."""
 DEMAND_POLL_S = 0.05
 """How often an idle fast bench looks whether it is to end, s of wall time."""
 
@@ -121,8 +125,24 @@ class Acquisition:
             An instrument fails, or is another one than described.
         """
         self._step()  # also compiles what has to be compiled, before anything can be loaded
+        if not self._clock.fast and not self._drivers.simulated_time:
+            self._catch_up()
         self._wall_start = time.monotonic() - self._block_s
         self._thread.start()
+
+    def _catch_up(self) -> None:
+        """Acquire what the counter has buffered since it began, until blocks have to be waited for.
+
+        The supervisor would see everything that much too late, and other instruments, who state
+        what is now, would seem to run ahead of the counter.
+        """
+        behind_s: list[float] = []
+        for _ in range(round(CATCHING_UP_S / self._block_s)):
+            self._step()
+            behind_s.append(time.monotonic() - self._clock.now())
+            before_s = behind_s[:-CAUGHT_UP_BLOCKS]
+            if before_s and min(before_s) - min(behind_s) < self._description.counter.window_s:
+                return
 
     def close(self) -> None:
         """End the thread. A second call does nothing."""

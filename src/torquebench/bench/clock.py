@@ -8,6 +8,7 @@ thinks, so that the same plan meets the same bench however slow the machine is.
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -17,6 +18,10 @@ from torquebench.bench.event_loop import LoopActivity, new_watched_loop
 
 __all__ = ["BenchClock"]
 
+LARGEST_DRIFT = 2e-4
+"""By which the counter's clock may differ from the wall's, relative."""
+LONGEST_BEHIND_S = 1.0
+"""What is acquired is at most so far behind; beyond that, time stands rather than is late."""
 _TICK_S = 1e-9  # deadlines closer than this are the same instant
 
 Wake = Callable[[BaseException | None], None]
@@ -54,6 +59,7 @@ class BenchClock:
         self.fast = fast
         self._condition = threading.Condition()
         self._now_s = 0.0
+        self._behind_s = math.inf  # of wall time, where a block came soonest
         self._required_s = 0.0
         self._sleepers: list[_Sleeper] = []
         self._loops: dict[asyncio.AbstractEventLoop, LoopActivity] = {}
@@ -62,6 +68,16 @@ class BenchClock:
     def now(self) -> float:
         """Bench time, s."""
         return self._now_s
+
+    def present(self) -> float:
+        """Bench time of this moment, s, by the block that came soonest after its end.
+
+        What was acquired last ends before it: a block takes its time, more on a busy computer.
+        """
+        if self.fast:
+            return self._now_s
+        present_s = time.monotonic() - self._behind_s
+        return min(max(present_s, self._now_s), self._now_s + LONGEST_BEHIND_S)
 
     @property
     def sleeping(self) -> bool:
@@ -201,6 +217,8 @@ class BenchClock:
     def advance_to(self, time_s: float) -> None:
         """Set bench time and wake everybody whose time has come."""
         with self._condition:
+            drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)
+            self._behind_s = min(time.monotonic() - time_s, drifted_s)
             self._now_s = time_s
             due = [sleeper for sleeper in self._sleepers if sleeper.until_s <= time_s + _TICK_S]
             for sleeper in due:

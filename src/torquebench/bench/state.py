@@ -92,12 +92,13 @@ class SideCommands:
         self.enabled_wall_s = time.monotonic()
         self.enabled = True
 
-    def at_zero(self, time_s: float, ramp_s: float = 0.0) -> None:
-        """Note that torque and speed were told to go to zero, and for how long."""
+    def at_zero(self, time_s: float, ramp_s: float = 0.0, told_s: float | None = None) -> None:
+        """Note that torque and speed were told to go to zero, and within which time."""
+        told_s = time_s if told_s is None else told_s
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
         controls = self.set_point.quantity
-        self.set_point = SetPoint(controls, within_s=ramp_s, asked_s=time_s, told_s=time_s)
+        self.set_point = SetPoint(controls, within_s=ramp_s, asked_s=time_s, told_s=told_s)
 
     def off(self, time_s: float) -> None:
         """Note that the drive has no power."""

@@ -66,7 +66,7 @@ async def go_to(
     commands.ask(quantity, target, rate, context.clock.now())
     if commands.enabled:
         await context.tell_drive(side, f"go to {target:g} {unit}", tell, target, rate)
-    commands.told(quantity, target, context.clock.now())
+    commands.told(quantity, target, context.clock.present())
     await context.clock.sleep(abs(target - before) / rate)
 
 

@@ -227,11 +227,18 @@ class ReferenceReadout(Protocol):
     Where a bench has none, the reference transducers are wired to the counter card.
     """
 
+    @property
+    def period_s(self) -> float:
+        """It states a torque so often, s; 0 where that isn't known yet."""
+
     def identity(self) -> Identity:
         """Ask the read-out who it is."""
 
     def read(self, side: Side, until_s: float) -> ReferenceSamples:
-        """Return the samples since the last call up to bench time `until_s`."""
+        """Return the samples since the last call up to bench time `until_s`, none later.
+
+        A sample whose time isn't known yet may come with a later call.
+        """
 
     def close(self) -> None:
         """Release the read-out. A second call does nothing."""

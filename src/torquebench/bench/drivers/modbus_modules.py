@@ -100,6 +100,11 @@ class ModbusReadout:
         """Ask the amplifier who it is."""
         return self._link.identity("reference")
 
+    @property
+    def period_s(self) -> float:
+        """As it states itself."""
+        return max((clock.period_s for clock in self._clocks.values()), default=0.0)
+
     def read(self, side: Side, until_s: float) -> ReferenceSamples:
         """Return the samples since the last call, those that the ring has lost left out."""
         base = SIDES.index(side) * registers.READOUT_STRIDE
@@ -120,9 +125,11 @@ class ModbusReadout:
             [registers.float_of(words[k : k + 2]) for k in range(first, first + 2 * new, 2)],
             dtype=np.float64,
         )
-        clock = self._clocks.setdefault(side, SampleClock(period_s))
+        clock = self._clocks.get(side)
+        if clock is None or clock.period_s != period_s:
+            clock = self._clocks[side] = SampleClock(period_s)
         lost = 0 if before is None else max(0, count - before - new)
-        return ReferenceSamples(clock.times(new, until_s, lost), torque)
+        return clock.take(torque, until_s, lost)
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
+
+from torquebench.bench.drivers.base import ReferenceSamples
 
 __all__ = ["SampleClock"]
 
 LARGEST_DRIFT = 2e-4
 """By which the instrument's clock may differ from the counter's, relative."""
+SETTLED_BY = 5
+"""So many answers one after the other that weren't quicker than one before, by a period."""
+FORGOTTEN_S = 1.0
+"""Nobody has asked for so long: what lies between is lost, and how much, nobody says."""
 
 
 class SampleClock:
@@ -17,6 +25,9 @@ class SampleClock:
     A question is asked when the counter's block has come, so an answer is never older than the
     block's end; on a busy computer it is younger by as much as the computer is behind. The answer
     that was least behind tells best how the two clocks lie, and holds until they may have drifted.
+    While answers still become quicker, as when a computer catches up after a start, nobody knows
+    the times yet: samples are kept until they are known. A sample that is later than the block
+    is kept for the block that it belongs to.
 
     Parameters
     ----------
@@ -25,36 +36,63 @@ class SampleClock:
     Examples
     --------
     >>> clock = SampleClock(0.01)
-    >>> clock.times(2, until_s=1.0).round(3).tolist()
-    [0.985, 0.995]
-    >>> clock.times(3, until_s=1.022).round(3).tolist()  # asked late, so it brings more
-    [1.005, 1.015, 1.025]
-    >>> clock.times(1, until_s=1.04).round(3).tolist()
-    [1.035]
+    >>> [clock.take(np.zeros(2), 1.0 + 0.02 * k).time_s.size for k in range(5)]
+    [0, 0, 0, 0, 0]
+    >>> clock.take(np.zeros(2), until_s=1.1).time_s[[0, -1]].round(3)
+    array([0.985, 1.095])
+    >>> clock.take(np.zeros(3), until_s=1.12).time_s.round(3)  # asked late, so it brings more
+    array([1.105, 1.115])
+    >>> clock.take(np.zeros(1), until_s=1.14).time_s.round(3)
+    array([1.125, 1.135])
     """
 
     def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._next_s: float | None = None
+        self.period_s = period_s
+        self._until_s = -math.inf
+        self._begin()
 
-    def times(self, count: int, until_s: float, lost: int = 0) -> NDArray[np.float64]:
-        """Return the times of the next samples.
+    def _begin(self) -> None:
+        self._number = 0  # of the next sample
+        self._begun_s = -math.inf  # when the first one began, at the earliest
+        self._settled = False
+        self._quiet = 0
+        self._quiet_since_s = math.inf
+        self._torque: NDArray[np.float64] = np.empty(0)
+        self._numbers: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+
+    def take(
+        self, torque_nm: NDArray[np.float64], until_s: float, lost: int = 0
+    ) -> ReferenceSamples:
+        """Take an answer; return the samples up to a bench time whose times are known.
 
         Parameters
         ----------
-        count : int
-            How many came.
+        torque_nm : float64 array of shape (n,)
+            What came, the newest last.
         until_s : float
             End of the block for which they were asked, bench time.
         lost : int
             How many the instrument has lost before them, where it tells.
         """
-        if count == 0:
-            return np.empty(0)
-        period_s = self._period_s
-        first_s = until_s - (count - 0.5) * period_s
-        if self._next_s is not None:
-            expected_s = self._next_s + lost * period_s
-            first_s = max(first_s, expected_s - LARGEST_DRIFT * count * period_s)
-        self._next_s = first_s + count * period_s
-        return first_s + period_s * np.arange(count, dtype=np.float64)
+        if until_s - self._until_s > FORGOTTEN_S:
+            self._begin()
+        passed_s, self._until_s = until_s - self._until_s, until_s
+        count = torque_nm.size
+        if count:
+            first = self._number + lost
+            self._number = first + count
+            self._torque = np.concatenate((self._torque, torque_nm))
+            self._numbers = np.concatenate((self._numbers, first + np.arange(count)))
+            begun_s = until_s - self._number * self.period_s
+            self._begun_s = max(begun_s, self._begun_s - LARGEST_DRIFT * passed_s)
+            if abs(self._begun_s - self._quiet_since_s) > self.period_s:
+                self._quiet, self._quiet_since_s = 0, self._begun_s
+            self._quiet += 1
+            self._settled = self._settled or self._quiet > SETTLED_BY
+        if not self._settled:
+            return ReferenceSamples(np.empty(0), np.empty(0))
+        time_s = self._begun_s + self.period_s * (self._numbers + np.float64(0.5))
+        ready = int(np.searchsorted(time_s, until_s + 1e-9))
+        known = ReferenceSamples(time_s[:ready], self._torque[:ready])
+        self._numbers, self._torque = self._numbers[ready:], self._torque[ready:]
+        return known

@@ -192,14 +192,18 @@ class ScpiReadout:
         """Ask the amplifier who it is."""
         return self._link.identity("reference")
 
+    @property
+    def period_s(self) -> float:
+        """As described."""
+        return self._options.period_s
+
     def _fetch(self, side: Side) -> NDArray[np.float64]:
         line = self._options.fetch.format(channel=self._channels[side])
         return np.array(numbers(self._link.query(line), self._link.name), dtype=np.float64)
 
     def read(self, side: Side, until_s: float) -> ReferenceSamples:
         """Return the samples since the last call; NaN where it has no signal."""
-        torque = self._options.scale * self._fetch(side)
-        return ReferenceSamples(self._clocks[side].times(torque.size, until_s), torque)
+        return self._clocks[side].take(self._options.scale * self._fetch(side), until_s)
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""

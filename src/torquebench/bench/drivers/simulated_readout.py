@@ -58,6 +58,11 @@ class SimulatedReadout:
         serial = self._standard.serial if self._standard is not None else "none mounted"
         return Identity("reference", "simulated", "read-out of the twin", serial)
 
+    @property
+    def period_s(self) -> float:
+        """A window of its counter."""
+        return self._counting.window_s
+
     def read(self, side: Side, until_s: float) -> ReferenceSamples:
         """Return the samples since the last call; NaN where it has no signal."""
         del until_s  # what is later has not been simulated yet

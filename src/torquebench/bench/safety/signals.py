@@ -12,14 +12,15 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.bench.description import BenchDescription, TransducerDescription
-from torquebench.bench.drivers.base import AngleSamples, CounterBlock
+from torquebench.bench.drivers.base import AngleSamples, CounterBlock, ReferenceReadout
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.safety.alarms import AlarmKind, AlarmLevel, Violation
 from torquebench.bench.safety.following import FollowingJudge
 from torquebench.bench.safety.limits import LimitBook, Watch
-from torquebench.bench.samples import AcquiredBlock
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
 from torquebench.signals import EdgeBlock, SignalFaultKind
 from torquebench.units import RPM_PER_RAD_S
@@ -30,8 +31,19 @@ TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
 """Fewer edges than these in one fast check are no frequency."""
+CLOCKS_APART_S = 0.1
+"""How far the clock of a standard's read-out may be apart from the counter's, s; two of its
+periods come on top."""
+CLOCK_SETTLING_S = 1.0
+"""How long a read-out may take at the start until the times of its samples are known, s."""
+OWN_KEPT_S = 2.0
+"""How long a module's torque is kept for its standard to be held against, s."""
 HELD_SHARE = 0.01
 """A standard that repeats one value while its module moves by this share of the range is stuck."""
+
+
+Torques = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Times, s, and torques at them, N·m."""
 
 
 class FastCheck(Protocol):
@@ -80,18 +92,28 @@ class SignalJudge:
     description : BenchDescription
     limits : LimitBook
     commands : CommandState
+    readout : ReferenceReadout, optional
+        Of a standard that states torque itself, by a clock of its own.
     """
 
     def __init__(
-        self, description: BenchDescription, limits: LimitBook, commands: CommandState
+        self,
+        description: BenchDescription,
+        limits: LimitBook,
+        commands: CommandState,
+        readout: ReferenceReadout | None = None,
     ) -> None:
         self._description = description
+        self._readout = readout
         self._limits = limits
         self._commands = commands
         self._warning = description.safety.warning_percent / 100.0
         self._hysteresis = description.safety.hysteresis_percent / 100.0
         self._watches: dict[tuple[AlarmKind, str], Watch] = {}
         self._faulty_s: dict[str, float] = {}
+        self._valid_until_s: dict[str, float] = {}
+        self._own: dict[Side, Torques] = {}
+        self._stated: dict[Side, Torques] = {}
         self._read_until_s: dict[str, float] = {}
         self._last_torque: dict[tuple[str, bool], tuple[float, float]] = {}
         self._last_speed: dict[tuple[Side, bool], tuple[float, float]] = {}
@@ -112,6 +134,9 @@ class SignalJudge:
             return
         self._forgetting = False
         self._faulty_s.clear()
+        self._valid_until_s.clear()
+        self._own.clear()
+        self._stated.clear()
         self._read_until_s.clear()
         self._stood_at.clear()
         self._held.clear()
@@ -207,6 +232,7 @@ class SignalJudge:
                 highest = float(np.fmax.reduce(np.abs(samples.torque_nm)))  # NaN isn't a maximum
                 self._torque(samples.side, samples.channel, highest)
                 self._rate_of_block(samples.side, samples.channel, block, samples.torque_nm)
+        self._note_readout(block)
         if self._violation is None and self._commands.any_enabled:
             self._missing(block)
             self._faulty(block)
@@ -223,6 +249,8 @@ class SignalJudge:
                 )
         elif not self._commands.any_enabled:
             self._held.clear()
+            self._own.clear()
+            self._stated.clear()
             self._following.forget()
         return self._result()
 
@@ -274,6 +302,9 @@ class SignalJudge:
     def _faulty(self, block: AcquiredBlock) -> None:
         window_s = self._description.counter.window_s
         for name, samples in block.channels.items():
+            if samples.standard and self._readout is not None:
+                self._unread(samples, block.stop_s)
+                continue
             before_s = self._faulty_s.get(name, 0.0)
             if samples.fault.size == 0:  # nothing at all came: as bad as a fault
                 faulty_s = longest_s = before_s + (block.stop_s - block.start_s)
@@ -287,20 +318,49 @@ class SignalJudge:
             if longest_s > self._description.safety.signal_loss_s:
                 self._lost(name, kind, longest_s)
 
+    def _note_readout(self, block: AcquiredBlock) -> None:
+        """Note until when a standard's read-out has stated torque, by the times of its samples."""
+        if self._readout is None:
+            return
+        standards = {name: each for name, each in block.channels.items() if each.standard}
+        for name in self._valid_until_s.keys() - standards.keys():
+            del self._valid_until_s[name]
+        for name, samples in standards.items():
+            until_s = self._valid_until_s.setdefault(name, block.start_s + CLOCK_SETTLING_S)
+            valid = np.flatnonzero((samples.fault == 0) & np.isfinite(samples.torque_nm))
+            if valid.size:
+                newest_s = float(samples.time_s[valid[-1]]) + 0.5 * self._period_s
+                self._valid_until_s[name] = max(until_s, newest_s)
+
+    def _unread(self, samples: ChannelSamples, stop_s: float) -> None:
+        """Notice that a standard's read-out states no torque any more."""
+        # What falls into a block's last period is stated with the next one.
+        allowed_s = self._description.safety.signal_loss_s + 2.0 * self._period_s
+        silent_s = stop_s - self._valid_until_s[samples.channel]
+        if silent_s > allowed_s + 1e-9:
+            kind = SignalFaultKind(int(samples.fault.max(initial=0)))
+            kind = kind if kind.value else SignalFaultKind.LOST_DATA
+            self._lost(samples.channel, kind, silent_s, allowed_s)
+
+    @property
+    def _period_s(self) -> float:
+        return 0.0 if self._readout is None else self._readout.period_s
+
     def _holding(self, block: AcquiredBlock) -> None:
         """Notice a standard that repeats one value while the torque beside it changes."""
         for side in SIDES:
             own = block.channels.get(torque_channel(side))
             standard = block.channels.get(reference_channel(side))
-            if (
-                own is None
-                or standard is None
-                or 0 in (own.torque_nm.size, standard.torque_nm.size)
-            ):
+            held = self._held.get(side)
+            if own is None or standard is None or own.torque_nm.size == 0:
                 self._held.pop(side, None)
                 continue
-            value = float(standard.torque_nm[-1])
-            held = self._held.get(side)
+            if standard.torque_nm.size:
+                value = float(standard.torque_nm[-1])
+            elif held is None:
+                continue
+            else:  # the next sample comes with a later block
+                value = held.value_nm
             if held is None or np.any(standard.torque_nm != value) or value != held.value_nm:
                 now_nm = float(own.torque_nm[-1])
                 self._held[side] = _Held(value, block.stop_s, now_nm, now_nm)
@@ -314,18 +374,36 @@ class SignalJudge:
                 self._lost(standard.channel, SignalFaultKind.STUCK, lasted_s)
 
     def _disagreeing(self, block: AcquiredBlock) -> None:
-        """Hold a module against the standard on its side: they carry the same torque."""
+        """Hold a module against the standard on its side: they carry the same torque.
+
+        At the same times; where the standard has a clock of its own, with what the module read
+        as far before and after as both clocks may be apart.
+        """
         share = self._description.safety.disagreement_percent / 100.0
+        apart_s = 0.0 if self._readout is None else 2.0 * self._period_s + CLOCKS_APART_S
         for side in SIDES:
             own = block.channels.get(torque_channel(side))
             standard = block.channels.get(reference_channel(side))
             if own is None or standard is None:
+                self._own.pop(side, None)
+                self._stated.pop(side, None)
                 continue
-            count = min(own.torque_nm.size, standard.torque_nm.size)
-            if count == 0:
-                continue
-            apart = np.abs(own.torque_nm[-count:] - standard.torque_nm[-count:])
-            least = float(np.fmin.reduce(apart))  # all the time, not for a moment of a ramp
+            time_s, torque_nm = _appended(self._own.get(side), own)
+            stated_s, stated_nm = _appended(self._stated.get(side), standard)
+            # What the standard states is judged when the module has been read as far beyond it.
+            due = stated_s + apart_s < block.stop_s
+            self._stated[side] = stated_s[~due], stated_nm[~due]
+            stated_s, stated_nm = stated_s[due], stated_nm[due]
+            kept = time_s > block.stop_s - OWN_KEPT_S
+            self._own[side] = time_s[kept], torque_nm[kept]
+            first = np.searchsorted(time_s, stated_s - apart_s - 1e-9)
+            last = np.searchsorted(time_s, stated_s + apart_s + 1e-9)
+            deviations = [
+                max(float(torque_nm[i:k].min()) - value, value - float(torque_nm[i:k].max()))
+                for i, k, value in zip(first, last, stated_nm, strict=True)
+                if k > i
+            ]
+            least = min(deviations, default=0.0)  # all the time, not for a moment of a ramp
             allowed = share * self._description.module(side).range_nm
             if least > allowed:
                 self._violated(
@@ -422,12 +500,15 @@ class SignalJudge:
         warns = Violation(kind, source, found, allowed, "it stops the bench at the limit")
         self._warnings.append(Change(watch, warns if watch.level is AlarmLevel.WARNING else None))
 
-    def _lost(self, name: str, kind: SignalFaultKind, lasted_s: float) -> None:
+    def _lost(
+        self, name: str, kind: SignalFaultKind, lasted_s: float, allowed_s: float | None = None
+    ) -> None:
+        allowed_s = self._description.safety.signal_loss_s if allowed_s is None else allowed_s
         self._violated(
             AlarmKind.SIGNAL_LOST,
             name,
             f"{name}: {kind.description} for {lasted_s:.3f} s",
-            f"at most {self._description.safety.signal_loss_s:g} s",
+            f"at most {allowed_s:g} s",
             kind.remedy,
         )
 
@@ -436,6 +517,15 @@ class SignalJudge:
     ) -> None:
         if self._violation is None:
             self._violation = Violation(kind, source, found, allowed, remedy)
+
+
+def _appended(before: Torques | None, samples: ChannelSamples) -> Torques:
+    """Append the samples that are numbers."""
+    known = np.isfinite(samples.torque_nm)
+    time_s, torque_nm = samples.time_s[known], samples.torque_nm[known]
+    if before is None:
+        return time_s, torque_nm
+    return np.concatenate((before[0], time_s)), np.concatenate((before[1], torque_nm))
 
 
 def _faulty_time(

@@ -114,7 +114,7 @@ class SafetySupervisor:
         self.limits = LimitBook(description)
         safety = description.safety
         self.heartbeats = Heartbeats(clock.now, safety.presence_s)
-        self._signals = SignalJudge(description, self.limits, commands)
+        self._signals = SignalJudge(description, self.limits, commands, drivers.reference)
         patience_s = DRIVE_PATIENCE_S if clock.fast else 0.0
         self._workers = {
             side: DriveWorker(side, drive, threaded=drivers.blocking, patience_s=patience_s)
@@ -578,7 +578,8 @@ class SafetySupervisor:
     def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
         """Tell a drive to go to zero torque and speed, and disable one that can't."""
         self._workers[side].ramp_to_zero(ramp_s)
-        self._commands.side(side).at_zero(self._clock.now(), ramp_s)
+        clock = self._clock
+        self._commands.side(side).at_zero(clock.now(), ramp_s, clock.present())
 
     def disable(self) -> None:
         """Take the power off both drives at the end of something; watch that it goes.

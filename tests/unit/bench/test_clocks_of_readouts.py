@@ -1,0 +1,164 @@
+"""Instruments with clocks of their own beside the counter: nothing is judged at the wrong time."""
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from torquebench.bench.clock import BenchClock
+from torquebench.bench.drivers.base import CounterBlock, DriverSet, ReferenceSamples
+from torquebench.bench.drivers.sample_clock import SampleClock
+from torquebench.bench.safety import AlarmKind
+from torquebench.bench.safety.signals import SignalJudge
+
+OpenBench = Callable[..., Any]
+PERIOD_S, BLOCK_S = 0.01, 0.05
+
+
+def behind_at(asked_s: float, behind_s: float) -> float:
+    """How far a computer is behind that begins late and catches up."""
+    return max(0.002, behind_s - 0.7 * asked_s)
+
+
+@pytest.mark.parametrize("behind_s", [0.0, 0.1, 0.6])
+def test_samples_have_their_times_although_a_computer_catches_up(behind_s: float) -> None:
+    clock = SampleClock(PERIOD_S)
+    handed, found = 0, []
+    for number in range(1, 80):
+        until_s = number * BLOCK_S
+        asked_s = until_s + behind_at(until_s, behind_s)
+        made = int(asked_s / PERIOD_S)  # each states the middle of its own period
+        values = PERIOD_S * (np.arange(handed, made) + 0.5)
+        handed = made
+        samples = clock.take(values, until_s)
+        assert (samples.time_s <= until_s + 1e-9).all(), "none later than asked for"
+        found.append(samples)
+    time_s = np.concatenate([each.time_s for each in found])
+    stated_s = np.concatenate([each.torque_nm for each in found])
+    assert stated_s.size > 0.9 * handed
+    np.testing.assert_array_equal(np.diff(stated_s).round(9), PERIOD_S)
+    np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
+
+
+class Buffering:
+    """A counter in real time that began to count before anybody read it."""
+
+    def __init__(self, counter: Any, began_s: float) -> None:
+        self._counter = counter
+        self._began = time.monotonic() - began_s
+        self._read_s = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._counter, name)
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        self._read_s += duration_s
+        time.sleep(max(0.0, self._began + self._read_s - time.monotonic()))
+        block: CounterBlock = self._counter.read_block(duration_s)
+        return block
+
+
+def test_a_bench_opens_when_it_has_caught_up_with_its_counter(open_bench: OpenBench) -> None:
+    counters: list[Buffering] = []
+
+    def wrap(drivers: DriverSet) -> DriverSet:
+        counters.append(Buffering(drivers.counter, began_s=3.0))
+        return replace(drivers, counter=counters[0], simulated_time=False)
+
+    with open_bench(real_time=True, wrap=wrap) as bench:
+        behind_s = time.monotonic() - counters[0]._began - bench.clock.now()
+        assert behind_s < 1.5, "3 s were buffered"
+
+
+def test_the_present_lies_after_what_was_acquired_last() -> None:
+    clock = BenchClock(fast=False)
+    clock.advance_to(1.0)
+    soonest = time.monotonic()
+    time.sleep(0.1)
+    clock.advance_to(1.05)  # late
+    assert 1.09 <= clock.present() <= 1.0 + time.monotonic() - soonest + 0.01
+    fast = BenchClock(fast=True)
+    fast.advance_to(1.0)
+    time.sleep(0.02)
+    assert fast.present() == fast.now() == 1.0
+
+
+class Readout:
+    """A standard's read-out, for its period."""
+
+    def __init__(self, period_s: float) -> None:
+        self.period_s = period_s
+
+    def read(self, side: str, until_s: float) -> ReferenceSamples:
+        raise NotImplementedError
+
+
+def judged(bench: Any, late_s: float, factor: float, period_s: float, *, ramp: bool) -> Any:
+    """Hold a standard that is late and states another torque against a loaded module."""
+    bench.load_output(0.0)
+    bench.clock.wait(1.5)
+    block = bench.acquisition.latest_block
+    judge = SignalJudge(
+        bench.description,
+        bench.supervisor.limits,
+        bench.commands,
+        Readout(period_s),  # type: ignore[arg-type]
+    )
+    judge._following = replace_nothing(judge._following)
+    violation, start_s = None, block.start_s
+    for number in range(40):
+        begin_s = start_s + number * BLOCK_S
+        time_s = begin_s + PERIOD_S * (np.arange(5) + 0.5)
+        stated_s = np.array(
+            [t for t in time_s if round(t / PERIOD_S - 0.5) % (period_s / PERIOD_S) < 0.5]
+        )
+
+        def torque(at_s: Any) -> Any:
+            rising = np.clip(4000.0 * (np.asarray(at_s) - start_s - 1.0), 0.0, 1600.0)
+            noise = 0.1 * np.sin(1e4 * np.asarray(at_s))
+            return noise + (rising if ramp else 1000.0)
+
+        own = block.channels["output_torque"]
+        own = replace(own, time_s=time_s, torque_nm=torque(time_s), fault=np.zeros(5, np.uint8))
+        reference = replace(
+            block.channels["output_reference"],
+            time_s=stated_s,
+            torque_nm=factor * torque(stated_s - late_s),
+            fault=np.zeros(stated_s.size, np.uint8),
+        )
+        violation, _ = judge.judge(
+            replace(
+                block,
+                start_s=begin_s,
+                stop_s=begin_s + BLOCK_S,
+                channels={"output_torque": own, "output_reference": reference},
+            )
+        )
+        if violation is not None:
+            break
+    return violation
+
+
+def replace_nothing(following: Any) -> Any:
+    """Leave what the drive was told out of it."""
+    following.judge = lambda _block: None
+    return following
+
+
+@pytest.mark.parametrize(("late_s", "period_s"), [(0.08, 0.01), (-0.08, 0.01), (0.08, 0.1)])
+def test_clocks_that_are_a_little_apart_do_not_disagree(
+    bench: Any, late_s: float, period_s: float
+) -> None:
+    assert judged(bench, late_s, 1.0, period_s, ramp=True) is None
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.1])
+def test_transducers_that_state_another_torque_disagree(bench: Any, period_s: float) -> None:
+    violation = judged(bench, 0.0, 0.85, period_s, ramp=False)
+    assert violation is not None
+    assert violation.kind is AlarmKind.DISAGREEMENT
+    assert re.search(r"1(49|50)\.\d N·m apart", violation.found)
