@@ -17,6 +17,7 @@ from torquebench.validation import validated
 
 ANY_PORT = "127.0.0.1:0"
 TIMEOUT_S = 0.8
+WATCHDOG_S = 1.2
 PROBES = {
     "ambient": 0,
     "input_transducer": 1,
@@ -41,7 +42,7 @@ def scpi_counter() -> dict[str, Any]:
 
 
 def canopen() -> dict[str, Any]:
-    return {"protocol": "canopen", "bus": CAN_BUS, "node": 5, "timeout_s": TIMEOUT_S}
+    return {"protocol": "canopen", "bus": CAN_BUS, "node": 5}
 
 
 def daqmx() -> dict[str, Any]:
@@ -65,6 +66,8 @@ def described(**sections: Any) -> BenchDescription:
     values = tomllib.loads(text)
     values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
     values["output"]["drive"]["serial"] = "402005"
+    for side in ("input", "output"):  # so that answers may take their time on a busy computer
+        values[side]["drive"]["watchdog_s"] = WATCHDOG_S
     angles = {"angles": modbus(registers={"input": 0, "output": 2})}
     if sections.get("counter", {}).get("protocol") == "nidaqmx":
         values["counter"]["serial"] = "0A1B2C3D"
@@ -73,7 +76,7 @@ def described(**sections: Any) -> BenchDescription:
         "simulation": {"control": ANY_PORT},
         "counter": scpi_counter(),
         **angles,
-        "input_drive": modbus(),
+        "input_drive": {"protocol": "modbus", "address": ANY_PORT},
         "output_drive": canopen(),
         "reference": scpi(),
         "temperature": modbus(probes=PROBES, interval_s=0.0),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.system.networked import daqmx, described, modbus
+from tests.system.networked import WATCHDOG_S, daqmx, described, modbus
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import CounterCard, Drive, Identified
@@ -220,7 +220,7 @@ def test_an_answer_that_comes_in_part_or_late_is_asked_for_again(
     case: Case, simulators: Simulators, instrument: Any, kind: Any
 ) -> None:
     case.read(instrument)
-    simulators.misbehaviour.start(case.key, kind, replies=1, amount=0.4)
+    simulators.misbehaviour.start(case.key, kind, replies=1, amount=0.45)
     if case.lossy:
         right_or_failing(case, instrument)
         return
@@ -372,7 +372,7 @@ def test_an_unfed_drive_stops_by_itself_and_can_be_enabled_again(
 ) -> None:
     drive.enable()
     drive.command_torque(5.0, 100.0)
-    go_on(1.0)
+    go_on(2.0 * WATCHDOG_S)
     state = drive.state()
     assert not state.enabled
     assert "watchdog" in state.fault

@@ -14,14 +14,13 @@ from tests.peers.daqmx_server import CounterCardPeer
 from tests.peers.modbus_drive import ModbusDrivePeer
 from tests.peers.motor import Motor
 from tests.peers.scpi_instruments import CounterPeer, ReadoutPeer
-from tests.system.networked import CAN_BUS, canopen, daqmx, described, modbus, scpi
+from tests.system.networked import CAN_BUS, WATCHDOG_S, canopen, daqmx, described, scpi
 
 from torquebench.bench.drivers.base import CounterCard, Drive, Identified
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.errors import BenchError, LimitError
 
 PEERS = Path(__file__).resolve().parents[1] / "peers"
-WATCHDOG_S = 0.5  # as described
 LONGEST_S = 10.0
 
 
@@ -48,7 +47,7 @@ def motor_and_drive(request: pytest.FixtureRequest) -> Iterator[tuple[Motor, Dri
     with ExitStack() as open_:
         if request.param == "modbus":
             peer = open_.enter_context(ModbusDrivePeer("OWN-1"))
-            section = modbus(address=peer.address)
+            section = {"protocol": "modbus", "address": peer.address}
             drive = open_role(described(input_drive=section), "input_drive")
             motor = peer.motor
         else:

@@ -32,7 +32,7 @@ from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
-from torquebench.errors import BenchError, SignalFault
+from torquebench.errors import BenchError, SignalFault, TorquebenchError
 
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
 
@@ -173,7 +173,8 @@ class Acquisition:
                 with self._supervisor.guarding_block():
                     self._step()
         except Exception as error:  # whatever it is, the bench must not stay loaded
-            logger.exception("acquisition ended")
+            if not isinstance(error, TorquebenchError):  # an instrument's failure is an alarm
+                logger.exception("acquisition ended")
             self._supervisor.trip(
                 AlarmKind.DRIVER,
                 "acquisition",

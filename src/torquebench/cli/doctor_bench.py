@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Finding", "clock", "drives", "instruments", "signals"]
 
 SETTLING_S = 0.3
+STANDARD_S = 1.0
 WATCHDOG_MARGIN_S = 0.5
 ZERO_TOLERANCE = 0.05
 """Share of the zero's frequency within which an unloaded transducer's output lies."""
@@ -117,7 +118,7 @@ def _simulators(description: BenchDescription) -> Iterator[Finding]:
 
 
 def _instrument(description: BenchDescription, role: str) -> Finding:
-    from torquebench.bench.drivers.base import Identified
+    from torquebench.bench.drivers.base import Drive, Identified
     from torquebench.bench.drivers.instruments import open_role
 
     name = role.replace("_", " ")
@@ -127,13 +128,26 @@ def _instrument(description: BenchDescription, role: str) -> Finding:
         return _problem(name, error)
     try:
         if isinstance(instrument, Identified):
-            return _identified(description, name, instrument.identity())
+            found = _identified(description, name, instrument.identity())
+            if not isinstance(instrument, Drive) or found.state == "problem":
+                return found
+            return _with_status(found, instrument)
         counts = instrument.counts()
         return Finding(name, "ok", ", ".join(f"{side} {count}" for side, count in counts.items()))
     except TorquebenchError as error:
         return _problem(name, error)
     finally:
         instrument.close()
+
+
+def _with_status(found: Finding, drive: Drive) -> Finding:
+    """Add a drive's status to who it is: one that can't be read is no drive to work with."""
+    state = drive.state()
+    if state.enabled:
+        return Finding(
+            found.what, "problem", f"{found.found}; it has power", "find out who has switched it on"
+        )
+    return Finding(found.what, "ok", f"{found.found}; off{f', {state.fault}' * bool(state.fault)}")
 
 
 def _identified(description: BenchDescription, name: str, identity: Any) -> Finding:
@@ -252,18 +266,21 @@ def _standard(station: Station) -> Iterator[Finding]:
     reference = station.drivers.reference
     if reference is None:
         return
+    block_s = station.description.counter.block_s
     for side in SIDES:
         what = f"{side} standard"
         try:
-            reference.read(side, station.clock.now())  # what it had before
-            station.clock.wait(SETTLING_S)
-            torque = reference.read(side, station.clock.now()).torque_nm
+            read = []
+            for _ in range(round(STANDARD_S / block_s)):  # its clock settles by repeated answers
+                station.clock.wait(block_s)
+                read.append(reference.read(side, station.clock.now()).torque_nm)
+            torque = np.concatenate(read)
         except TorquebenchError as error:
             yield _problem(what, error)
             continue
         if torque.size == 0:
             remedy = "let its amplifier measure continuously, and check the channel's number"
-            yield Finding(what, "problem", f"no sample in {SETTLING_S:g} s", remedy)
+            yield Finding(what, "problem", f"no sample in {STANDARD_S:g} s", remedy)
         elif np.isnan(torque).all():
             yield Finding(what, "note", "states no torque", "mount it to see its signal")
         elif torque.size > 1 and np.ptp(torque[np.isfinite(torque)]) == 0.0:

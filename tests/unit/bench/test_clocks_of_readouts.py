@@ -14,6 +14,7 @@ from torquebench.bench.drivers.base import CounterBlock, DriverSet, ReferenceSam
 from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.signals import SignalJudge
+from torquebench.errors import SignalFault
 
 OpenBench = Callable[..., Any]
 PERIOD_S, BLOCK_S = 0.01, 0.05
@@ -162,3 +163,46 @@ def test_transducers_that_state_another_torque_disagree(bench: Any, period_s: fl
     assert violation is not None
     assert violation.kind is AlarmKind.DISAGREEMENT
     assert re.search(r"1(49|50)\.\d N·m apart", violation.found)
+
+
+class Slow:
+    """A read-out that states the mean of ten windows, every 100 ms."""
+
+    period_s = 0.1
+
+    def __init__(self, readout: Any) -> None:
+        self._readout = readout
+        self._waiting: dict[str, list[float]] = {}
+        self._clocks: dict[str, SampleClock] = {}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._readout, name)
+
+    def read(self, side: str, until_s: float) -> ReferenceSamples:
+        waiting = self._waiting.setdefault(side, [])
+        waiting += self._readout.read(side, until_s).torque_nm.tolist()
+        count = len(waiting) // 10
+        means = np.array(waiting[: 10 * count]).reshape(count, 10).mean(axis=1)
+        del waiting[: 10 * count]
+        return self._clocks.setdefault(side, SampleClock(0.1)).take(means, until_s)
+
+
+def test_a_read_out_every_100_ms_is_neither_lost_nor_disagrees(open_bench: OpenBench) -> None:
+    def wrap(drivers: DriverSet) -> DriverSet:
+        return replace(drivers, reference=Slow(drivers.reference))  # type: ignore[arg-type]
+
+    with open_bench(wrap=wrap, driver__reference="readout") as bench:
+        bench.load_output(0.0)
+        bench.clock.wait(1.0)
+        for torque_nm in (800.0, -400.0, 0.0):
+            bench.command_torque(torque_nm, 4000.0)
+            bench.clock.wait(1.0)
+        assert bench.supervisor.alarm is None
+        read = bench.acquisition.channel("output_reference").window(0.5, 4.0)
+        assert read.time_s.size >= 30
+        np.testing.assert_allclose(np.diff(read.time_s), 0.1, atol=0.01)
+        bench.drivers.reference._clocks["output"].take = lambda *_: ReferenceSamples(
+            np.empty(0), np.empty(0)
+        )
+        with pytest.raises(SignalFault, match="output_reference"):
+            bench.clock.wait(1.0)

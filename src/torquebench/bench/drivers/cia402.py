@@ -16,7 +16,14 @@ from typing import Annotated, Any, TypeVar
 from pydantic import ConfigDict, Field
 
 from torquebench.bench.drivers.base import DriveState, Identity, Side
-from torquebench.bench.drivers.links import Link, TimeOut, WireError
+from torquebench.bench.drivers.links import (
+    LONGEST_TIME_OUT_S,
+    Link,
+    SwitchingTime,
+    TimeOut,
+    WireError,
+    drive_timeout,
+)
 from torquebench.bench.drivers.plugins import (
     DriverPlugin,
     InstrumentRequest,
@@ -56,6 +63,8 @@ STATES = (
     (0x4F, 0x00, "not ready to switch on"),
 )
 """Mask, value and name of the states (CiA 402-2, statusword)."""
+BUSY_STATES = ("not ready to switch on", "fault reaction active")
+"""States that a drive leaves by itself, and in which it takes no controlword."""
 
 Result = TypeVar("Result")
 
@@ -82,8 +91,8 @@ class Cia402Options(Options):
     node: Annotated[int, Field(ge=1, le=127)]
     master: Annotated[int, Field(ge=1, le=127)] = 126
     velocity_units_per_rpm: Annotated[float, Field(gt=0.0, le=1e6)] = 1000.0
-    switching_s: Annotated[float, Field(gt=0.0, le=30.0, description="s")] = 2.0
-    timeout_s: TimeOut = 0.3
+    switching_s: SwitchingTime = 5.0
+    timeout_s: TimeOut | None = None
 
 
 def load_dictionary() -> Any:
@@ -106,7 +115,8 @@ class CanopenLink(Link[Any]):
     def __init__(self, name: str, options: Cia402Options) -> None:
         bus = options.bus
         address = f"{bus.host}:{bus.port}" if bus.host else f"{bus.interface} {bus.channel}"
-        super().__init__(name, f"node {options.node} on {address}", options.timeout_s)
+        timeout_s = LONGEST_TIME_OUT_S if options.timeout_s is None else options.timeout_s
+        super().__init__(name, f"node {options.node} on {address}", timeout_s)
         self._options = options
         self._canopen = require_library("canopen", "canopen")
         self._can = require_library("can", "canopen")
@@ -247,15 +257,21 @@ class Cia402Drive:
     def _switch(self, controlword: int, wanted: str) -> None:
         """Write a controlword and wait until its state is reached."""
         self._link.write(CONTROLWORD, controlword)
+        self._await_state(lambda status: status == wanted, wanted, controlword != FAULT_RESET)
+
+    def _await_state(self, reached: Callable[[str], bool], wanted: str, refuses: bool) -> str:
+        """Wait for a state, with heartbeats meanwhile: the drive may watch for them already."""
         deadline = time.monotonic() + self._options.switching_s
-        while (status := self._status()) != wanted:
-            if time.monotonic() > deadline or (status == "fault" and controlword != FAULT_RESET):
+        while not reached(status := self._status()):
+            if time.monotonic() > deadline or (refuses and status == "fault"):
                 raise BenchError(
                     f"{self._link.name} is in the state {status!r}{self._reason(status)}",
-                    f"the state {wanted!r}",
+                    f"the state {wanted!r} within {self._options.switching_s:g} s",
                     "read the drive's error code and check its supply and safety circuit",
                 )
+            self._link.beat()
             time.sleep(POLL_S)
+        return status
 
     def _reason(self, status: str) -> str:
         if "fault" not in status:
@@ -274,8 +290,9 @@ class Cia402Drive:
         link.write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
         link.write(ABORT_OPTION, ABORT_BY_FAULT)
         link.beat()
-        status = self._status()
-        if status in ("fault", "fault reaction active"):
+        status = self._await_state(lambda status: status not in BUSY_STATES, "ready", False)
+        if status == "fault":  # reset by the rising edge of its bit, which may be high still
+            link.write(CONTROLWORD, DISABLE_VOLTAGE)
             self._switch(FAULT_RESET, "switch on disabled")
         elif status == "quick stop active":
             self._switch(DISABLE_VOLTAGE, "switch on disabled")
@@ -320,20 +337,21 @@ class Cia402Drive:
         _check_within(self._link.name, torque_nm, self._maximum_nm, "N·m")
         _check_rate(ramp_nm_per_s, "N·m/s")
         self._check_enabled()
-        self._set_mode(PROFILE_TORQUE)
+        # Before the mode: the drive goes to the target that it has when the mode is switched.
         self._link.write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
         self._link.write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
+        self._set_mode(PROFILE_TORQUE)
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
         """Go to a speed at a limited rate and keep it."""
         _check_within(self._link.name, speed_rad_s, self._maximum_rad_s, "rad/s")
         _check_rate(ramp_rad_per_s2, "rad/s²")
         self._check_enabled()
-        self._set_mode(PROFILE_VELOCITY)
         ramp = self._ramp(ramp_rad_per_s2)
         for index in (ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION):
             self._link.write(index, ramp)
         self._link.write(TARGET_VELOCITY, self._velocity(speed_rad_s))
+        self._set_mode(PROFILE_VELOCITY)
 
     def quick_stop(self) -> None:
         """Have the drive stop by its own quick-stop ramp and stay in quick stop."""
@@ -409,8 +427,11 @@ def _check_rate(rate: float, unit: str) -> None:
 def _drive(request: InstrumentRequest) -> Cia402Drive:
     assert request.side is not None
     options: Cia402Options = request.read(Cia402Options)
-    link = CanopenLink(request.section.removeprefix("driver.").replace("_", " "), options)
     watchdog_s = request.description.module(request.side).drive.watchdog_s
+    options = options.model_copy(
+        update={"timeout_s": drive_timeout(options.timeout_s, watchdog_s, request.section)}
+    )
+    link = CanopenLink(request.section.removeprefix("driver.").replace("_", " "), options)
     with link.kept():
         return Cia402Drive(link, request.side, options, watchdog_s)
 

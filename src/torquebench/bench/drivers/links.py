@@ -12,7 +12,16 @@ from pydantic import Field, StringConstraints
 
 from torquebench.errors import BenchError, InputError
 
-__all__ = ["Address", "Link", "TimeOut", "WireError", "split_address"]
+__all__ = [
+    "LONGEST_TIME_OUT_S",
+    "Address",
+    "Link",
+    "SwitchingTime",
+    "TimeOut",
+    "WireError",
+    "drive_timeout",
+    "split_address",
+]
 
 Connection = TypeVar("Connection")
 Result = TypeVar("Result")
@@ -21,6 +30,38 @@ Address = Annotated[
     str, StringConstraints(pattern=r"^[^\s:]+:\d{1,5}$"), Field(description="host:port")
 ]
 TimeOut = Annotated[float, Field(ge=0.02, le=30.0, description="s")]
+
+
+SwitchingTime = Annotated[float, Field(gt=0.0, le=30.0, description="s")]
+LONGEST_TIME_OUT_S = 0.3
+TRIES_A_WATCHDOG = 4
+"""So many tries fit into a drive's watchdog: two, and a new connection, with room."""
+
+
+def drive_timeout(described_s: float | None, watchdog_s: float, section: str) -> float:
+    """Return how long a drive's answer may take, so that a second try comes before its watchdog.
+
+    Raises
+    ------
+    InputError
+        What is described is too long for that.
+
+    Examples
+    --------
+    >>> drive_timeout(None, 0.5, "driver.input_drive")
+    0.125
+    >>> drive_timeout(0.2, 0.5, "driver.input_drive")
+    0.2
+    """
+    if described_s is None:
+        return max(0.02, min(LONGEST_TIME_OUT_S, watchdog_s / TRIES_A_WATCHDOG))
+    if described_s >= watchdog_s / 2.0:
+        raise InputError(
+            f"{section}.timeout_s = {described_s:g} s",
+            f"less than {watchdog_s / 2.0:g} s, half of the drive's watchdog_s",
+            "shorten it, or leave it out: one lost answer is asked for again in time",
+        )
+    return described_s
 
 
 class WireError(Exception):

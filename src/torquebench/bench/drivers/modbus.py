@@ -6,9 +6,11 @@ The register map is in `modbus_map` and in docs/reference/device-protocols.md.
 from __future__ import annotations
 
 import math
+import time
 
 from torquebench.bench.drivers import modbus_map as registers
 from torquebench.bench.drivers.base import DriveState, Identity, Side
+from torquebench.bench.drivers.links import SwitchingTime, drive_timeout
 from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus_map import (
     DriveCommand,
@@ -34,6 +36,13 @@ from torquebench.errors import BenchError, InputError, LimitError
 __all__ = ["PLUGIN", "ModbusDrive"]
 
 REPORT_LENGTH = 14
+POLL_S = 0.01
+
+
+class DriveOptions(ModbusOptions):
+    """How long the drive may take to get ready."""
+
+    switching_s: SwitchingTime = 5.0
 
 
 class ModbusDrive:
@@ -45,9 +54,14 @@ class ModbusDrive:
     side : {"input", "output"}
     watchdog_s : float
         Unfed for so long the drive ramps to zero and disables by itself, s.
+    switching_s : float
+        How long it may take to get ready, s.
     """
 
-    def __init__(self, link: ModbusLink, side: Side, watchdog_s: float) -> None:
+    def __init__(
+        self, link: ModbusLink, side: Side, watchdog_s: float, switching_s: float = 5.0
+    ) -> None:
+        self._switching_s = switching_s
         self._link = link
         self._side = side
         self._watchdog_ms = round(watchdog_s * 1e3)
@@ -64,13 +78,16 @@ class ModbusDrive:
         self._link.write(DriveCommand.WATCHDOG, [self._next_feed(), self._watchdog_ms])
         self._link.write(DriveCommand.CONTROL, [DriveControl.RESET, DriveMode.NONE])
         self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, DriveMode.NONE])
-        state = self.state()
-        if not state.enabled:
-            raise BenchError(
-                f"{self._link.name} stays off: {state.fault or 'no reason given'}",
-                "an enabled drive",
-                "read the drive's fault code and the safety circuit",
-            )
+        deadline = time.monotonic() + self._switching_s
+        while not (state := self.state()).enabled:
+            if state.fault or time.monotonic() > deadline:
+                raise BenchError(
+                    f"{self._link.name} stays off: {state.fault or 'no reason given'}",
+                    f"an enabled drive within {self._switching_s:g} s",
+                    "read the drive's fault code and the safety circuit",
+                )
+            self.feed_watchdog()
+            time.sleep(POLL_S)
 
     def disable(self) -> None:
         """Take the power off the motor."""
@@ -147,10 +164,13 @@ def _link(request: InstrumentRequest, options: ModbusOptions) -> ModbusLink:
 
 def _drive(request: InstrumentRequest) -> ModbusDrive:
     assert request.side is not None
-    link = _link(request, request.read(ModbusOptions))
+    options: DriveOptions = request.read(DriveOptions)
     watchdog_s = request.description.module(request.side).drive.watchdog_s
+    described_s = options.timeout_s if "timeout_s" in options.model_fields_set else None
+    timeout_s = drive_timeout(described_s, watchdog_s, request.section)
+    link = _link(request, options.model_copy(update={"timeout_s": timeout_s}))
     with link.kept():
-        return ModbusDrive(link, request.side, watchdog_s)
+        return ModbusDrive(link, request.side, watchdog_s, options.switching_s)
 
 
 def _temperature(request: InstrumentRequest) -> ModbusTemperature:

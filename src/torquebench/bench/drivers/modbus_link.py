@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -14,6 +15,15 @@ from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.errors import BenchError
 
 __all__ = ["ModbusLink", "ModbusOptions"]
+
+BUSY = 6
+"""Exception "server device busy": the same request is asked again."""
+BUSY_S = 0.01
+
+
+class _BusyError(Exception):
+    """The instrument has no time at the moment."""
+
 
 Unit = Annotated[int, Field(ge=0, le=255)]
 Base = Annotated[int, Field(ge=0, le=60000)]
@@ -66,6 +76,8 @@ class ModbusLink(Link[Any]):
                 raise WireError(text) from error
             except (IndexError, ValueError, AttributeError, TypeError) as error:
                 raise WireError(f"garbled answer ({error})") from error
+            if answer.isError() and answer.exception_code == BUSY:
+                raise _BusyError
             if answer.isError():
                 raise BenchError(
                     f"{self.name} at {self.address} refuses: exception {answer.exception_code}",
@@ -74,7 +86,18 @@ class ModbusLink(Link[Any]):
                 )
             return answer
 
-        return self.call(question)
+        deadline = time.monotonic() + self.timeout_s
+        while True:
+            try:
+                return self.call(question)
+            except _BusyError as busy:
+                if time.monotonic() > deadline:
+                    raise BenchError(
+                        f"{self.name} at {self.address} is busy (exception {BUSY})",
+                        f"an answer within {self.timeout_s:g} s",
+                        "find out what else uses it",
+                    ) from busy
+                time.sleep(BUSY_S)
 
     def input_registers(self, first: int, count: int) -> list[int]:
         """Read input registers (function 4)."""

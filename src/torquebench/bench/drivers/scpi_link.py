@@ -20,6 +20,8 @@ __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 NO_NUMBER = 9.91e37
 """What SCPI instruments send where they have no number (SCPI-1999, 7.2.1.5)."""
 LONGEST_ANSWER = 16_000_000
+LONGEST_QUEUE = 100
+"""Errors that an instrument may have queued up."""
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 """Decimal numeric response data (IEEE 488.2, 8.7.2 to 8.7.4), and a little more."""
 
@@ -132,9 +134,13 @@ class ScpiLink(Link[_Connection]):
         super().__init__(name, address, timeout_s, attempts)
 
     def _open(self) -> _Connection:
+        connection: _Connection
         if "::" in self.address:
-            return _VisaConnection(self.address, self.timeout_s)
-        return _SocketConnection(self.address, self.timeout_s)
+            connection = _VisaConnection(self.address, self.timeout_s)
+        else:
+            connection = _SocketConnection(self.address, self.timeout_s)
+        connection.send("*CLS")  # errors that somebody before has left
+        return connection
 
     def _close(self, connection: _Connection) -> None:
         connection.close()
@@ -158,13 +164,18 @@ class ScpiLink(Link[_Connection]):
         """
 
         def exchange(connection: _Connection) -> str:
+            for _ in range(LONGEST_QUEUE):  # what stands there already isn't this command's
+                if _no_error(error(connection)):
+                    break
             connection.send(line)
+            return error(connection)
+
+        def error(connection: _Connection) -> str:
             connection.send("SYST:ERR?")
             return connection.receive(self.timeout_s)
 
         answer = self.call(exchange)
-        code = answer.partition(",")[0].strip()
-        if code not in ("0", "+0"):
+        if not _no_error(answer):
             raise BenchError(
                 f"{self.name} at {self.address} answers {line!r} with {answer[:80]!r}",
                 'no error (0,"No error")',
@@ -189,6 +200,10 @@ class ScpiLink(Link[_Connection]):
         manufacturer, model, serial, firmware = fields
         details = {"address": self.address}
         return Identity(role, manufacturer, model, serial, firmware, details)
+
+
+def _no_error(answer: str) -> bool:
+    return answer.partition(",")[0].strip() in ("0", "+0", "-0")
 
 
 def numbers(answer: str, name: str) -> list[float]:
