@@ -49,6 +49,13 @@ from .own_steps import (
     evaluable_points as evaluable_points,
     own_steps as own_steps,
 )
+from .plausibility import (
+    Contradiction as Contradiction,
+    Plausibility as Plausibility,
+    Split as Split,
+    find_contradictions as find_contradictions,
+    find_split as find_split,
+)
 from .profile import (
     Profile as Profile,
     available_profiles as available_profiles,

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.calibration.adaptive import Adaptive
+from torquebench.calibration.plausibility import Plausibility
 from torquebench.calibration.staircase import Staircase
 from torquebench.calibration.steps import Step
 from torquebench.compensation import WHOLE_SHARE
@@ -194,6 +195,7 @@ class Profile(_Settings):
     environment: Environment = Environment()
     reference: Reference = Reference()
     deviations: Deviations = Deviations()
+    plausibility: Plausibility = Plausibility()
     positions: tuple[Position, ...] = Field(min_length=1)
     adaptive: Adaptive | None = None
     interruption: Interruption | None = None
@@ -273,6 +275,8 @@ class Profile(_Settings):
         for name in ("adaptive", "interruption"):
             if settings[name] is None:  # a profile without it has the hash that it always had
                 del settings[name]
+        if self.plausibility == Plausibility():
+            del settings["plausibility"]
         if self.preload.percent is None:
             del settings["preload"]["percent"]
         if self.loading.up_to_percent is None:

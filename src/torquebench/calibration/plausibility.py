@@ -1,0 +1,561 @@
+"""Where the points of a calibration contradict each other, the model or the last calibration."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+from scipy import stats
+from scipy.interpolate import BSpline
+
+from torquebench.calibration.data import CalibrationData
+
+__all__ = ["Contradiction", "Plausibility", "Split", "find_contradictions", "find_split"]
+
+FloatArray = NDArray[np.float64]
+Percent = Annotated[float, Field(gt=0, le=100)]
+ContradictionKind = Literal[
+    "sign", "split", "scatter", "loop", "repeats", "zero", "span", "directions", "model", "change"
+]
+
+_MOST_SHAPES = 16
+"""Splines a direction that a healthy chain's error may need."""
+_SCATTERS = 4.0
+"""A split must be seen at a point by so many standard deviations of the points about it."""
+_SPLIT_LEVEL = 1e-5
+"""Probability, over all places, of so clear a split by chance."""
+_FEWEST_FREEDOM = 4
+_FEWEST_POINTS = 3
+"""Fewer points on one side of a place are a matter of outliers."""
+_OUTLIERS = 2
+"""So many wild points explain themselves; what explains less than they do is no split."""
+_SIGN_SHARE = 0.01
+"""Below this share of the range a torque's sign may be that of its error."""
+
+
+class Plausibility(BaseModel):
+    """What a calibration's points may contradict each other by, in % of full scale.
+
+    A model of points that exceed one of these is not put into use; a person may decide otherwise.
+
+    Parameters
+    ----------
+    split_percent
+        Contradiction between the points before and after one moment: a scale or a zero has
+        changed.
+    scatter_percent
+        Standard deviation of the points about a smooth curve with hysteresis, and about the model.
+    loop_percent
+        Difference between rising and falling torque.
+    repeat_percent
+        Standard deviation of repeated steps over the series.
+    zero_percent
+        Reading and standard without load.
+    span_percent
+        Error of the reading's span, in % of the span; more where the largest torque is small.
+    direction_percent
+        Difference of the spans of both directions, in % of the span.
+    change_percent
+        Difference to the model in use.
+
+    Examples
+    --------
+    >>> Plausibility().span_percent
+    1.5
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    split_percent: Percent = 0.06
+    scatter_percent: Percent = 0.15
+    loop_percent: Percent = 0.5
+    repeat_percent: Percent = 0.2
+    zero_percent: Percent = 0.25
+    span_percent: Percent = 1.5
+    direction_percent: Percent = 0.6
+    change_percent: Percent = 0.3
+
+
+@dataclass(frozen=True)
+class Split:
+    """The place at which the points of a calibration stop agreeing with those before.
+
+    Parameters
+    ----------
+    first : int
+        The first point after it, from 0.
+    series : int
+        Its series.
+    torque_nm : float
+        Its nominal torque (or reading, where there is none), N·m.
+    branch : int
+        Its branch.
+    zero_nm, zero_expanded_nm : float
+        How much standard − reading grew there, and the expanded uncertainty (k = 2) of that, N·m.
+    span_percent, span_expanded_percent : float
+        The same in proportion to the torque.
+    seen_nm : float
+        By how much the points contradict each other, N·m: what no smooth curve takes up.
+    """
+
+    first: int
+    series: int
+    torque_nm: float
+    branch: int
+    zero_nm: float
+    zero_expanded_nm: float
+    span_percent: float
+    span_expanded_percent: float
+    seen_nm: float
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """One thing that isn't what the profile allows.
+
+    Parameters
+    ----------
+    kind : str
+    clause : str
+        Key path of the profile's limit.
+    found, allowed : str
+        With values and units.
+    cause : str
+        What may have happened.
+    """
+
+    kind: ContradictionKind
+    clause: str
+    found: str
+    allowed: str
+    cause: str
+
+    def __str__(self) -> str:
+        return f"{self.found}; allowed: {self.allowed} (clause {self.clause}). {self.cause}"
+
+
+def find_contradictions(
+    data: CalibrationData,
+    limits: Plausibility,
+    *,
+    torque_nm: FloatArray | None = None,
+    before_nm: FloatArray | None = None,
+) -> tuple[Contradiction, ...]:
+    """Return what the points of a calibration contradict, the clearest first.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        In measuring order.
+    limits : Plausibility
+        Of the profile.
+    torque_nm : array of float, shape (n,), optional
+        What the fitted model makes of each reading.
+    before_nm : array of float, shape (n,), optional
+        What the model in use so far makes of it; NaN where that doesn't reach.
+
+    Returns
+    -------
+    tuple of Contradiction
+        Empty for a plausible calibration.
+
+    Examples
+    --------
+    >>> torque = np.r_[1:11, 9:-1:-1] * 10.0
+    >>> branch = np.repeat([1, -1], 10)
+    >>> good = CalibrationData(torque * 0.995, torque, np.ones(20), branch, 100.0)
+    >>> find_contradictions(good, Plausibility())
+    ()
+    >>> torque[5:] *= 0.97
+    >>> changed = CalibrationData(good.reading_nm, torque, np.ones(20), branch, 100.0)
+    >>> [each.kind for each in find_contradictions(changed, Plausibility())]
+    ['split', 'span']
+    """
+    return tuple(_contradictions(data, limits, torque_nm, before_nm))
+
+
+def _contradictions(
+    data: CalibrationData,
+    limits: Plausibility,
+    torque_nm: FloatArray | None,
+    before_nm: FloatArray | None,
+) -> Iterator[Contradiction]:
+    signs = list(_signs(data))
+    yield from signs
+    if signs:
+        return  # every other figure follows from it
+    smooth = _Smooth(data)
+    split = _split(smooth, limits)
+    if split is not None:
+        yield _told(data, split, limits)
+    elif smooth.freedom >= _FEWEST_FREEDOM:
+        yield from _over(
+            "scatter",
+            "the points scatter by {found} % of full scale about every smooth curve",
+            100.0 * smooth.scatter,
+            limits.scatter_percent,
+            "a loose clamp, a stuck standard or an unsteady signal",
+        )
+    yield from _loops(data, limits)
+    yield from _repeats(data, limits)
+    yield from _zeros(data, limits)
+    yield from _spans(data, limits)
+    if torque_nm is not None:
+        left = np.median(np.abs(torque_nm - data.standard_nm)) * 1.4826 / data.range_nm
+        yield from _over(
+            "model",
+            "the model leaves {found} % of full scale of its own points",
+            100.0 * float(left),
+            limits.scatter_percent,
+            "the points aren't those of one chain, or the kind of model doesn't fit it",
+        )
+    if torque_nm is not None and before_nm is not None and np.any(np.isfinite(before_nm)):
+        change = torque_nm - before_nm
+        worst = int(np.nanargmax(np.abs(change)))
+        yield from _over(
+            "change",
+            f"at {data.standard_nm[worst]:.6g} N·m the torque is {change[worst]:+.4g} N·m off what "
+            "the model in use says, {found} % of full scale",
+            100.0 * abs(float(change[worst])) / data.range_nm,
+            limits.change_percent,
+            "the chain or the standard has changed since: an overload, another scale or mounting",
+        )
+
+
+def _over(
+    kind: ContradictionKind, found: str, percent: float, limit: float, cause: str
+) -> Iterator[Contradiction]:
+    if not percent <= limit:
+        unit = "%" if kind in ("span", "directions") else "% of full scale"
+        setting = {"directions": "direction", "repeats": "repeat", "model": "scatter"}
+        yield Contradiction(
+            kind,
+            f"plausibility.{setting.get(kind, kind)}_percent",
+            found.replace("{found}", f"{percent:.2g}"),
+            f"at most {limit:.3g} {unit}",
+            f"Possible causes: {cause}.",
+        )
+
+
+def _signs(data: CalibrationData) -> Iterator[Contradiction]:
+    loaded = np.abs(data.standard_nm) > _SIGN_SHARE * data.range_nm
+    loaded &= np.abs(data.reading_nm) > _SIGN_SHARE * data.range_nm
+    opposite = np.flatnonzero(loaded & (data.standard_nm * data.reading_nm < 0.0))
+    if opposite.size:
+        first = int(opposite[0])
+        yield Contradiction(
+            "sign",
+            "plausibility",
+            f"from point {first + 1} on (series {data.series[first]}) {opposite.size} of "
+            f"{np.count_nonzero(loaded)} standard values have the other sign than the reading",
+            "one sign of reading and standard",
+            "Possible causes: the standard's or the module's sign was swapped, or one of them is "
+            "stuck.",
+        )
+
+
+class _Smooth:
+    """What is left of a calibration's error after the smoothest curves with hysteresis."""
+
+    def __init__(self, data: CalibrationData) -> None:
+        self.data = data
+        torque = data.reading_nm if data.nominal_nm is None else data.nominal_nm
+        self.torque = torque / data.range_nm
+        error = (data.standard_nm - data.reading_nm) / data.range_nm
+        basis = np.hstack(list(_shapes(self.torque, data)))
+        left, size, _ = np.linalg.svd(basis, full_matrices=False)
+        self.axes = left[:, size > 1e-6 * size[0]]
+        self.freedom = len(data) - self.axes.shape[1]
+        self.rest = error - self.axes @ (self.axes.T @ error)
+        squares = float(self.rest @ self.rest)
+        self.scatter = np.sqrt(squares / max(self.freedom, 1))
+
+    def left_of(self, columns: FloatArray) -> FloatArray:
+        """Return what the curves can't take up of some columns."""
+        return np.asarray(columns - self.axes @ (self.axes.T @ columns))
+
+
+def _shapes(torque: FloatArray, data: CalibrationData) -> Iterator[FloatArray]:
+    """Yield columns a direction: splines for the curve, and loops that close where it turns."""
+    direction = data.loading_direction()
+    for sign in (1, -1, 0):
+        here = direction == sign
+        if not np.any(here):
+            continue
+        place = np.abs(torque[here])
+        place = place / (place.max() or 1.0)
+        steps = np.unique(np.round(place, 3)).size
+        count = min(_MOST_SHAPES, steps // 2, int(np.count_nonzero(here)) // 4)
+        if count >= 4:
+            inner = np.linspace(0.0, 1.0, count - 2)[1:-1]
+            knots = np.concatenate([[0.0] * 4, inner, [1.0] * 4])
+            columns = BSpline.design_matrix(np.minimum(place, 1.0), knots, 3).toarray()
+        else:
+            columns = np.vander(place, max(count, 2), increasing=True)
+        branch = data.branch[here].astype(np.float64)
+        if np.any(branch > 0) and np.any(branch < 0):
+            opened = branch * (1.0 - place)
+            columns = np.column_stack([columns, opened, opened * place, opened * place**2])
+        spread = np.zeros((torque.size, columns.shape[1]))
+        spread[here] = columns
+        yield spread
+
+
+def find_split(data: CalibrationData, limits: Plausibility | None = None) -> Split | None:
+    """Return where the points stop agreeing with those before; None where they don't.
+
+    For every place in measuring order, a change of zero and span from there on is added to smooth
+    curves with hysteresis in each direction. The change that explains most is a split where it is
+    significant, exceeds the limit and the points' scatter, and explains more than the two wildest
+    points do.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        In measuring order.
+    limits : Plausibility, optional
+
+    References
+    ----------
+    R. E. Quandt, J. American Statistical Association 53 (1958) 873: the likelihood ratio over all
+    places of a change.
+
+    Examples
+    --------
+    >>> torque = np.r_[1:21, 19:-1:-1] * 5.0
+    >>> branch = np.repeat([1, -1], 20)
+    >>> standard = np.where(np.arange(40) < 12, 1.0, 1.01) * torque * 0.99
+    >>> found = find_split(CalibrationData(torque * 0.99, standard, np.ones(40), branch, 100.0))
+    >>> found.first, round(found.span_percent, 6), abs(round(found.zero_nm, 6))
+    (12, 1.0, 0.0)
+    """
+    return _split(_Smooth(data), limits or Plausibility())
+
+
+def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
+    data, rest, torque = smooth.data, smooth.rest, smooth.torque
+    freedom = smooth.freedom - 2
+    if freedom < _FEWEST_FREEDOM or len(data) < 2 * _FEWEST_POINTS:
+        return None
+    gain = _gains(smooth)
+    gain[: _FEWEST_POINTS - 1] = gain[len(gain) - _FEWEST_POINTS + 1 :] = 0.0
+    place = int(np.argmax(gain))
+    before = float(rest @ rest)
+    after = max(before - float(gain[place]), 1e-24 * len(data))
+    ratio = (before - after) / 2.0 / (after / freedom)
+    if gain.size * float(stats.f.sf(ratio, 2, freedom)) > _SPLIT_LEVEL:
+        return None
+    if gain[place] < _gain_of_outliers(smooth):
+        return None
+    first = place + 1
+    columns = np.zeros((len(data), 2))
+    columns[first:] = np.stack([np.ones(len(data)), torque], axis=1)[first:]
+    columns = smooth.left_of(columns)
+    change, covariance = _least_squares(columns, rest)
+    seen = float(np.max(np.abs(columns @ change)))
+    scatter = np.sqrt(after / freedom)
+    if seen <= max(limits.split_percent / 100.0, _SCATTERS * scatter):
+        return None
+    expanded = 2.0 * scatter * np.sqrt(np.diag(covariance))
+    return Split(
+        first=first,
+        series=int(data.series[first]),
+        torque_nm=float(torque[first] * data.range_nm),
+        branch=int(data.branch[first]),
+        zero_nm=float(change[0] * data.range_nm),
+        zero_expanded_nm=float(expanded[0] * data.range_nm),
+        span_percent=100.0 * float(change[1]),
+        span_expanded_percent=100.0 * float(expanded[1]),
+        seen_nm=seen * data.range_nm,
+    )
+
+
+def _gains(smooth: _Smooth) -> FloatArray:
+    """Return by how much a change of zero and span at each place lowers the sum of squares."""
+    rest, torque, axes = smooth.rest, smooth.torque, smooth.axes
+
+    def following(values: FloatArray) -> FloatArray:
+        return np.asarray(np.cumsum(values[::-1], axis=0)[::-1][1:])
+
+    zero_axes, span_axes = following(axes), following(axes * torque[:, None])
+    zero_zero = following(np.ones_like(torque)) - np.sum(zero_axes**2, axis=1)
+    zero_span = following(torque) - np.sum(zero_axes * span_axes, axis=1)
+    span_span = following(torque**2) - np.sum(span_axes**2, axis=1)
+    zero, span = following(rest), following(rest * torque)
+    product = zero_zero * span_span
+    determinant = product - zero_span**2
+    seen = zero_zero > 1e-6
+    both = seen & (span_span > 1e-9) & (determinant > 1e-4 * product)
+    gain = np.zeros_like(zero)
+    gain[seen] = zero[seen] ** 2 / zero_zero[seen]
+    gain[both] = (span_span * zero**2 - 2.0 * zero_span * zero * span + zero_zero * span**2)[
+        both
+    ] / determinant[both]
+    return gain
+
+
+def _gain_of_outliers(smooth: _Smooth) -> float:
+    """Return by how much the sum of squares falls without the wildest points."""
+    rest = smooth.rest.copy()
+    leverage = np.sum(smooth.axes**2, axis=1)
+    free = np.maximum(1.0 - leverage, 1e-3)
+    gain = 0.0
+    for _ in range(_OUTLIERS):
+        gains = rest**2 / free
+        worst = int(np.argmax(gains))
+        gain += float(gains[worst])
+        column = -smooth.axes @ smooth.axes[worst]
+        column[worst] += 1.0
+        rest = rest - column * rest[worst] / free[worst]
+    return gain
+
+
+def _least_squares(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    normal = columns.T @ columns
+    if np.linalg.det(normal) < 1e-4 * normal[0, 0] * normal[1, 1]:  # zero and span look alike
+        covariance = np.diag([1.0 / normal[0, 0], 0.0])
+    else:
+        covariance = np.linalg.inv(normal)
+    return np.asarray(covariance @ (columns.T @ values)), covariance
+
+
+def _told(data: CalibrationData, split: Split, limits: Plausibility) -> Contradiction:
+    branch = {1: "up", -1: "down"}.get(split.branch, "branch unknown")
+    return Contradiction(
+        "split",
+        "plausibility.split_percent",
+        f"the points split before point {split.first + 1} of {len(data)} (series {split.series}, "
+        f"{split.torque_nm:.6g} N·m, {branch}): from there on the standard's torque less the "
+        f"reading has grown by {split.zero_nm:+.3g} N·m ± {split.zero_expanded_nm:.2g} N·m (zero) "
+        f"and {split.span_percent:+.3g} % ± {split.span_expanded_percent:.2g} % (span)",
+        f"at most {limits.split_percent:g} % of full scale",
+        f"Possible causes: {_cause(data, split)}.",
+    )
+
+
+def _cause(data: CalibrationData, split: Split) -> str:
+    zero = abs(split.zero_nm) > max(split.zero_expanded_nm, 0.001 * data.range_nm)
+    span = abs(split.span_percent) > max(split.span_expanded_percent, 0.1)
+    if span and not zero:
+        return "the scale of the standard or of the module has changed"
+    if zero and not span:
+        return "a zero has moved, or the clamp or a mounting has slipped"
+    return "the clamp slips, or the standard or the module is stuck or has another scale"
+
+
+def _loops(data: CalibrationData, limits: Plausibility) -> Iterator[Contradiction]:
+    """Compare rising and falling torque at equal steps of a direction."""
+    labels, error = _steps(data)
+    place = np.unique(labels, return_inverse=True)[1]
+    up, down = (_means(place, error, data.branch == sign) for sign in (1, -1))
+    opened = _middle_of_neighbours(np.abs(up - down))
+    if np.any(np.isfinite(opened)):
+        step = int(np.nanargmax(opened))
+        torque = float(np.mean(data.standard_nm[place == step]))
+        yield from _over(
+            "loop",
+            f"rising and falling torque differ by {opened[step] * data.range_nm:.4g} N·m at "
+            f"{torque:.6g} N·m, {{found}} % of full scale",
+            100.0 * float(opened[step]),
+            limits.loop_percent,
+            "the clamp slips, the standard or the module is stuck, or the scale of one of them has "
+            "changed at the turn",
+        )
+
+
+def _middle_of_neighbours(values: FloatArray) -> FloatArray:
+    """Return the median of each finite value and its neighbours: one wild point opens no loop."""
+    found = values.copy()
+    known = np.flatnonzero(np.isfinite(values))
+    for before, here, after in zip(known, known[1:], known[2:], strict=False):
+        found[here] = np.median(values[[before, here, after]])
+    if known.size > 2:
+        found[known[[0, -1]]] = found[known[[1, -2]]]
+    return found
+
+
+def _steps(data: CalibrationData) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return the step of each point, whatever its branch, and its error's share of the range."""
+    torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
+    # Standard values of one step lie beside each other, not at one place.
+    width = (1e-6 if data.nominal_nm is not None else 0.005) * data.range_nm
+    order = np.argsort(torque, kind="stable")
+    number = np.cumsum(np.diff(torque[order], prepend=-np.inf) > width)
+    steps = np.empty(len(data), dtype=np.int64)
+    steps[order] = number
+    direction = data.loading_direction().astype(np.int64)
+    return 3 * steps + direction + 1, (data.standard_nm - data.reading_nm) / data.range_nm
+
+
+def _means(place: NDArray[np.int64], error: FloatArray, where: NDArray[np.bool_]) -> FloatArray:
+    size = int(place.max()) + 1
+    count = np.bincount(place[where], minlength=size)
+    total = np.bincount(place[where], weights=error[where], minlength=size)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _repeats(data: CalibrationData, limits: Plausibility) -> Iterator[Contradiction]:
+    """Compare the series of equal steps, where steps are repeated."""
+    if data.nominal_nm is None:
+        return
+    labels, error = _steps(data)
+    keys = np.stack([labels, data.branch.astype(np.int64)], axis=1)
+    place = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    everywhere = np.ones(len(data), dtype=np.bool_)
+    left = error - _means(place, error, everywhere)[place]
+    freedom = len(data) - int(place.max()) - 1
+    if freedom < 1:
+        return
+    yield from _over(
+        "repeats",
+        "repeated steps scatter by {found} % of full scale over the series",
+        100.0 * float(np.sqrt(np.sum(left**2) / freedom)),
+        limits.repeat_percent,
+        "a mounting that moves, a zero that wanders or a scale that changes between the series",
+    )
+
+
+def _zeros(data: CalibrationData, limits: Plausibility) -> Iterator[Contradiction]:
+    if data.nominal_nm is None:
+        return
+    unloaded = np.flatnonzero(np.abs(data.nominal_nm) <= 1e-9 * data.range_nm)
+    for name, column in (("reading", data.reading_nm), ("standard", data.standard_nm)):
+        if unloaded.size:
+            worst = int(unloaded[np.argmax(np.abs(column[unloaded]))])
+            yield from _over(
+                "zero",
+                f"without load the {name} is {column[worst]:+.4g} N·m at point {worst + 1} (series "
+                f"{data.series[worst]}), {{found}} % of full scale",
+                100.0 * abs(float(column[worst])) / data.range_nm,
+                limits.zero_percent,
+                "a zero has moved, or something is left on the flange",
+            )
+
+
+def _spans(data: CalibrationData, limits: Plausibility) -> Iterator[Contradiction]:
+    from torquebench.calibration.drift import span_errors
+
+    spans = span_errors(data)
+    # What is allowed at zero is a larger part of the span, the smaller the largest torque is.
+    part = data.range_nm / max(float(np.max(np.abs(data.standard_nm))), 1e-3 * data.range_nm)
+    more = limits.zero_percent * max(part - 1.0, 0.0)
+    for name, span in spans.items():
+        yield from _over(
+            "span",
+            f"the reading's span is {span:+.3g} % off the standard's, {name}",
+            abs(span),
+            limits.span_percent + more,
+            "a wrong scale of the standard or of the module, or the wrong transducer",
+        )
+    if len(spans) == 2:
+        clockwise, counter = spans["clockwise"], spans["counter-clockwise"]
+        yield from _over(
+            "directions",
+            f"the spans of both directions differ by {{found}} % ({clockwise:+.3g} % clockwise, "
+            f"{counter:+.3g} % counter-clockwise)",
+            abs(clockwise - counter),
+            limits.direction_percent + more,
+            "a scale has changed between both directions",
+        )
