@@ -11,6 +11,7 @@ from tests.unit.reports.calibrated_bench import points
 
 from torquebench import cli
 from torquebench.calibration import CalibrationData, load_profile
+from torquebench.compensation import load_model
 from torquebench.records import write_calibration_csv
 
 Command = Callable[..., tuple[int, str]]
@@ -29,7 +30,9 @@ def command(
     )
 
     def run(*arguments: object) -> tuple[int, str]:
-        monkeypatch.setattr("sys.argv", ["torquebench", *map(str, arguments), "--data", "data"])
+        of_tables = arguments[0] in ("fit", "apply")
+        data = () if of_tables else ("--data", "data")
+        monkeypatch.setattr("sys.argv", ["torquebench", *map(str, arguments), *data])
         with pytest.raises(SystemExit) as end:
             cli.main()
         said = capsys.readouterr()
@@ -219,3 +222,30 @@ def test_what_a_certificate_needs_is_asked_for_on_entry(command: Command, missin
     assert code == 2
     assert f"--{missing.replace('_', '-')}" in said
     assert not list(Path("data").glob("runs/*"))
+
+
+def test_a_table_that_contradicts_itself_gives_a_marked_model(
+    command: Command, tmp_path: Path
+) -> None:
+    data = points(load_profile("rapid-in-situ").with_options(step_percent=5.0))
+    standard = np.where(np.arange(len(data)) < 4, data.standard_nm, 0.97 * data.standard_nm)
+    write_calibration_csv(tmp_path / "changed.csv", replace(data, standard_nm=standard))
+    fit = ("fit", "--model", "polynomial-2", "--out")
+
+    code, said = command(*fit, "changed.json", "changed.csv")
+    assert code == 1, said
+    assert "the points split before point" in said
+    assert "--accept REASON --by NAME" in said
+    assert "wild point" not in said
+    assert load_model("changed.json").provenance.contradictions
+    code, said = command(*fit, "accepted.json", "changed.csv", "--accept", "known step")
+    assert code == 2, said
+    assert not Path("accepted.json").exists()
+    code, said = command(
+        *fit, "accepted.json", "changed.csv", "--accept", "known step", "--by", "A. Kim"
+    )
+    assert code == 0, said
+    assert load_model("accepted.json").provenance.accepted == "A. Kim: known step"
+    Path("readings.csv").write_text("reading_nm\n100\n")
+    code, said = command("apply", "changed.json", "readings.csv", "--out", "torque.csv")
+    assert "the calibration of this model contradicts itself" in said

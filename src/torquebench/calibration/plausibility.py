@@ -1,8 +1,8 @@
 """Where the points of a calibration contradict each other, the model or the last calibration."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,10 @@ _FEWEST_POINTS = 3
 """Fewer points on one side of a place are a matter of outliers."""
 _OUTLIERS = 2
 """So many wild points explain themselves; what explains less than they do is no split."""
+_ALIKE = 0.02
+"""Below this share of independence a change of zero and one of span can't be told apart."""
+_ANSWER = 0.1
+"""Where the smaller of reading and standard is less than this share of the other, it is stuck."""
 _SIGN_SHARE = 0.01
 """Below this share of the range a torque's sign may be that of its error."""
 
@@ -72,7 +76,7 @@ class Plausibility(BaseModel):
     scatter_percent: Percent = 0.15
     loop_percent: Percent = 0.5
     repeat_percent: Percent = 0.2
-    zero_percent: Percent = 0.25
+    zero_percent: Percent = 0.15
     span_percent: Percent = 1.5
     direction_percent: Percent = 0.6
     change_percent: Percent = 0.3
@@ -134,6 +138,24 @@ class Contradiction:
 
     def __str__(self) -> str:
         return f"{self.found}; allowed: {self.allowed} (clause {self.clause}). {self.cause}"
+
+    @classmethod
+    def of_text(cls, text: str) -> Self:
+        """Return what a model file says in one sentence.
+
+        Examples
+        --------
+        >>> found = Contradiction("span", "plausibility.span_percent", "2 % off", "1 %", "A load.")
+        >>> Contradiction.of_text(str(found)) == found
+        True
+        """
+        found, _, rest = text.partition("; allowed: ")
+        allowed, _, rest = rest.partition(" (clause ")
+        clause, _, cause = rest.partition("). ")
+        name = clause.rpartition(".")[2].removesuffix("_percent")
+        kinds: tuple[ContradictionKind, ...] = get_args(ContradictionKind)
+        kind = next((each for each in kinds if each.startswith(name)), "sign")
+        return cls(kind, clause, found, allowed, cause)
 
 
 def find_contradictions(
@@ -240,17 +262,18 @@ def _over(
 
 
 def _signs(data: CalibrationData) -> Iterator[Contradiction]:
-    loaded = np.abs(data.standard_nm) > _SIGN_SHARE * data.range_nm
-    loaded &= np.abs(data.reading_nm) > _SIGN_SHARE * data.range_nm
-    opposite = np.flatnonzero(loaded & (data.standard_nm * data.reading_nm < 0.0))
-    if opposite.size:
-        first = int(opposite[0])
+    larger = np.maximum(np.abs(data.standard_nm), np.abs(data.reading_nm))
+    loaded = larger > _SIGN_SHARE * data.range_nm
+    apart = np.flatnonzero(loaded & (data.standard_nm * data.reading_nm < _ANSWER * larger**2))
+    if apart.size >= _FEWEST_POINTS:
+        first = int(apart[0])
         yield Contradiction(
             "sign",
             "plausibility",
-            f"from point {first + 1} on (series {data.series[first]}) {opposite.size} of "
-            f"{np.count_nonzero(loaded)} standard values have the other sign than the reading",
-            "one sign of reading and standard",
+            f"from point {first + 1} on (series {data.series[first]}) {apart.size} of "
+            f"{np.count_nonzero(loaded)} loaded points have a standard that doesn't follow the "
+            "reading, or with the other sign",
+            "one sign and size of reading and standard",
             "Possible causes: the standard's or the module's sign was swapped, or one of them is "
             "stuck.",
         )
@@ -264,20 +287,29 @@ class _Smooth:
         torque = data.reading_nm if data.nominal_nm is None else data.nominal_nm
         self.torque = torque / data.range_nm
         error = (data.standard_nm - data.reading_nm) / data.range_nm
-        basis = np.hstack(list(_shapes(self.torque, data)))
-        left, size, _ = np.linalg.svd(basis, full_matrices=False)
-        self.axes = left[:, size > 1e-6 * size[0]]
+        self.error = error
+        self.axes = _axes(_shapes(self.torque, data, loops=True))
         self.freedom = len(data) - self.axes.shape[1]
         self.rest = error - self.axes @ (self.axes.T @ error)
         squares = float(self.rest @ self.rest)
         self.scatter = np.sqrt(squares / max(self.freedom, 1))
 
-    def left_of(self, columns: FloatArray) -> FloatArray:
-        """Return what the curves can't take up of some columns."""
-        return np.asarray(columns - self.axes @ (self.axes.T @ columns))
+    def without_loops(self) -> FloatArray:
+        """Return axes of the curves alone."""
+        return _axes(_shapes(self.torque, self.data, loops=False))
 
 
-def _shapes(torque: FloatArray, data: CalibrationData) -> Iterator[FloatArray]:
+def _axes(columns: Iterable[FloatArray]) -> FloatArray:
+    left, size, _ = np.linalg.svd(np.hstack(list(columns)), full_matrices=False)
+    return np.asarray(left[:, size > 1e-6 * size[0]])
+
+
+def _left_of(axes: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return what the axes can't take up of some columns."""
+    return np.asarray(columns - axes @ (axes.T @ columns))
+
+
+def _shapes(torque: FloatArray, data: CalibrationData, *, loops: bool) -> Iterator[FloatArray]:
     """Yield columns a direction: splines for the curve, and loops that close where it turns."""
     direction = data.loading_direction()
     for sign in (1, -1, 0):
@@ -295,7 +327,7 @@ def _shapes(torque: FloatArray, data: CalibrationData) -> Iterator[FloatArray]:
         else:
             columns = np.vander(place, max(count, 2), increasing=True)
         branch = data.branch[here].astype(np.float64)
-        if np.any(branch > 0) and np.any(branch < 0):
+        if loops and np.any(branch > 0) and np.any(branch < 0):
             opened = branch * (1.0 - place)
             columns = np.column_stack([columns, opened, opened * place, opened * place**2])
         spread = np.zeros((torque.size, columns.shape[1]))
@@ -350,14 +382,19 @@ def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
     if gain[place] < _gain_of_outliers(smooth):
         return None
     first = place + 1
-    columns = np.zeros((len(data), 2))
-    columns[first:] = np.stack([np.ones(len(data)), torque], axis=1)[first:]
-    columns = smooth.left_of(columns)
-    change, covariance = _least_squares(columns, rest)
+    step = np.zeros((len(data), 2))
+    step[first:] = np.stack([np.ones(len(data)), torque], axis=1)[first:]
+    columns = _left_of(smooth.axes, step)
+    change, covariance, alike = _least_squares(columns, rest)
     seen = float(np.max(np.abs(columns @ change)))
     scatter = np.sqrt(after / freedom)
     if seen <= max(limits.split_percent / 100.0, _SCATTERS * scatter):
         return None
+    if alike:  # a change where the torque turns looks like a loop, which is far smaller
+        axes = smooth.without_loops()
+        rest, columns = _left_of(axes, smooth.error), _left_of(axes, step)
+        change, covariance, _ = _least_squares(columns, rest)
+        scatter = np.sqrt(np.sum((rest - columns @ change) ** 2) / freedom)
     expanded = 2.0 * scatter * np.sqrt(np.diag(covariance))
     return Split(
         first=first,
@@ -412,13 +449,20 @@ def _gain_of_outliers(smooth: _Smooth) -> float:
     return gain
 
 
-def _least_squares(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    normal = columns.T @ columns
-    if np.linalg.det(normal) < 1e-4 * normal[0, 0] * normal[1, 1]:  # zero and span look alike
-        covariance = np.diag([1.0 / normal[0, 0], 0.0])
-    else:
-        covariance = np.linalg.inv(normal)
-    return np.asarray(covariance @ (columns.T @ values)), covariance
+def _least_squares(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the change of zero and span, its covariance, and whether both look alike.
+
+    Where they do, it is that of the one which explains more.
+    """
+    normal, right = columns.T @ columns, columns.T @ values
+    size = np.maximum(np.diag(normal), 1e-12)
+    if np.linalg.det(normal) > _ALIKE * size[0] * size[1]:
+        covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+        return np.asarray(covariance @ right), covariance, False
+    gain = right**2 / size
+    alone = np.array([gain[1] < gain[0] * (1.0 - 1e-3), gain[1] >= gain[0] * (1.0 - 1e-3)])
+    covariance = np.asarray(np.diag(np.where(alone, 1.0 / size, 0.0)), dtype=np.float64)
+    return np.where(alone, right / size, 0.0), covariance, True
 
 
 def _told(data: CalibrationData, split: Split, limits: Plausibility) -> Contradiction:

@@ -25,6 +25,7 @@ from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.compensation import RECOMMENDED
+from torquebench.errors import RecordError
 from torquebench.procedures import FrictionSettings
 from torquebench.records import REGISTERS
 from torquebench.station import Station
@@ -118,6 +119,15 @@ def _modules(station: Station, settings: DemoSettings, progress: Progress) -> li
         finish_calibration(station.registry, item, profile, choices, recommended, progress)
         for item in measured
     ]
+    for item in calibrated:
+        entry = item.registered.models[recommended]
+        if entry.contradictions:
+            raise RecordError(
+                f"model-{entry.model_id} isn't in use, because its calibration contradicts itself: "
+                f"{'; '.join(each.found for each in entry.contradictions)}",
+                "a plausible calibration",
+                "find the cause and calibrate again",
+            )
     return [
         _verify(station, settings, side, item, recommended, progress)
         for side, item in zip(SIDES, calibrated, strict=True)

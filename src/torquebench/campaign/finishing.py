@@ -16,7 +16,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
 from torquebench.campaign.chains import bench_effects
 from torquebench.campaign.checking import finish_check
-from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models
+from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models, model_in_use
 from torquebench.campaign.measuring import Measured
 from torquebench.campaign.modules import (
     RegisteredCalibration,
@@ -63,7 +63,7 @@ class FinishedCalibration:
     fitted : tuple of FittedModel
     registered : RegisteredCalibration
     active : str or None
-        Name of the model that was put into use.
+        Name of the model that was put into use; None where its calibration contradicts itself.
     """
 
     measured: Measured[StaircaseResult]
@@ -125,7 +125,8 @@ def finish_calibration(
         That it followed.
     choices : sequence of ModelChoice
     active : str or None
-        Name of the one that the module compensates with from now on; None leaves that open.
+        Name of the one that the module compensates with from now on, unless its calibration
+        contradicts itself; None leaves that open.
     progress : Progress
     title : str
         Of the stage of fitting.
@@ -137,13 +138,18 @@ def finish_calibration(
     """
     data, run_id = measured.result.data, measured.record.run_id
     description = BenchDescription.model_validate(measured.record.metadata["bench"])
+    before = registered_patiently(registry, run_id, lambda: model_in_use(registry, data), progress)
     fitted = fit_models(
         data,
         choices,
         progress,
         title=title or f"Fitting the {data.side} module",
         effects=bench_effects(description, data),
+        limits=profile.plausibility,
+        before=before,
     )
+    if any(item.contradictions for item in fitted if item.name == active):
+        active = None
 
     def register() -> RegisteredCalibration:
         return register_calibration(registry, measured, profile, fitted, active)

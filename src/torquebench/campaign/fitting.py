@@ -14,7 +14,13 @@ from typing import Any
 import numpy as np
 
 from torquebench import __version__
-from torquebench.calibration import CalibrationData, summarise_errors
+from torquebench.calibration import (
+    CalibrationData,
+    Contradiction,
+    Plausibility,
+    find_contradictions,
+    summarise_errors,
+)
 from torquebench.campaign.chains import mounting_effect
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.results import FitResult
@@ -29,10 +35,13 @@ from torquebench.compensation import (
     Provenance,
     StoredModel,
     compare,
+    load_model,
     make_model,
     noise_floor,
     save_model,
 )
+from torquebench.errors import ModelMismatchError, RecordError
+from torquebench.records import Registry
 
 __all__ = [
     "FittedModel",
@@ -41,6 +50,7 @@ __all__ = [
     "fit_metrics",
     "fit_models",
     "fit_table",
+    "model_in_use",
     "model_title",
     "store_model",
 ]
@@ -108,6 +118,8 @@ class FittedModel:
         What the fit warned of: wild points, averaged points.
     effects : tuple of Effect
         What else is known of the measuring chain.
+    contradictions : tuple of Contradiction
+        Why it isn't to be put into use: what the points contradict. Empty for a plausible one.
     """
 
     name: str
@@ -116,6 +128,7 @@ class FittedModel:
     seconds: float
     remarks: tuple[str, ...]
     effects: tuple[Effect, ...] = ()
+    contradictions: tuple[Contradiction, ...] = ()
 
     @cached_property
     def chain(self) -> MeasuringChain:
@@ -142,8 +155,13 @@ def fit_models(
     progress: Progress = NO_PROGRESS,
     title: str = "Fitting models",
     effects: tuple[Effect, ...] = (),
+    *,
+    limits: Plausibility | None = None,
+    before: CompensationModel | None = None,
 ) -> list[FittedModel]:
-    """Fit every chosen model to all points of a calibration.
+    """Fit every chosen model to all points of a calibration, and find what it contradicts.
+
+    Points that contradict each other are all kept as they are: which of them are wrong isn't known.
 
     Parameters
     ----------
@@ -155,6 +173,10 @@ def fit_models(
         Of that stage.
     effects : tuple of Effect
         What else is known of the measuring chain; its mountings follow from the points.
+    limits : Plausibility, optional
+        Of the profile that was followed.
+    before : CompensationModel, optional
+        The model in use so far; see `model_in_use`.
 
     Returns
     -------
@@ -168,8 +190,10 @@ def fit_models(
     """
     progress.start(title, _PROGRESS_STEPS * len(choices))
     fitted, effects = [], (*effects, *mounting_effect(data))
+    limits = limits or Plausibility()
+    kept = _kept_points(data, limits)
     for choice in choices:
-        model = make_model(choice.name, range_nm=data.range_nm, **choice.parameters)
+        model = make_model(choice.name, range_nm=data.range_nm, **{**choice.parameters, **kept})
         words = model_title(model.kind, model.kind_parameters)
         counter = _Fraction(progress)
         started = time.perf_counter()
@@ -179,9 +203,62 @@ def fit_models(
         counter(1.0, "")
         remarks = tuple(dict.fromkeys(f"{words}: {entry.message}" for entry in caught))
         seconds = time.perf_counter() - started
-        fitted.append(FittedModel(choice.name, words, model, seconds, remarks, effects))
+        fitted.append(
+            FittedModel(
+                choice.name,
+                words,
+                model,
+                seconds,
+                remarks,
+                effects,
+                _contradictions(data, model, limits, before),
+            )
+        )
     progress.finish()
     return fitted
+
+
+def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
+    """Return the model in use of the chain that was calibrated, to compare a new one with.
+
+    None where there is none, or where the transducer was adjusted since its calibration. A model
+    whose file is missing or was changed says nothing of the chain; the bench refuses it.
+    """
+    try:
+        entry = registry.active_model(data.transducer_serial, data.counter_identity)
+        if entry is None:
+            return None
+        performed = registry.calibration(entry.calibration_id).performed
+        adjustments = registry.adjustments(data.transducer_serial)
+        if any(each.performed > performed for each in adjustments):
+            return None
+        return load_model(entry.check_file()).model
+    except (ModelMismatchError, RecordError):
+        return None
+
+
+def _kept_points(data: CalibrationData, limits: Plausibility) -> dict[str, str]:
+    """Return the parameter that keeps every point where the points contradict each other."""
+    kinds = {each.kind for each in find_contradictions(data, limits)}
+    return {"outliers": "keep"} if kinds & {"sign", "split", "scatter", "loop"} else {}
+
+
+def _contradictions(
+    data: CalibrationData,
+    model: CompensationModel,
+    limits: Plausibility,
+    before: CompensationModel | None,
+) -> tuple[Contradiction, ...]:
+    torque = model.predict(data.features(feature_columns(model)))
+    earlier = None
+    if before is not None and feature_columns(before) <= COMPARED_COLUMNS:
+        earlier = np.full(len(data), np.nan)
+        low, high = before.reading_low_nm_, before.reading_high_nm_
+        known = (data.reading_nm >= low) & (data.reading_nm <= high)
+        if np.any(known):
+            X = data.features(before.n_features_in_)
+            earlier[known] = before.predict(X[known])
+    return find_contradictions(data, limits, torque_nm=torque, before_nm=earlier)
 
 
 class _Fraction:
@@ -206,6 +283,7 @@ def fit_table(
     outliers: str = "downweight",
     *,
     compared: bool = False,
+    limits: Plausibility | None = None,
 ) -> FitResult:
     """Fit a model to a table, beside a comparison of all kinds where one is asked for.
 
@@ -219,15 +297,19 @@ def fit_table(
     progress : Progress
         Told one stage, and one more of the comparison.
     outliers : {"downweight", "refuse", "keep"}
-        What happens to wild points.
+        What happens to wild points; all are kept where the points contradict each other.
     compared : bool, default False
         Whether to compare all kinds by cross-validation as well; that takes many fits.
+    limits : Plausibility, optional
+        What the points may contradict each other by.
 
     Raises
     ------
     InputError
         An unknown model, points that it doesn't take, or a wild point that is to be refused.
     """
+    limits = limits or Plausibility()
+    outliers = _kept_points(data, limits).get("outliers", outliers)
     model = make_model(name, range_nm=data.range_nm, outliers=outliers)
     X = data.features(feature_columns(model))
     progress.start("Fitting the model", _PROGRESS_STEPS)
@@ -258,6 +340,7 @@ def fit_table(
             *data.notes(),
             *dict.fromkeys(str(entry.message) for entry in caught),
         ),
+        contradictions=_contradictions(data, model, limits, None),
     )
 
 
@@ -298,8 +381,13 @@ def store_model(
     data: CalibrationData,
     metrics: Mapping[str, float],
     effects: Sequence[Effect] = (),
+    contradictions: Sequence[Contradiction] = (),
+    accepted: str = "",
 ) -> StoredModel:
-    """Write a model file with what is known of the chain, its points and the software."""
+    """Write a model file with what is known of the chain, its points and the software.
+
+    What the calibration contradicts, and who uses the model all the same, stands in it.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     stored = StoredModel(
         model,
@@ -313,6 +401,8 @@ def store_model(
             software_version=__version__,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             effects=tuple(effect.specification() for effect in effects),
+            contradictions=tuple(str(each) for each in contradictions),
+            accepted=accepted,
         ),
     )
     save_model(path, stored)

@@ -90,7 +90,8 @@ def register_calibration(
     fitted : sequence of FittedModel
         Models of it.
     active : str or None
-        Name of the one that the module compensates with from now on; None leaves that open.
+        Name of the one that the module compensates with from now on, unless the calibration
+        contradicts itself; None leaves that open.
     """
     result, run_id, folder = measured.result, measured.record.run_id, measured.record.folder
     performed = datetime.fromisoformat(RunFolder(folder).manifest["sealed"])
@@ -105,7 +106,7 @@ def register_calibration(
             return _registered(registry, registry.calibration(before))
         for item in fitted:
             path, metrics = files[item.name]
-            store_model(path, item.model, result.data, metrics, item.effects)
+            store_model(path, item.model, result.data, metrics, item.effects, item.contradictions)
         entry = registry.add_calibration(
             result.data,
             performed=performed,
@@ -125,10 +126,11 @@ def register_calibration(
                 file=files[item.name][0],
                 side=result.data.side,
                 metrics=files[item.name][1],
+                contradictions=item.contradictions,
             )
             for item in fitted
         }
-        if active is not None:
+        if active is not None and not models[active].contradictions:
             registry.activate(models[active].model_id, reason="recommended by the calibration")
     return RegisteredCalibration(entry, models)
 

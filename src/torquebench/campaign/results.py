@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration import CalibrationData, ErrorSummary, ModelVerification
+from torquebench.calibration import (
+    CalibrationData,
+    Contradiction,
+    ErrorSummary,
+    ModelVerification,
+)
 from torquebench.compensation import Comparison, CompensationModel, NoiseFloor
 
 if TYPE_CHECKING:
@@ -149,6 +154,8 @@ class FitResult:
         Errors against the standard without compensation, and of the fit on its own points.
     remarks : tuple of str
         What the fit warned of: wild points, averaged points.
+    contradictions : tuple of Contradiction
+        Why the model isn't to be used: what the points contradict.
     """
 
     source: str
@@ -161,6 +168,7 @@ class FitResult:
     raw: ErrorSummary
     fitted: ErrorSummary
     remarks: tuple[str, ...]
+    contradictions: tuple[Contradiction, ...] = ()
 
     @property
     def cross_validated(self) -> dict[str, float]:

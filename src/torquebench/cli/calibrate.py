@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import note, out, say, warn
+from torquebench.cli.console import note, out, say, warn, write_contradictions
+from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -229,6 +230,7 @@ def run_calibrations(
 
     if description.simulated:
         note("simulated bench")
+    contradicting = False
     prompts = PromptQueue()
     operator = None if description.simulated else QueuedOperator(prompts)
     kind = model or RECOMMENDED
@@ -268,6 +270,9 @@ def run_calibrations(
             except RunAbortedError as aborted:
                 raise interrupts.reported(aborted) from None
             report_calibration(finished)
+            contradicting = contradicting or bool(finished.fitted[0].contradictions)
+    if contradicting:
+        raise typer.Exit(CHECK_FAILED)
 
 
 def report_calibration(finished: FinishedCalibration) -> None:
@@ -296,8 +301,17 @@ def report_calibration(finished: FinishedCalibration) -> None:
         say(result.placement.sentence)
         out().print(placement_table(result.placement))
     entry = finished.registered.models[fitted.name]
-    use = "In use" if finished.active == fitted.name else "Registered, not put into use"
-    say(f"{use}: model-{entry.model_id} of calibration-{entry.calibration_id}.")
+    named = f"model-{entry.model_id} of calibration-{entry.calibration_id}"
+    if fitted.contradictions:
+        write_contradictions(
+            fitted.contradictions,
+            "find the cause and calibrate again, or decide otherwise on the record: "
+            f"torquebench records use model-{entry.model_id} --by NAME --reason WHY",
+        )
+        say(f"[bold red]Not in use[/bold red]: {named}, which contradicts itself.")
+    else:
+        use = "In use" if finished.active == fitted.name else "Registered, not put into use"
+        say(f"{use}: {named}.")
     say(f"Run: {finished.measured.record.run_id}")
     if result.unsettled:
         warn(f"{result.unsettled} points still drifted when their waiting time was over")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
@@ -10,6 +12,9 @@ from rich.table import Table
 from rich.text import Text
 
 from torquebench.errors import TorquebenchError
+
+if TYPE_CHECKING:
+    from torquebench.calibration import Contradiction
 
 __all__ = [
     "leave_standard_output",
@@ -19,6 +24,7 @@ __all__ = [
     "say",
     "stderr_console",
     "warn",
+    "write_contradictions",
     "write_error",
 ]
 
@@ -69,14 +75,25 @@ def warn(text: str) -> None:
 
 def write_error(error: TorquebenchError) -> None:
     """Print what was found, what is allowed and what to do, one line each."""
+    _write_message({"error": error.found, "allowed": error.allowed, "do": error.remedy})
+
+
+def write_contradictions(contradictions: Sequence[Contradiction], remedy: str) -> None:
+    """Print what a calibration contradicts, what may be the cause, and what to do."""
+    for each in contradictions:
+        allowed = f"{each.allowed} (clause {each.clause})"
+        _write_message({"contradiction": each.found, "allowed": allowed, "cause": each.cause})
+    _write_message({"do": remedy})
+
+
+def _write_message(parts: Mapping[str, str]) -> None:
     table = Table.grid(padding=(0, 2))
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    table.add_row(Text("error", style="bold red"), Text(error.found))
-    if error.allowed:
-        table.add_row(Text("allowed", style="dim"), Text(error.allowed))
-    if error.remedy:
-        table.add_row(Text("do", style="dim"), Text(error.remedy))
+    for name, said in parts.items():
+        style = "bold red" if name in ("error", "contradiction") else "dim"
+        if said:
+            table.add_row(Text(name, style=style), Text(said))
     stderr_console().print(table)
 
 

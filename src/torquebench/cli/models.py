@@ -11,10 +11,10 @@ from rich.markup import escape
 
 from torquebench.atomic_write import is_standard_output
 from torquebench.cli.chain_words import tell_missing
-from torquebench.cli.console import out, say, warn
+from torquebench.cli.console import out, say, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import RangeOption, check_output
-from torquebench.errors import ModelMismatchError
+from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,6 +76,16 @@ def fit(
         float | None,
         typer.Option(min=0, help="U (k = 2) of the reference standard, % of range."),
     ] = None,
+    profile: Annotated[
+        str, typer.Option(help="The profile that says what points may contradict each other by.")
+    ] = "rapid-in-situ",
+    accept: Annotated[
+        str,
+        typer.Option(
+            metavar="REASON", help="Why a calibration that contradicts itself is used; with --by."
+        ),
+    ] = "",
+    by: Annotated[str, typer.Option(metavar="NAME", help="Who decides so.")] = "",
 ) -> None:
     """Fit a compensation model to a calibration.
 
@@ -83,7 +93,9 @@ def fit(
     --compare shows it beside all other kinds, by their errors at steps that they weren't fitted to
     (cross-validation); --model takes another.
     U of every torque by the model contains what is stated here; `budget` says what is missing.
+    Points that contradict each other end with 1, and the model file says so.
     """
+    from torquebench.calibration import load_profile
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv
 
@@ -93,6 +105,13 @@ def fit(
         check_output(page, data, result)
     if model is not None:
         check_kind(model)
+    if bool(accept.strip()) != bool(by.strip()):
+        raise InputError(
+            "a decision without a name" if accept.strip() else "a name without a decision",
+            "both: who uses the model all the same, and why",
+            "give --accept REASON --by NAME",
+        )
+    limits = load_profile(profile).plausibility
     points = read_calibration_csv(
         data,
         range_nm=range_nm,
@@ -111,7 +130,13 @@ def fit(
 
     with TerminalProgress() as progress:
         fitted = fit_table(
-            points, data.name, model or RECOMMENDED, progress, outliers.value, compared=compare
+            points,
+            data.name,
+            model or RECOMMENDED,
+            progress,
+            outliers.value,
+            compared=compare,
+            limits=limits,
         )
     for remark in fitted.remarks:
         warn(remark)
@@ -127,11 +152,23 @@ def fit(
             "noise_nm": fitted.model.scatter_nm,
         },
         (*reference_effect(reference, points.range_nm), *mounting_effect(points)),
+        fitted.contradictions,
+        accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
     )
     say(f"Model: {result}")
     if page is not None:
         write_page(fit_page(fitted), page)
         say(f"Report: {page}")
+    if fitted.contradictions:
+        write_contradictions(
+            fitted.contradictions,
+            f"accepted by {by}: {accept}"
+            if by
+            else "find the cause and measure again, or decide otherwise on the record: "
+            "--accept REASON --by NAME",
+        )
+        if not by:
+            raise typer.Exit(CHECK_FAILED)
 
 
 def _print_fit(fitted: FitResult) -> None:
@@ -180,6 +217,7 @@ def apply(
     check_output(result, model, readings)
     check_formats(readings, result)
     stored = load_model(model)
+    _warn_of_contradictions(stored)
 
     from torquebench.chain import MeasuringChain
     from torquebench.cli.progress import TerminalProgress
@@ -230,6 +268,7 @@ def verify(
     stored = load_model(model)
     points = read_calibration_csv(data, range_nm=stored.provenance.range_nm)
     _check_chain(stored, points)
+    _warn_of_contradictions(stored)
 
     from torquebench.calibration import verify as verify_models
     from torquebench.campaign.fitting import model_title
@@ -271,6 +310,16 @@ def verify(
     say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
     if not passed:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _warn_of_contradictions(stored: StoredModel) -> None:
+    made = stored.provenance
+    if made.contradictions:
+        accepted = f" Accepted by {made.accepted}." if made.accepted else ""
+        warn(
+            f"the calibration of this model contradicts itself: {' '.join(made.contradictions)}"
+            f"{accepted}"
+        )
 
 
 def _check_chain(stored: StoredModel, points: CalibrationData) -> None:

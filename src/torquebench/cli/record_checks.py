@@ -1,4 +1,4 @@
-"""`torquebench records verify`, `review` and `amend`: whether records hold, and who says what."""
+"""`torquebench records verify`, `review`, `amend` and `use`: what holds, and who decides what."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ def register(app: typer.Typer) -> None:
     app.command("verify")(verify)
     app.command("review")(review)
     app.command("amend")(amend)
+    app.command("use")(use)
 
 
 def verify(
@@ -143,3 +144,31 @@ def _assignment(text: str) -> tuple[str, str]:
     if not mark or not name:
         raise InputError(f"change {text!r}", "field=value", "such as measured_by=Anna")
     return name, value
+
+
+def use(
+    model: Annotated[str, typer.Argument(help="A model such as model-14.")],
+    by: Annotated[str, typer.Option(metavar="NAME", help="Who decides it.")],
+    reason: Annotated[str, typer.Option(metavar="WHY", help="Why, for the record.")],
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Put a model into use for its transducer and counter, by name and with a reason.
+
+    A model whose calibration contradicts itself isn't put into use by `calibrate`; this decides
+    otherwise, on the record.
+    """
+    from torquebench.records import Registry
+
+    kind, _, number = model.partition("-")
+    if kind != "model" or not number.isdigit():
+        raise InputError(f"{model!r}", "a model such as model-14", "see `records list models`")
+    for value, option in ((by, "--by NAME"), (reason, "--reason WHY")):
+        if not value.strip():
+            raise InputError(f"an empty {option.split()[0]}", "who decides it, and why", option)
+    with Registry.open(data_directory(data)) as registry:
+        entry = registry.model(int(number))
+        entry.check_file()
+        for contradiction in entry.contradictions:
+            warn(str(contradiction))
+        registry.activate(entry.model_id, operator=by, reason=reason, despite_contradictions=True)
+    say(f"In use: {model} of calibration-{entry.calibration_id}, by {by}: {reason}")

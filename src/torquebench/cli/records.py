@@ -286,7 +286,12 @@ def _show_model(registry: Registry, model_id: int) -> None:
             "in use": "yes" if _in_use(registry, entry) else "no",
             "data": "simulated" if entry.simulated else "measured",
             "file": state,
-            **{key: _short(value) for key, value in entry.metrics.items()},
+            **{
+                key: _short(value)
+                for key, value in entry.metrics.items()
+                if key != "contradictions"
+            },
+            "contradictions": "; ".join(str(each) for each in entry.contradictions),
         },
     )
     for verification in registry.verifications(model_id):

@@ -48,6 +48,11 @@ class Provenance:
         Unit of readings and torques.
     effects : tuple of mapping
         What else is known of the measuring chain, as `torquebench.chain` reads it.
+    contradictions : tuple of str
+        What the calibration contradicts: itself, this model or the one before; empty for a
+        plausible one.
+    accepted : str
+        Who uses it all the same and why, "" where nobody decided so.
     """
 
     range_nm: float
@@ -60,6 +65,8 @@ class Provenance:
     created: str = ""
     unit: str = "N·m"
     effects: tuple[Mapping[str, Any], ...] = ()
+    contradictions: tuple[str, ...] = ()
+    accepted: str = ""
 
 
 @dataclass(frozen=True)

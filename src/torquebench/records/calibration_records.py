@@ -1,6 +1,6 @@
 """The registry's calibrations, models and which of them are in use, verifications and checks."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import select
 from sqlalchemy.orm import aliased
 
-from torquebench.errors import ModelMismatchError, RecordError
+from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.records.database import Database, as_json, equipment_row, run_row
 from torquebench.records.entries import (
     Activation,
@@ -28,7 +28,7 @@ from torquebench.records.schema import (
 )
 
 if TYPE_CHECKING:
-    from torquebench.calibration import CalibrationData, VerificationResult
+    from torquebench.calibration import CalibrationData, Contradiction, VerificationResult
 
 __all__ = ["CalibrationRecords"]
 
@@ -149,6 +149,7 @@ class CalibrationRecords(Database):
         file: Path,
         side: str = "",
         metrics: Mapping[str, Any] | None = None,
+        contradictions: "Sequence[Contradiction]" = (),
         created: datetime | None = None,
     ) -> ModelEntry:
         """Register a fitted model by its file.
@@ -165,6 +166,8 @@ class CalibrationRecords(Database):
             ``"input"`` or ``"output"``.
         metrics : mapping, optional
             Errors of its cross-validation.
+        contradictions : sequence of Contradiction
+            What its calibration contradicts; then only a person's decision puts it into use.
         created : datetime.datetime, optional
             When, with time zone; now by default.
 
@@ -183,7 +186,12 @@ class CalibrationRecords(Database):
                 file_sha256=sha256_of_file(file),
                 range_nm=calibration.range_nm,
                 side=side,
-                metrics=as_json(metrics or {}),
+                metrics=as_json(
+                    {
+                        **(metrics or {}),
+                        **({"contradictions": contradictions} if contradictions else {}),
+                    }
+                ),
                 created=created or datetime.now(UTC),
             )
             session.add(row)
@@ -220,18 +228,52 @@ class CalibrationRecords(Database):
 
     # Activation
 
-    def activate(self, model_id: int, *, operator: str = "", reason: str = "") -> None:
+    def activate(
+        self,
+        model_id: int,
+        *,
+        operator: str = "",
+        reason: str = "",
+        despite_contradictions: bool = False,
+    ) -> None:
         """Put a model into use for the transducer and the counter that it was made with.
+
+        Parameters
+        ----------
+        model_id : int
+        operator, reason : str
+            Who decided it and why, for the record.
+        despite_contradictions : bool
+            Whether the operator, by name and with a reason, takes a model whose calibration
+            contradicts itself.
 
         Raises
         ------
         RecordError
-            Where the model isn't registered.
+            Where the model isn't registered, or its calibration contradicts itself.
+        InputError
+            Where such a model is taken without a name or a reason.
         """
         with self.writing() as session:
             model = session.get(ModelRow, model_id)
             if model is None:
                 raise RecordError(f"model {model_id} isn't registered", "a registered model")
+            contradictions = self._model_entry(model).contradictions
+            if contradictions and not despite_contradictions:
+                raise RecordError(
+                    f"the calibration of model-{model_id} contradicts itself: "
+                    f"{'; '.join(each.found for each in contradictions)}",
+                    "a plausible calibration",
+                    "find the cause and calibrate again, or take it by name and with a reason",
+                )
+            if contradictions and not (operator.strip() and reason.strip()):
+                raise InputError(
+                    f"model-{model_id}, whose calibration contradicts itself, without "
+                    f"{'a reason' if operator.strip() else 'a name'}",
+                    "the name of who takes it, and the reason",
+                )
+            if contradictions:
+                reason = f"although its calibration contradicts itself: {reason}"
             session.add(
                 ActivationRow(
                     transducer_key=model.calibration.transducer_key,

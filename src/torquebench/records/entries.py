@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from torquebench.errors import RecordError
 from torquebench.records.files import sha256_of_file
+
+if TYPE_CHECKING:
+    from torquebench.calibration import Contradiction
 
 __all__ = [
     "Activation",
@@ -307,6 +310,15 @@ class ModelEntry:
     metrics: Mapping[str, Any]
     created: datetime
     simulated: bool
+
+    @property
+    def contradictions(self) -> "tuple[Contradiction, ...]":
+        """What the calibration contradicts: why the model isn't to be put into use."""
+        if "contradictions" not in self.metrics:
+            return ()
+        from torquebench.calibration import Contradiction  # not where models are only listed
+
+        return tuple(Contradiction(**each) for each in self.metrics["contradictions"])
 
     def check_file(self) -> Path:
         """Return the path of the model file after checking that it is still the one registered.

@@ -66,7 +66,8 @@ def _data(result: FitResult) -> Section:
         f"Additional torque (standard minus reading) of each point, and the model "
         f"{result.title!r} fitted to it.",
     )
-    remarks = " ".join(f"{remark}." for remark in result.remarks)
+    said = [f"Not plausible: {each}" for each in result.contradictions]
+    remarks = " ".join([*said, *(f"{remark}." for remark in result.remarks)])
     return Section("Calibration", remarks, (facts, figure))
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.bench.description import BenchDescription
-from torquebench.calibration import CalibrationData, Profile, propose_due_date
+from torquebench.calibration import CalibrationData, Contradiction, Profile, propose_due_date
 from torquebench.compensation import StoredModel, load_model
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.records import (
@@ -231,6 +231,9 @@ def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> 
             file=file,
             side=data.side,
             metrics=dict(stored.provenance.metrics),
+            contradictions=[
+                Contradiction.of_text(each) for each in stored.provenance.contradictions
+            ],
         )
         done.models.append(f"model-{model.model_id} ({file.name})")
 

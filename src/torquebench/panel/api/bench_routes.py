@@ -13,7 +13,14 @@ from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from torquebench.bench.roles import Side
 from torquebench.panel.api.access import Caller, Service, Watched
-from torquebench.panel.api.models import LeaseBody, LiveRows, ReasonBody, SignalValue, StopBody
+from torquebench.panel.api.models import (
+    ActivateBody,
+    LeaseBody,
+    LiveRows,
+    ReasonBody,
+    SignalValue,
+    StopBody,
+)
 from torquebench.panel.service import (
     SIGNALS,
     AlarmView,
@@ -228,10 +235,12 @@ def activate(
     service: Service,
     caller: Caller,
     model_id: Annotated[int, Path(ge=1, le=2**53)],
-    body: ReasonBody,
+    body: ActivateBody,
 ) -> Response:
-    """Put a model into use on its chain."""
-    service.activate(caller, model_id, body.reason)
+    """Put a model into use on its chain; one that contradicts itself on demand, with a reason."""
+    service.activate(
+        caller, model_id, body.reason, despite_contradictions=body.despite_contradictions
+    )
     return Response(status_code=204)
 
 

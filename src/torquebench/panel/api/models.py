@@ -99,6 +99,12 @@ class ReasonBody(Body):
     reason: Text = ""
 
 
+class ActivateBody(ReasonBody):
+    """Why a model is put into use, and whether although its calibration contradicts itself."""
+
+    despite_contradictions: bool = False
+
+
 class AbortBody(ReasonBody):
     """Why a job is ended."""
 

@@ -330,15 +330,26 @@ class BenchService:
             for side in SIDES:
                 self.refresh_compensation(side)
 
-    def activate(self, actor: Actor, model_id: int, reason: str = "") -> None:
+    def activate(
+        self,
+        actor: Actor,
+        model_id: int,
+        reason: str = "",
+        *,
+        despite_contradictions: bool = False,
+    ) -> None:
         """Put a model into use, on its chain.
+
+        With `despite_contradictions` and a reason even one whose calibration contradicts itself.
 
         Raises
         ------
         PermissionDeniedError, LeaseError
             A metrologist who commands may.
         RecordError
-            There is no such model, or its file was changed.
+            There is no such model, its file was changed, or its calibration contradicts itself.
+        InputError
+            It does, and no reason is given.
         BusyError
             A job is under way.
         """
@@ -346,8 +357,19 @@ class BenchService:
         self.jobs.command(actor)
         model = self.station.registry.model(model_id)
         model.check_file()
-        self.station.registry.activate(model_id, operator=actor.label, reason=reason)
-        self.note(actor, "activated a model", model_id=model_id, reason=reason)
+        self.station.registry.activate(
+            model_id,
+            operator=actor.label,
+            reason=reason,
+            despite_contradictions=despite_contradictions,
+        )
+        self.note(
+            actor,
+            "activated a model",
+            model_id=model_id,
+            reason=reason,
+            contradictions=len(model.contradictions),
+        )
         for side in SIDES:
             self.refresh_compensation(side)
 

@@ -34,3 +34,6 @@ from .record import (
 from .typesetting import (
     certificate_pdf as certificate_pdf,
 )
+from .source import (
+    run_profile as run_profile,
+)

@@ -29,7 +29,7 @@ from torquebench.records.time_check import times_of_run
 from torquebench.reports.certificate.record import Reference
 from torquebench.reports.certificate.static import resolution_of
 
-__all__ = ["Source", "run_data"]
+__all__ = ["Source", "run_data", "run_profile"]
 
 
 def run_data(folder: RunFolder) -> CalibrationData:
@@ -47,6 +47,12 @@ def run_data(folder: RunFolder) -> CalibrationData:
         return CalibrationData(**results["data"])
     except TypeError as error:
         raise RecordError(f"{folder.path}: results.json has other columns ({error})") from error
+
+
+def run_profile(folder: RunFolder) -> Profile:
+    """Return the profile that a calibration run has followed, options included."""
+    start = next(document for _, document in folder.documents("start"))
+    return Profile.model_validate(start["profile"]["settings"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +103,7 @@ class Source:
             )
         if run.status != "completed":
             raise RecordError(f"run {run.run_id} was {run.status}: {run.reason}", "a completed run")
-        start = next(document for _, document in folder.documents("start"))
-        profile = Profile.model_validate(start["profile"]["settings"])
+        profile = run_profile(folder)
         data = assign_nominal(run_data(folder), profile)
         model_entry = _model_of(registry, calibration)
         return cls(

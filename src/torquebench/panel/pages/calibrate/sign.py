@@ -63,7 +63,15 @@ class SignStep:
                 for name, model in models.items()
             }  # fmt: skip
             self._model = Choice(text("sign.use"), options, chosen or next(iter(models)))
-            self._remark = Field(text("sign.remark"), maxlength="500")
+            for each in self._contradictions():
+                note(
+                    f"{text.core(each['found'])} ({text.core(each['allowed'])}). "
+                    f"{text.core(each['cause'])}",
+                    "warn",
+                    title=text("sign.contradicts"),
+                )
+            label = "sign.despite" if self._contradictions() else "sign.remark"
+            self._remark = Field(text(label), maxlength="500")
             self._password = Field(
                 text("sign.password"),
                 kind="password",
@@ -72,6 +80,14 @@ class SignStep:
             )
             with box("div", "line"):
                 button(text("sign.button"), self._sign, "primary", picture="draw")
+
+    def _contradictions(self, name: str | None = None) -> list[dict[str, str]]:
+        """Return what the calibration contradicts, for one model or any, each once."""
+        models = self._page.workflow.models
+        chosen = models.values() if name is None else [models[name]]
+        return list(
+            {each["found"]: each for model in chosen for each in model["contradictions"]}.values()
+        )
 
     def refresh(self) -> None:
         """Nothing grows here."""
@@ -82,12 +98,21 @@ class SignStep:
         assert number is not None
         model_id = workflow.models[self._model.value]["model_id"]
         service, remark = visitor.service, self._remark.value
+        despite = bool(self._contradictions(self._model.value))
+        self._remark.wrong(text("sign.despite_missing") if despite and not remark.strip() else "")
+        if despite and not remark.strip():
+            return
         self._password.wrong("")
         try:
             actor = visitor.actor
             service.jobs.command(actor)  # refused before anything is signed
             service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
-            service.activate(actor, model_id, remark or text("sign.reason"))
+            service.activate(
+                actor,
+                model_id,
+                remark or text("sign.reason"),
+                despite_contradictions=despite,
+            )
         except TorquebenchError as error:
             self._password.wrong(text.refusal_line(error))
             self._password.set("")

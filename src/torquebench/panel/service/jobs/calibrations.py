@@ -38,6 +38,7 @@ from torquebench.campaign.fitting import (
     ModelChoice,
     fit_metrics,
     fit_models,
+    model_in_use,
     store_model,
 )
 from torquebench.campaign.measuring import (
@@ -71,7 +72,8 @@ from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobReques
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
-from torquebench.records import REGISTERS, CalibrationEntry
+from torquebench.records import REGISTERS, CalibrationEntry, RunFolder
+from torquebench.reports.certificate import run_profile
 from torquebench.station import Station
 
 __all__ = [
@@ -266,14 +268,26 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     station = context.station
     entry, data = calibration_data(station, request.calibration_id)
     make_model(request.model)
-    choice, effects = ModelChoice(request.model), bench_effects(station.description, data)
-    (item,) = fit_models(data, [choice], context.job, title="Fitting", effects=effects)
+    (item,) = fit_models(
+        data,
+        [ModelChoice(request.model)],
+        context.job,
+        title="Fitting",
+        effects=bench_effects(station.description, data),
+        limits=run_profile(RunFolder(station.registry.run(str(entry.run_id)).folder)).plausibility,
+        before=model_in_use(station.registry, data),
+    )
     metrics = fit_metrics(item, data)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     path = station.data_dir / "models" / f"{entry.run_id}-{item.name}-{stamp}.json"
-    store_model(path, item.model, data, metrics, item.effects)
+    store_model(path, item.model, data, metrics, item.effects, item.contradictions)
     model = station.registry.add_model(
-        entry, kind=item.model.kind, file=path, side=data.side, metrics=metrics
+        entry,
+        kind=item.model.kind,
+        file=path,
+        side=data.side,
+        metrics=metrics,
+        contradictions=item.contradictions,
     )
     return JobResult(
         headline=f"{item.title} leaves {errors_of(item, data).worst_nm:.3g} N·m on its own points.",

@@ -45,6 +45,8 @@ def calibration_result(
     if best is not None:
         found = f"; {best.title} leaves {errors_of(best, data).worst_nm:.3g} N·m"
     raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
+    if any(item.contradictions for item in fitted):
+        found = "; the points contradict each other, the model or the last calibration"
     return JobResult(
         headline=f"{len(data)} points; the raw reading is wrong by up to "
         f"{raw.worst_nm:.3g} N·m{found}.",
@@ -71,6 +73,7 @@ def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[st
             "torque_nm": item.chain.torque(data.readings()).value_nm,
             "summary": errors_of(item, data),
             "remarks": item.remarks,
+            "contradictions": item.contradictions,
         }
         for item in fitted
     }
