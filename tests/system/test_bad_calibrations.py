@@ -227,7 +227,8 @@ def test_what_a_certificate_needs_is_asked_for_on_entry(command: Command, missin
 def test_a_table_that_contradicts_itself_gives_a_marked_model(
     command: Command, tmp_path: Path
 ) -> None:
-    data = points(load_profile("rapid-in-situ").with_options(step_percent=5.0))
+    profile = load_profile("rapid-in-situ").with_options(step_percent=5.0)
+    data = points(profile, simulated=False, temperature_drift_k=0.2)
     standard = np.where(np.arange(len(data)) < 4, data.standard_nm, 0.97 * data.standard_nm)
     write_calibration_csv(tmp_path / "changed.csv", replace(data, standard_nm=standard))
     fit = ("fit", "--model", "polynomial-2", "--out")

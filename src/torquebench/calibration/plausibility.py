@@ -216,7 +216,7 @@ def _contradictions(
         yield from _over(
             "scatter",
             "the points scatter by {found} % of full scale about every smooth curve",
-            100.0 * smooth.scatter,
+            100.0 * smooth.scatter(),
             limits.scatter_percent,
             "a loose clamp, a stuck standard or an unsteady signal",
         )
@@ -291,8 +291,12 @@ class _Smooth:
         self.axes = _axes(_shapes(self.torque, data, loops=True))
         self.freedom = len(data) - self.axes.shape[1]
         self.rest = error - self.axes @ (self.axes.T @ error)
-        squares = float(self.rest @ self.rest)
-        self.scatter = np.sqrt(squares / max(self.freedom, 1))
+
+    def scatter(self) -> float:
+        """Return the standard deviation of the points about the curves, but for outliers."""
+        count = min(max(_OUTLIERS, len(self.data) // 30), self.freedom - 1)
+        squares = float(self.rest @ self.rest) - _gain_of_outliers(self, count)
+        return float(np.sqrt(max(squares, 0.0) / (self.freedom - count)))
 
     def without_loops(self) -> FloatArray:
         """Return axes of the curves alone."""
@@ -379,7 +383,7 @@ def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
     ratio = (before - after) / 2.0 / (after / freedom)
     if gain.size * float(stats.f.sf(ratio, 2, freedom)) > _SPLIT_LEVEL:
         return None
-    if gain[place] < _gain_of_outliers(smooth):
+    if gain[place] < _gain_of_outliers(smooth, _OUTLIERS):
         return None
     first = place + 1
     step = np.zeros((len(data), 2))
@@ -433,13 +437,13 @@ def _gains(smooth: _Smooth) -> FloatArray:
     return gain
 
 
-def _gain_of_outliers(smooth: _Smooth) -> float:
+def _gain_of_outliers(smooth: _Smooth, count: int) -> float:
     """Return by how much the sum of squares falls without the wildest points."""
     rest = smooth.rest.copy()
     leverage = np.sum(smooth.axes**2, axis=1)
     free = np.maximum(1.0 - leverage, 1e-3)
     gain = 0.0
-    for _ in range(_OUTLIERS):
+    for _ in range(count):
         gains = rest**2 / free
         worst = int(np.argmax(gains))
         gain += float(gains[worst])

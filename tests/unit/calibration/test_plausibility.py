@@ -177,8 +177,9 @@ def test_a_jump_of_zero_is_told_from_a_change_of_span() -> None:
 def test_outliers_are_no_contradiction() -> None:
     for rows in ((60,), (4,), (195,), (20, 140)):
         reading = healthy().reading_nm.copy()
-        reading[list(rows)] += 4.0
-        assert kinds(replace(healthy(), reading_nm=reading)) == set()
+        for error_nm in (4.0, 30.0):
+            reading[list(rows)] += error_nm
+            assert kinds(replace(healthy(), reading_nm=reading)) == set()
 
 
 def test_a_slipping_clamp_is_found_while_torque_is_large() -> None:
