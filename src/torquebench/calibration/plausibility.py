@@ -154,7 +154,8 @@ class Contradiction:
         clause, _, cause = rest.partition("). ")
         name = clause.rpartition(".")[2].removesuffix("_percent")
         kinds: tuple[ContradictionKind, ...] = get_args(ContradictionKind)
-        kind = next((each for each in kinds if each.startswith(name)), "sign")
+        named = [each for each in kinds if each.startswith(name)]
+        kind: ContradictionKind = named[0] if named else "sign"
         return cls(kind, clause, found, allowed, cause)
 
 
