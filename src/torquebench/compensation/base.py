@@ -192,7 +192,10 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         self.points_ = int(y_checked.size)
         points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()
         check_points(
-            points, self._minimum_points(), self._minimum_distinct(), model=type(self).__name__
+            points,
+            self._minimum_points(),
+            self._minimum_distinct(),
+            model=self.kind or type(self).__name__,
         )
         self._set_range(points.reading)
         weights, self.wild_points_ = point_weights(points, self.outliers)

@@ -139,7 +139,7 @@ def check_points(
         raise InputError(
             f"{count} sample{'s' if count != 1 else ''} (calibration points) for {model}",
             f"at least {minimum}",
-            "record more points or take a simpler model",
+            "record more points or take a simpler model, such as polynomial-1",
         )
     for name, values in (("reading", points.reading), ("standard", points.y)):
         if np.ptp(values) == 0.0:
@@ -152,7 +152,7 @@ def check_points(
         raise InputError(
             f"{count} points at only {distinct} distinct readings for {model}",
             f"at least {minimum_distinct} distinct readings",
-            "record points at more torques or take a simpler model",
+            "record points at more torques or take a simpler model, such as polynomial-1",
         )
     _refuse_contradictions(points)
 

@@ -7,17 +7,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.signals.autocorrelation import correlation_length
+from torquebench.signals.outliers import isolated, outliers
 from torquebench.signals.ripple import estimate_period, ripple_terms
-from torquebench.signals.wild_values import isolated, wild_values
 
 __all__ = ["SteadyValue", "settling_index", "steady_value"]
 
 # Starts that are tried between the first settled sample and the settling limit.
 _CANDIDATES = 8
-# A residual beyond so many robust standard deviations of the window is a wild value too.
+# A residual beyond so many robust standard deviations of the window is an outlier too.
 _LIMIT = 6.0
 _SPREAD = 1.4826
-# With more than this part wild, they aren't single values.
+# With more than this share of outliers, they aren't single values.
 _MOST_WILD = 0.1
 # Samples per term of a fit, at least.
 _SAMPLES_PER_TERM = 2
@@ -46,7 +46,7 @@ class SteadyValue:
     effective_samples : float
         Independent samples that they are worth.
     rejected : int
-        Single wild values left out of the window.
+        Outliers left out of the window.
     start_s, stop_s : float
         The window used, in the samples' time.
     period_s : float or None
@@ -92,7 +92,7 @@ def steady_value(
 ) -> SteadyValue:
     """Find the settled part of a step and its steady value.
 
-    Single wild values are left out first. The settled part begins where the standard error of
+    Outliers are left out first. The settled part begins where the standard error of
     the mean of all that follows is least (the marginal standard error rule, K. P. White,
     Simulation 69 (1997) 323). From there on, the first window counts whose drift is below its
     own standard error. It spans whole periods of the ripple, and a fit of mean, slope and the
@@ -122,7 +122,7 @@ def steady_value(
     -------
     SteadyValue
         With `settled` False when no part of the record is steady, or more than a tenth of it
-        is wild: a mark, not an error.
+        is made of outliers: a mark, not an error.
 
     Raises
     ------
@@ -139,8 +139,8 @@ def steady_value(
     (True, True)
     """
     times, samples = _checked(time_s, value, minimum_samples, period_s, settling_limit)
-    wild = wild_values(samples)
-    kept_times, kept = times[~wild], samples[~wild]
+    outlying = outliers(samples)
+    kept_times, kept = times[~outlying], samples[~outlying]
     latest = min(int(settling_limit * kept.size), kept.size - minimum_samples)
     first = settling_index(kept, latest)
     period = period_s
@@ -163,7 +163,9 @@ def steady_value(
         best = replace(
             _evaluate(kept_times[first:], kept[first:], None, harmonics, tolerance), settled=False
         )
-    dropped = best.rejected + int(np.sum(wild & (times >= best.start_s) & (times <= best.stop_s)))
+    dropped = best.rejected + int(
+        np.sum(outlying & (times >= best.start_s) & (times <= best.stop_s))
+    )
     few = dropped <= _MOST_WILD * (best.samples + dropped)
     return replace(best, rejected=dropped, settled=best.settled and few)
 
@@ -174,7 +176,7 @@ def settling_index(value: ArrayLike, latest: int | None = None) -> int:
     Parameters
     ----------
     value : array_like, shape (n,)
-        Samples without wild values.
+        Samples without outliers.
     latest : int, optional
         Largest index that may be returned; half of the record when not given.
 

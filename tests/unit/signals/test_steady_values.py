@@ -7,9 +7,9 @@ from scipy.signal import lfilter
 from torquebench.errors import InputError
 from torquebench.signals import steady_value
 from torquebench.signals.autocorrelation import autocorrelation, correlation_length
+from torquebench.signals.outliers import outliers
 from torquebench.signals.ripple import estimate_period
 from torquebench.signals.steady import settling_index
-from torquebench.signals.wild_values import wild_values
 
 
 def coloured(generator, count, coefficient):
@@ -184,16 +184,16 @@ class TestWildValues:
 
     def test_clean_noise_has_none(self):
         generator = np.random.default_rng(2)
-        assert np.mean(wild_values(generator.normal(size=20_000))) < 1e-4
+        assert np.mean(outliers(generator.normal(size=20_000))) < 1e-4
 
-    def test_a_step_and_a_ripple_are_no_wild_values(self):
+    def test_a_step_and_a_ripple_are_no_outliers(self):
         time = np.arange(200) * 0.01
-        assert not wild_values(np.where(time > 1.0, 10.0, 0.0)).any()
-        assert not wild_values(np.sin(2 * np.pi * time / 0.11)).any()
+        assert not outliers(np.where(time > 1.0, 10.0, 0.0)).any()
+        assert not outliers(np.sin(2 * np.pi * time / 0.11)).any()
 
-    def test_coarse_resolution_is_no_wild_value(self):
+    def test_coarse_resolution_is_no_outlier(self):
         generator = np.random.default_rng(3)
-        assert not wild_values(np.round(generator.normal(0, 0.2, 500))).any()
+        assert not outliers(np.round(generator.normal(0, 0.2, 500))).any()
 
     def test_too_many_are_no_single_values(self):
         time, value = step(np.random.default_rng(4), settling=1e-4)
@@ -201,7 +201,7 @@ class TestWildValues:
         assert not steady_value(time, value).settled
 
     def test_few_samples_have_none(self):
-        assert not wild_values([1.0, 100.0, 1.0]).any()
+        assert not outliers([1.0, 100.0, 1.0]).any()
 
 
 class TestEdges:

@@ -1,14 +1,14 @@
-"""Single wild values: samples that a converter or a disturbance made, not the torque."""
+"""Outliers: single samples that a converter or a disturbance made, not the torque."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label, median_filter
 
-__all__ = ["isolated", "wild_values"]
+__all__ = ["isolated", "outliers"]
 
-# Samples in the running median: up to three wild ones among them do no harm.
+# Samples in the running median: up to three outliers among them do no harm.
 _WINDOW = 7
-# Times the robust spread of the steps from sample to sample that a wild value stands out.
+# Times the robust spread of the steps from sample to sample that an outlier stands out.
 _LIMIT = 8.0
 # More in a row than this are a change of the signal, not single values.
 _LONGEST_RUN = 2
@@ -19,28 +19,28 @@ _HEIGHTS = (1.0, 10.0, 100.0, 1000.0)
 _SPREAD = 1.4826
 
 
-def wild_values(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
+def outliers(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
     """Find single values that stand out of their neighbours.
 
-    A value is wild when it is farther from the running median of seven samples than `limit`
+    A value is an outlier when it is farther from the running median of seven samples than `limit`
     times the robust spread of the steps from one sample to the next, and at most two such
-    values follow each other. Steps, ramps and ripple have no wild values.
+    values follow each other. Steps, ramps and ripple have no outliers.
 
     Parameters
     ----------
     value : array_like, shape (n,)
         Samples in their order.
     limit : float
-        Distance that is wild, in robust standard deviations of the steps.
+        Distance from which a value is an outlier, in robust standard deviations of the steps.
 
     Returns
     -------
     bool array, shape (n,)
-        True where a value is wild.
+        True at outliers.
 
     Examples
     --------
-    >>> wild_values([5.0, 5.1, 4.9, -8388608.0, 5.0, 5.1, 5.0]).nonzero()
+    >>> outliers([5.0, 5.1, 4.9, -8388608.0, 5.0, 5.1, 5.0]).nonzero()
     (array([3]),)
     """
     samples = np.asarray(value, dtype=np.float64)
@@ -51,10 +51,10 @@ def wild_values(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
     # Where most samples repeat, the smallest step is the resolution.
     moved = steps[steps > 0]
     spread = max(_SPREAD * float(np.median(steps)), float(moved.min()) if moved.size else 0.0)
-    wild = np.zeros(samples.size, dtype=np.bool_)
+    found = np.zeros(samples.size, dtype=np.bool_)
     for times in _HEIGHTS:
-        wild |= isolated(distance > times * limit * spread)
-    return wild
+        found |= isolated(distance > times * limit * spread)
+    return found
 
 
 def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
