@@ -14,7 +14,7 @@ SOURCE = Path(torquebench.__file__).parent
 STILL_CIRCLES = {
     ("torquebench.bench.encoder_certificate", "torquebench.bench.drivers.base"),
     ("torquebench.calibration.staircase", "torquebench.calibration.profile"),
-    ("torquebench.cli.resume", "torquebench.cli.calibrate"),
+    ("torquebench.cli.calibrate", "torquebench.cli.resume"),
     ("torquebench.panel.pages.calibrate.sign", "torquebench.panel.pages.calibrate.wizard"),
     ("torquebench.panel.pages.calibrate.measure", "torquebench.panel.pages.calibrate.wizard"),
     ("torquebench.panel.pages.calibrate.models", "torquebench.panel.pages.calibrate.wizard"),
