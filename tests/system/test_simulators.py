@@ -23,6 +23,7 @@ CONTROL, TORQUE, RATE, WATCHDOG, WATCHDOG_TIME = 0, 2, 4, 12, 13
 @pytest.fixture(scope="module")
 def simulators() -> Iterator[Simulators]:
     with Simulators(described()) as running:
+        running.plant.reading(True)  # as if a counter was read: time goes on by `go_on` alone
         yield running
 
 
