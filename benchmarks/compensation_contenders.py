@@ -20,7 +20,7 @@ from benchmarks.chain_shapes import FloatArray
 from benchmarks.chains import CalibrationSet, Chain, known_form
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
-from torquebench.compensation import MODELS, make_model
+from torquebench.compensation import MODELS, RECOMMENDED, make_model
 
 __all__ = ["DEFAULT", "Contender", "Prediction", "contenders"]
 
@@ -61,9 +61,9 @@ class Contender:
 MODEL_NAMES = (
     *(f"polynomial-{degree}" for degree in (1, *POLYNOMIALS)),
     *(f"polynomial-{degree} per direction" for degree in POLYNOMIALS),
-    *(kind for kind in MODELS if kind != "polynomial"),
+    *(kind for kind in MODELS if kind not in ("polynomial", RECOMMENDED)),
 )
-"""Contenders that are single kinds of model of this package."""
+"""Contenders that are single kinds of model of this package, other than the default's."""
 
 
 def contenders() -> list[Contender]:
