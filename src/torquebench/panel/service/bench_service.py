@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Mapping
@@ -236,11 +237,12 @@ class BenchService:
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
-        self.station.close()
-        self._stoppers.shutdown()
-        self._later.shutdown()
-        self.people.close()
-        self._store.close()
+        with contextlib.ExitStack() as closing:  # all of it, also where a drive isn't off
+            closing.callback(self._store.close)
+            closing.callback(self.people.close)
+            closing.callback(self._later.shutdown)
+            closing.callback(self._stoppers.shutdown)
+            closing.callback(self.station.close)
 
     def _keep_time(self) -> None:
         """Let a fast bench follow the wall while no procedure asks for more."""
