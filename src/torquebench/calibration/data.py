@@ -121,9 +121,20 @@ class CalibrationData:
 
     @property
     def direction(self) -> NDArray[np.int8]:
-        """+1 clockwise, -1 counter-clockwise, 0 unloaded, from the standard; shape (n,)."""
+        """+1 clockwise, -1 counter-clockwise, 0 unloaded, as commanded; shape (n,).
+
+        A table without nominal torques doesn't say what was commanded: there it is a guess from
+        the standard, which `notes` names.
+        """
+        if self.nominal_nm is not None:
+            return np.sign(self.nominal_nm).astype(np.int8)
         loaded = np.abs(self.standard_nm) > UNLOADED_SHARE * self.range_nm
         return np.where(loaded, np.sign(self.standard_nm), 0).astype(np.int8)
+
+    @property
+    def unloaded(self) -> NDArray[np.bool_]:
+        """Which points were commanded to be without torque; shape (n,)."""
+        return np.asarray(self.direction == 0)
 
     @property
     def additional_torque_nm(self) -> NDArray[np.float64]:
@@ -253,6 +264,12 @@ class CalibrationData:
                         notes.append(
                             f"no {word} {names[sign]} points: that branch is guessed from the other"
                         )
+        guessed = self.unloaded & (self.standard_nm != 0.0)
+        if self.nominal_nm is None and np.any(guessed):
+            notes.append(
+                f"no column nominal_nm: {np.count_nonzero(guessed)} points below {100 * UNLOADED_SHARE:g} % of the "
+                "range are taken for zeros"
+            )
         share = float(np.max(np.abs(self.standard_nm))) / self.range_nm
         if share < 0.9:
             notes.append(f"points up to {100 * share:.0f} % of the range only")

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
+from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.profile import Consequence, Profile
 from torquebench.errors import InputError, RecordError
 
@@ -327,7 +327,7 @@ def _series_present(
         member = np.flatnonzero(data.series == number)
         signs = set(direction[member].tolist()) - {0}
         sign = signs.pop() if len(signs) == 1 else 0
-        loaded = np.abs(data.standard_nm[member]) > UNLOADED_SHARE * data.range_nm
+        loaded = ~data.unloaded[member]
         decreasing = bool(np.any(loaded & (data.branch[member] < 0)))
         found.setdefault((float(position[member[0]]), sign), []).append((member, decreasing))
     return found
@@ -377,7 +377,7 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
     tolerance = profile.loading.step_tolerance_percent
     if tolerance is None or data.nominal_nm is None:
         return
-    loaded = np.abs(data.nominal_nm) > UNLOADED_SHARE * data.range_nm
+    loaded = ~data.unloaded
     off = np.zeros(len(data))
     nominal = data.nominal_nm[loaded]
     of_range = profile.loading.step_tolerance_of == "range"
@@ -407,8 +407,7 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
 
 def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
     loading, limit = profile.loading, profile.zero.return_limit_percent
-    torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
-    returned = (np.abs(torque) <= UNLOADED_SHARE * data.range_nm) & (data.branch < 0)
+    returned = data.unloaded & (data.branch < 0)
     if loading.zero_return:
         for number in dict.fromkeys(data.series.tolist()):
             if not np.any(returned & (data.series == number)):

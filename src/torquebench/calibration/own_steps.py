@@ -78,7 +78,7 @@ def own_steps(data: CalibrationData) -> EvaluablePoints:
     if data.nominal_nm is None:
         data = replace(data, nominal_nm=_clusters(data.standard_nm, data.range_nm))
     assert data.nominal_nm is not None
-    loaded = np.abs(data.nominal_nm) > UNLOADED_SHARE * data.range_nm
+    loaded = ~data.unloaded
     direction = data.loading_direction()
     kept = np.ones(len(data), dtype=np.bool_)
     remarks: list[str] = []

@@ -569,7 +569,7 @@ def _repeats(data: CalibrationData, limits: Plausibility) -> Iterator[Contradict
 def _zeros(data: CalibrationData, limits: Plausibility) -> Iterator[Contradiction]:
     if data.nominal_nm is None:
         return
-    unloaded = np.flatnonzero(np.abs(data.nominal_nm) <= 1e-9 * data.range_nm)
+    unloaded = np.flatnonzero(data.unloaded)
     for name, column in (("reading", data.reading_nm), ("standard", data.standard_nm)):
         if unloaded.size:
             worst = int(unloaded[np.argmax(np.abs(column[unloaded]))])

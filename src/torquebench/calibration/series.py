@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
+from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.evaluation import LoadingSeries
 from torquebench.errors import InputError
 
@@ -78,7 +78,7 @@ def loading_series(
             "add the target torque of each step",
         )
     here = data.loading_direction() == direction
-    loaded = np.abs(data.nominal_nm) > UNLOADED_SHARE * data.range_nm
+    loaded = ~data.unloaded
     if not np.any(here & loaded):
         name = "clockwise" if direction > 0 else "counter-clockwise"
         raise InputError(f"no {name} points", "a calibration of this direction")
@@ -174,7 +174,7 @@ def zero_hysteresis(data: CalibrationData) -> ZeroHysteresis:
     >>> round(zero_hysteresis(data).mean_percent_fs, 6)
     0.4
     """
-    unloaded = (data.direction == 0) & (data.branch < 0)
+    unloaded = data.unloaded & (data.branch < 0)
     side = data.loading_direction()
     differences = []
     for number in np.unique(data.series):

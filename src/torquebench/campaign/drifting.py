@@ -14,12 +14,15 @@ from torquebench.calibration import (
     predict_drift,
     propose_due_date,
 )
-from torquebench.records import Registry, Zeroing
+from torquebench.records import CalibrationEntry, Registry, Zeroing
 
 __all__ = ["DriftSeries", "drift_of", "next_due"]
 
 LEAST_VALUES = 3
 """Fewer values give neither a control chart nor a prediction."""
+
+SAME_RANGE = 0.05
+"""Calibrations whose largest torques differ by less than this share have one range."""
 
 LEAST_SPAN = timedelta(days=1)
 """A shorter history says nothing about the months to come."""
@@ -88,13 +91,24 @@ def drift_of(
     """
     found = []
     calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
-    for direction in ("clockwise", "counter-clockwise"):
-        known = [
-            (entry.performed, float(spans[direction]), entry.simulated)
+    for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
+        spanned = [
+            entry
             for entry in calibrations
-            if direction in (spans := entry.summary.get("span_error_percent", {}))
+            if direction in entry.summary.get("span_error_percent", {})
         ]
-        found.append((f"Span error {direction}", "%", known, True))
+        groups = _of_one_range(spanned, place)
+        for reach_nm, entries in groups:
+            known = [
+                (
+                    entry.performed,
+                    float(entry.summary["span_error_percent"][direction]),
+                    entry.simulated,
+                )
+                for entry in entries
+            ]
+            reach = f" up to {reach_nm:g} N·m" if len(groups) > 1 else ""
+            found.append((f"Span error {direction}{reach}", "%", known, True))
     ranges = {each.serial: each.range_nm for each in registry.equipment("transducer")}
     range_nm = ranges.get(serial)
     if range_nm:
@@ -114,6 +128,25 @@ def drift_of(
         for title, unit, known, calibrated in found
         if known
     )
+
+
+def _of_one_range(
+    calibrations: list[CalibrationEntry], place: int
+) -> list[tuple[float, list[CalibrationEntry]]]:
+    """Group calibrations that go equally far: spans over different ranges don't compare.
+
+    A chain's curve bends, so that its span over a part of the range is another one.
+    """
+    groups: list[tuple[float, list[CalibrationEntry]]] = []
+    for entry in calibrations:
+        reach_nm = abs(entry.valid_nm[place])
+        for known_nm, members in groups:
+            if abs(reach_nm - known_nm) <= SAME_RANGE * max(reach_nm, known_nm):
+                members.append(entry)
+                break
+        else:
+            groups.append((float(f"{reach_nm:.3g}"), [entry]))
+    return sorted(groups, key=lambda group: -group[0])
 
 
 def _first_of_each_run(zeroings: list[Zeroing]) -> list[Zeroing]:

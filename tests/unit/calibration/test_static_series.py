@@ -240,3 +240,29 @@ def test_zero_hysteresis_of_cycles():
     assert result.worst_percent_fs == pytest.approx(0.6)
     with pytest.raises(InputError, match="no series with a zero after either direction"):
         zero_hysteresis(data.subset(data.standard_nm > 0))
+
+
+def test_a_small_step_is_no_zero_whatever_the_standard_shows() -> None:
+    # Steps of 0.1 % of the range, of which the standard shows a little less or the other sign.
+    cycle = [2.0, 4.0, 2.0, 0.0, -2.0, -4.0, -2.0, 0.0]
+    standard = np.array([1.9, 4.0, -0.1, 0.1, -1.9, -4.0, 0.1, -0.1])
+    reading = np.array([1.2, 3.5, 1.5, 0.4, -1.2, -3.5, -1.5, 0.0])
+    data = CalibrationData(
+        reading, standard, [1] * 8, [1, 1, -1, -1, 1, 1, -1, -1], 2000.0, nominal_nm=cycle
+    )
+    assert data.direction.tolist() == [1, 1, 1, 0, -1, -1, -1, 0]
+    assert data.loading_direction().tolist() == [1, 1, 1, 1, -1, -1, -1, -1]
+    assert zero_hysteresis(data).worst_nm == pytest.approx(0.4)
+    torque, (series,) = loading_series(data, 1, tolerance_percent=None)
+    assert torque.tolist() == [2.0, 4.0]
+    assert series.zero_return == 0.4
+
+
+def test_a_guess_from_the_standard_is_named() -> None:
+    data = CalibrationData([5.0, 10.0, 0.0], [5.0, 10.0, 0.005], [1] * 3, [1, 1, -1], 10.0)
+    assert data.unloaded.tolist() == [False, False, True]
+    assert any("1 points below 0.1 % of the range are taken for zeros" in n for n in data.notes())
+    told = CalibrationData(
+        [5.0, 10.0, 0.0], [5.0, 10.0, 0.005], [1] * 3, [1, 1, -1], 10.0, nominal_nm=[5.0, 10.0, 0.0]
+    )
+    assert not any("taken for zeros" in note for note in told.notes())

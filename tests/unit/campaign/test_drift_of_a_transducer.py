@@ -16,8 +16,8 @@ def registry(tmp_path):
         yield opened
 
 
-def calibrate(registry, moment, gain):
-    torque = np.array([-50.0, -25.0, 25.0, 50.0])
+def calibrate(registry, moment, gain, up_to=50.0):
+    torque = np.array([-1.0, -0.5, 0.5, 1.0]) * up_to
     data = CalibrationData(
         torque * gain,
         torque,
@@ -76,3 +76,19 @@ def test_remarks_say_what_the_chart_sees(registry):
         calibrate(registry, START + timedelta(days=number), gain)
     clockwise, _ = drift_of(registry, "T-1", tolerance_percent=0.1, base=5)
     assert [clockwise.remark(row) for row in range(6)] == [*[""] * 5, "outside the limits, a jump"]
+
+
+def test_spans_over_different_ranges_are_not_compared(registry):
+    for number in range(6):
+        part = number % 2
+        moment = START + timedelta(days=91 * number)
+        calibrate(registry, moment, 1.005 if part else 1.0, 15.0 if part else 50.0)
+    found = {series.title: series for series in drift_of(registry, "T-1", tolerance_percent=0.1)}
+    assert set(found) == {
+        f"Span error {direction} up to {reach} N·m"
+        for direction in ("clockwise", "counter-clockwise")
+        for reach in (50, 15)
+    }
+    for series in found.values():
+        assert len(series.values) == 3
+        assert [series.remark(row) for row in range(3)] == ["", "", ""]

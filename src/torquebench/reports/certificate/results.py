@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE
 from torquebench.calibration import CalibrationData
-from torquebench.calibration.data import UNLOADED_SHARE
 from torquebench.chain import Component, Effect, MeasuringChain, Shared, Temperature
 from torquebench.chain import Reference as ReferenceEffect
 from torquebench.compensation import make_model
@@ -254,8 +253,7 @@ class _Raw:
                 smooth.fit(data.features(2), data.standard_nm)
             self.scatter_nm = smooth.scatter_nm
             self.freedom = float(smooth.degrees_of_freedom_)
-        torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
-        returned = (np.abs(torque) <= UNLOADED_SHARE * data.range_nm) & (data.branch < 0)
+        returned = data.unloaded & (data.branch < 0)
         self.zero_nm = float(np.max(np.abs(error_nm[returned]))) if np.any(returned) else None
         temperature = data.temperature_c
         self.drift_k = None if temperature is None else float(np.ptp(temperature))
