@@ -267,8 +267,8 @@ class CalibrationData:
         guessed = self.unloaded & (self.standard_nm != 0.0)
         if self.nominal_nm is None and np.any(guessed):
             notes.append(
-                f"no column nominal_nm: {np.count_nonzero(guessed)} points below {100 * UNLOADED_SHARE:g} % of the "
-                "range are taken for zeros"
+                f"no column nominal_nm: {np.count_nonzero(guessed)} points below "
+                f"{100 * UNLOADED_SHARE:g} % of the range are taken for zeros"
             )
         share = float(np.max(np.abs(self.standard_nm))) / self.range_nm
         if share < 0.9:
