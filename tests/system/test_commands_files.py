@@ -28,8 +28,8 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     write_table(tmp_path / "fresh.csv", seed=2, groups=2)
     fitted = run("fit", "data.csv", "--range", 2000, "--out", "model.json", cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
-    for text in ("polynomial-2", "bayesian-network", "published-network", "hybrid", "taken:"):
-        assert text in fitted.stdout
+    assert "model: physics + Gaussian process" in fitted.stdout
+    assert "bayesian-network" not in fitted.stdout
     assert widest_line(fitted.stdout) <= 80
     report = (tmp_path / "model.html").read_text()
     assert "<svg" in report
@@ -67,6 +67,17 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     assert "verifies nothing" in " ".join(own.stderr.split())
 
 
+def test_all_kinds_are_compared_on_demand(tmp_path: Path) -> None:
+    write_table(tmp_path / "data.csv", seed=1)
+    arguments = ("fit", "data.csv", "--model", "polynomial-2", "--compare")
+    fitted = run(*arguments, "--out", "model.json", cwd=tmp_path)
+    assert fitted.returncode == 0, fitted.stderr
+    for text in ("bayesian-network", "published-network", "hybrid", "model: polynomial, degree 2"):
+        assert text in fitted.stdout
+    assert widest_line(fitted.stdout) <= 80
+    assert "Comparison of models" in (tmp_path / "model.html").read_text()
+
+
 def test_a_named_model_and_one_direction(tmp_path: Path) -> None:
     standard = np.repeat(np.linspace(0.0, 360.0, 10), 2)
     reading = standard / 1.01 + np.random.default_rng(3).normal(0.0, 0.1, standard.size)
@@ -78,6 +89,6 @@ def test_a_named_model_and_one_direction(tmp_path: Path) -> None:
     arguments = ("fit", "arm.csv", "--range", 360, "--one-direction", "--model", "polynomial-1")
     result = run(*arguments, "--out", "arm.json", "--report", "arm-report.html", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "taken: polynomial, degree 1" in result.stdout
+    assert "model: polynomial, degree 1" in result.stdout
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["arm-report.html", "arm.csv", "arm.json"]
