@@ -115,6 +115,11 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "bench_clear": True,
     },
     "ResumeRequest": {"run_id": "20260302T101530Z-calibrate-output-1a2b", "bench_clear": True},
+    "FinishRequest": {"run_id": "20260302T101530Z-calibrate-output-1a2b"},
+    "DiscardRequest": {
+        "run_id": "20260302T101530Z-calibrate-output-1a2b",
+        "reason": "the clamp was loose",
+    },
     "CompareRequest": {"calibration_id": 7},
     "FitRequest": {"calibration_id": 7, "model": "spline"},
     "VerifyRequest": {"calibration_id": 7, "groups": 10, "points": 20, "bench_clear": True},

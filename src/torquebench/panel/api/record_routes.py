@@ -28,6 +28,7 @@ from torquebench.panel.service import (
     SettingsItem,
     TableRequest,
     TableView,
+    UnfinishedView,
 )
 from torquebench.panel.service.fields import Moment
 
@@ -95,6 +96,12 @@ def runs(
 def run(service: Watched, run_id: RunId) -> RunDetail:
     """Return everything about one run, and whether its files are as they were sealed."""
     return service.records.run(run_id)
+
+
+@router.get("/unfinished")
+def unfinished(service: Watched) -> list[UnfinishedView]:
+    """Return runs that a kill, a full disk or the database has come between, the oldest first."""
+    return service.unfinished()
 
 
 @router.get("/runs/{run_id}/columns")

@@ -44,6 +44,7 @@ Work (`jobs`): one at a time, each needs the lease
     - `activate(actor, model_id, reason)`, `deactivate(actor, side, reason)`, `sign_off(actor,
       calibration_id, password, accepted=True, remark="")`, `issue_certificate(actor, request,
       password)` -> `JobView` of kind "certificate".
+    - `unfinished()` -> list of `UnfinishedView`: what jobs "finish-run" and "discard-run" are for.
     - `interrupted(run_id="")` -> `InterruptedView` or None: what can be gone on with;
       `recall(actor, calibration_id)` -> `JobView` of a registered calibration, as if just done.
     - `log(limit, before)` -> what people did, newest first.

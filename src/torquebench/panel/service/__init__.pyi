@@ -52,6 +52,9 @@ from .problems import (
     PermissionDeniedError as PermissionDeniedError,
     SignInError as SignInError,
 )
+from .jobs.finishing import (
+    UnfinishedView as UnfinishedView,
+)
 from .jobs.recall import (
     InterruptedView as InterruptedView,
 )

@@ -25,6 +25,7 @@ from torquebench.panel.service.access.people import People
 from torquebench.panel.service.fields import plain
 from torquebench.panel.service.jobs.calibrations import CALIBRATION_KINDS
 from torquebench.panel.service.jobs.checks import CERTIFICATE_KIND, CHECK_KINDS
+from torquebench.panel.service.jobs.finishing import FINISHING_KINDS, UnfinishedView, unfinished
 from torquebench.panel.service.jobs.recall import InterruptedView, interrupted_calibration, recall
 from torquebench.panel.service.jobs.reducers import REDUCER_KINDS
 from torquebench.panel.service.jobs.runner import JobKind, JobRunner, Workplace
@@ -46,7 +47,7 @@ from torquebench.station import Station, data_directory
 __all__ = ["JOB_KINDS", "BenchService"]
 
 JOB_KINDS: Mapping[str, JobKind] = {
-    kind.name: kind for kind in (*CALIBRATION_KINDS, *CHECK_KINDS, *REDUCER_KINDS)
+    kind.name: kind for kind in (*CALIBRATION_KINDS, *CHECK_KINDS, *REDUCER_KINDS, *FINISHING_KINDS)
 }
 """What `jobs.start` can start."""
 
@@ -328,7 +329,7 @@ class BenchService:
         return self.people.signed_in(actor.session_id)
 
     def _job_done(self, kind: str) -> None:
-        if kind in ("calibrate", "resume-calibration", "fit"):
+        if kind in ("calibrate", "resume-calibration", "fit", "finish-run"):
             for side in SIDES:
                 self.refresh_compensation(side)
 
@@ -388,6 +389,12 @@ class BenchService:
     def interrupted(self, run_id: str = "") -> InterruptedView | None:
         """Return a calibration that can be gone on with: a run, or the newest calibration."""
         return interrupted_calibration(self.station.registry, run_id)
+
+    def unfinished(self) -> list[UnfinishedView]:
+        """Return runs that something has come between, the oldest first."""
+        if self.jobs.busy:  # what is under way isn't finished either
+            return []
+        return unfinished(self.station.registry)
 
     def recall(self, actor: Actor, calibration_id: int) -> JobView:
         """Take a registered calibration up again: to compare, fit, verify, sign or certify it.

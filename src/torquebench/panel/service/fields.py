@@ -16,6 +16,7 @@ __all__ = [
     "Moment",
     "Number",
     "ProfileName",
+    "RunId",
     "plain",
 ]
 
@@ -64,6 +65,8 @@ ProfileName: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")
 ]
 """Of a profile or a kind of model: never a path."""
+RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+"""Of a run: never a path."""
 
 
 def plain(text: str, longest: int) -> str:

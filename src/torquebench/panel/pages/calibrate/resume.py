@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 
 from torquebench.panel.components.controls import button
+from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, words
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView
 
-__all__ = ["interrupted_note", "resume_button", "take_up"]
+__all__ = ["interrupted_note", "resume_button", "take_up", "unfinished_notes"]
 
 
 def take_up(visitor: Visitor, calibration_id: int) -> None:
@@ -21,8 +23,53 @@ def take_up(visitor: Visitor, calibration_id: int) -> None:
         ui.navigate.to("/calibrate")
 
 
+def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
+    """Name every run that something has come between, and offer what can be done about it."""
+    text, service = visitor.text, visitor.service
+    for run in service.unfinished():
+        if measured_only and run.state == "interrupted":
+            continue
+        said = text("unfinished.found", number=run.run_id)
+        with note(said, "warn", title=text(f"unfinished.{run.state.replace(' ', '_')}")):
+            if run.state != "interrupted":
+                button(text("unfinished.finish"), partial(_finish, visitor, run.run_id),
+                       picture="task_alt")  # fmt: skip
+            elif (interrupted := service.interrupted(run.run_id)) is not None:
+                resume_button(visitor, interrupted)
+            button(text("unfinished.discard"), partial(_discard, visitor, run.run_id), "quiet")
+
+
+def _finish(visitor: Visitor, run_id: str) -> None:
+    jobs = visitor.service.jobs
+    if visitor.attempt(lambda: jobs.start(visitor.actor, "finish-run", {"run_id": run_id})):
+        ui.navigate.to("/calibrate" if "-calibrate-" in run_id else "/records")
+
+
+def _discard(visitor: Visitor, run_id: str) -> None:
+    text, jobs = visitor.text, visitor.service.jobs
+
+    def discard(reason: str) -> bool:
+        request = {"run_id": run_id, "reason": reason}
+        done = visitor.attempt(lambda: jobs.start(visitor.actor, "discard-run", request))
+        if done:
+            ui.navigate.to("/records")
+        return bool(done)
+
+    with ui.context.client.content:
+        ask(
+            text("unfinished.discard"),
+            text("unfinished.discard_said", number=run_id),
+            text("unfinished.discard"),
+            text("frame.close"),
+            discard,
+            field=text("unfinished.reason"),
+            danger=True,
+        )
+
+
 def interrupted_note(visitor: Visitor) -> None:
-    """Offer to go on where the newest calibration was interrupted."""
+    """Offer to finish what is measured, and to go on where the newest calibration stopped."""
+    unfinished_notes(visitor, measured_only=True)
     found = visitor.service.interrupted()
     if found is None:
         return

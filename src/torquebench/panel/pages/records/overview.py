@@ -18,7 +18,7 @@ from torquebench.panel.components.elements import (
     words,
 )
 from torquebench.panel.components.tabs import Tabs
-from torquebench.panel.pages.calibrate.resume import take_up
+from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.records.run import RunPanel
@@ -48,6 +48,7 @@ class _Runs:
             state: text(f"records.status_{state}")
             for state in ("completed", "aborted", "failed", "running")
         }
+        unfinished_notes(self._visitor)
         self._opened = box("div", "stack")
         with panel(text("records.runs")), box("div", "stack"):
             with box("div", "columns"):

@@ -58,7 +58,14 @@ from torquebench.compensation import (
 from torquebench.errors import InputError, RecordError
 from torquebench.panel.comparing import compare_points
 from torquebench.panel.run_in_process import run_in_process
-from torquebench.panel.service.fields import WHOLE, Flag, Identifier, Number, ProfileName
+from torquebench.panel.service.fields import (
+    WHOLE,
+    Flag,
+    Identifier,
+    Number,
+    ProfileName,
+    RunId,
+)
 from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
 from torquebench.panel.service.jobs.results import (
     calibration_data,
@@ -111,7 +118,7 @@ class CalibrateRequest(JobRequest):
 class ResumeRequest(JobRequest):
     """Go on with an interrupted calibration; side and profile are those of its run."""
 
-    run_id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    run_id: RunId
     models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
     bench_clear: Flag = False
 

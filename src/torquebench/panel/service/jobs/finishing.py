@@ -1,0 +1,109 @@
+"""Jobs that bring an unfinished run to its end, or say that nothing comes of it.
+
+Details of their results: of a calibration those of "calibrate"; of other runs none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from torquebench.campaign.finishing import discard_run, find_unfinished, finish_run
+from torquebench.panel.service.fields import RunId
+from torquebench.panel.service.jobs.calibrations import calibration_job_result
+from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
+from torquebench.panel.service.jobs.values import JobResult
+from torquebench.records import Registry, unfinished_runs
+
+__all__ = ["FINISHING_KINDS", "DiscardRequest", "FinishRequest", "UnfinishedView", "unfinished"]
+
+
+@dataclass(frozen=True)
+class UnfinishedView:
+    """A run that something has come between.
+
+    Parameters
+    ----------
+    run_id, kind : str
+    state : {"left open", "sealed", "measured", "interrupted"}
+        How far it has come: "interrupted" has to be gone on with on its bench, the others can be
+        finished without measuring.
+    found, remedy : str
+        What is the matter with it, and what to do at a terminal.
+    """
+
+    run_id: str
+    kind: str
+    state: str
+    found: str
+    remedy: str
+
+
+def unfinished(registry: Registry) -> list[UnfinishedView]:
+    """Return the runs that aren't finished and that no process writes, the oldest first."""
+    return [
+        UnfinishedView(run.run_id, run.kind, run.state.value, run.found, run.remedy)
+        for run in unfinished_runs(registry)
+    ]
+
+
+class FinishRequest(JobRequest):
+    """Enter, fit and register a run that was left behind; nothing is measured again."""
+
+    run_id: RunId
+
+
+class DiscardRequest(JobRequest):
+    """Enter that nothing comes of an unfinished run; its folder stays as it is."""
+
+    run_id: RunId
+    reason: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+def run_finish(context: JobContext, request: FinishRequest) -> JobResult:
+    """Finish a run as its own job would have done."""
+    registry = context.station.registry
+    run = find_unfinished(registry, request.run_id)
+    finished = finish_run(registry, run, context.job)
+    if finished.calibration is not None:
+        return calibration_job_result(finished.calibration)
+    return JobResult(
+        headline=f"{finished.sentence}.",
+        simulated=registry.run(run.run_id).simulated,
+        run_ids=(run.run_id,),
+    )
+
+
+def run_discard(context: JobContext, request: DiscardRequest) -> JobResult:
+    """Enter the decision and its reason."""
+    registry = context.station.registry
+    run = find_unfinished(registry, request.run_id)
+    discard_run(registry, run, by=context.actor.label, reason=request.reason)
+    return JobResult(
+        headline=f"run {run.run_id} is discarded.",
+        simulated=registry.run(run.run_id).simulated,
+        run_ids=(run.run_id,),
+    )
+
+
+FINISHING_KINDS: tuple[JobKind, ...] = (
+    JobKind(
+        "finish-run",
+        lambda asked: f"Finish {asked.run_id}",
+        FinishRequest,
+        run_finish,
+        moves=False,
+        can_pause=False,
+    ),
+    JobKind(
+        "discard-run",
+        lambda asked: f"Discard {asked.run_id}",
+        DiscardRequest,
+        run_discard,
+        role="metrologist",
+        moves=False,
+        can_pause=False,
+    ),
+)
