@@ -66,7 +66,8 @@ def verify(
     for remark in report.remarks:
         warn(remark)
     if report.intact:
-        say(f"{compared} are [green]as they were entered[/green]")
+        say(compared)
+        say("All are [green]as they were entered[/green].")
         say(f"chain end {report.head}")
         return
     count = len(report.findings)
