@@ -6,6 +6,8 @@ Inside, quantities are in N·m, rad, rad/s, s, Hz and °C. A factor's name reads
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from math import pi
 
 __all__ = [
@@ -16,6 +18,8 @@ __all__ = [
     "RAD_S_PER_RPM",
     "RPM_PER_RAD_S",
     "TURN",
+    "UNITS",
+    "plain_unit",
 ]
 
 TURN = 2.0 * pi
@@ -27,3 +31,28 @@ RAD_S_PER_RPM = 2.0 * pi / 60.0
 RPM_PER_RAD_S = 60.0 / (2.0 * pi)
 NM_PER_RAD_OF_NM_PER_ARCMIN = 180.0 * 60.0 / pi
 """1 N·m/arcmin in N·m/rad: 3437.75."""
+
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "torque": {"nm": 1.0, "knm": 1e3, "mnm": 1e-3},
+    "angle": {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "deg": DEGREE,
+        "arcmin": ARCMIN,
+        "arcsec": ARCSEC,
+        "rev": TURN,
+    },
+    "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / 6.0, "revs": 60.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "temperature": {"c": 1.0, "degc": 1.0},
+}
+"""Factors to N·m, rad, 1/min, s and °C; unit names without separators, in lower case."""
+
+_SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "℃": "degc", "µs": "us"}
+_SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/min", "rev/min"), "rpm")
+
+
+def plain_unit(unit: str) -> str:
+    """Return a unit as `UNITS` names it: ``N·m`` as ``nm``, ``min⁻¹`` as ``rpm``."""
+    unit = unit.strip().lower()
+    return _SPELLED.get(unit, re.sub(r"[^a-z]", "", unit))

@@ -15,6 +15,7 @@ from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
+    ColumnOption,
     DataOption,
     RangeOption,
     check_output,
@@ -59,6 +60,7 @@ def static(
         str, typer.Option(help="The profile that was followed: a name, or the path of a .toml.")
     ] = "staircase",
     range_nm: RangeOption = None,
+    column: ColumnOption = None,
     model: Annotated[
         Path | None, typer.Option(help="A model file: results after its compensation too.")
     ] = None,
@@ -123,6 +125,7 @@ def static(
         transducer_serial=transducer,
         counter_identity=indicator,
         remark=warn,
+        mapping=column or (),
     )
     points = assign_nominal(read, chosen)
     moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)

@@ -13,7 +13,7 @@ from torquebench.atomic_write import is_standard_output
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.console import out, say, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import RangeOption, check_output
+from torquebench.cli.options import ColumnOption, RangeOption, check_output
 from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def fit(
     outliers: Annotated[
         Outliers, typer.Option(help="What happens to a wild point, which is named anyway.")
     ] = Outliers.DOWNWEIGHT,
+    column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Which clock counted the pulses.")] = "",
     reference: Annotated[
@@ -119,6 +120,7 @@ def fit(
         transducer_serial=serial,
         counter_identity=counter,
         remark=warn,
+        mapping=column or (),
     )
 
     from torquebench.campaign.chains import mounting_effect, reference_effect
@@ -198,6 +200,7 @@ def apply(
         Path, typer.Argument(help="A CSV or Parquet file with a column reading_nm; - reads CSV.")
     ],
     result: Annotated[Path, typer.Option("--out", help="The CSV or Parquet file to write.")],
+    column: ColumnOption = None,
     zero_age: Annotated[
         float | None, typer.Option(min=0, help="Hours since the zero was taken.")
     ] = None,
@@ -241,7 +244,7 @@ def apply(
             progress.advance(int(100 * share) - shown)
             shown = int(100 * share)
 
-        done = compensate_file(readings, result, compensate, progress=show)
+        done = compensate_file(readings, result, compensate, mapping=column or (), progress=show)
     simulated = " (simulated)" if done.simulated else ""
     say(f"{done.rows} readings compensated{simulated}, written to {result}")
     say(
@@ -260,13 +263,14 @@ def verify(
         float,
         typer.Option(min=0, help="Largest allowed error of a single reading, % of full scale."),
     ] = SOURCES_TOLERANCE_PERCENT_FS,
+    column: ColumnOption = None,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance."""
     from torquebench.compensation import load_model
     from torquebench.records import read_calibration_csv
 
     stored = load_model(model)
-    points = read_calibration_csv(data, range_nm=stored.provenance.range_nm)
+    points = read_calibration_csv(data, range_nm=stored.provenance.range_nm, mapping=column or ())
     _check_chain(stored, points)
     _warn_of_contradictions(stored)
 

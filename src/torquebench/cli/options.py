@@ -21,6 +21,7 @@ __all__ = [
     "AcceptCounterOption",
     "BenchOption",
     "ClockToleranceOption",
+    "ColumnOption",
     "DataOption",
     "RangeOption",
     "RealTimeOption",
@@ -51,6 +52,14 @@ DataOption = Annotated[
 BenchOption = Annotated[
     Path | None,
     typer.Option("--bench", help="Bench description; without it the simulated bench."),
+]
+ColumnOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--column",
+        help="Which header is which quantity, as in reading=Drehmoment[Nm]; a minus sign before "
+        "the header turns the sign. Repeat it.",
+    ),
 ]
 RangeOption = Annotated[
     float | None, typer.Option("--range", help="Full scale in N·m: what % FS refers to.")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torquebench.errors import InputError
-from torquebench.units import ARCMIN, ARCSEC, DEGREE, RPM_PER_RAD_S, TURN
+from torquebench.units import TURN, UNITS, plain_unit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,24 +21,6 @@ __all__ = ["Kind", "read_columns"]
 Kind = str
 """One of the keys of `UNITS`, or ``"label"`` for a number without a unit."""
 
-UNITS: Mapping[Kind, Mapping[str, float]] = {
-    "torque": {"nm": 1.0, "knm": 1e3, "mnm": 1e-3},
-    "angle": {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "deg": DEGREE,
-        "arcmin": ARCMIN,
-        "arcsec": ARCSEC,
-        "rev": TURN,
-    },
-    "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / 6.0, "revs": 60.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "temperature": {"c": 1.0, "degc": 1.0},
-}
-"""Factors to N·m, rad, 1/min, s and °C; unit names without separators, in lower case."""
-
-_SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "µs": "us"}
-_SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/min", "rev/min"), "rpm")
 _UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$")
 
 
@@ -150,7 +132,7 @@ def _factor(kind: Kind, unit: str, text: str) -> float:
     counts = re.fullmatch(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", unit)
     if kind == "angle" and counts is not None and float(counts[1]) > 0.0:
         return TURN / float(counts[1])
-    plain = _SPELLED.get(unit, re.sub(r"[^a-z]", "", unit))
+    plain = plain_unit(unit)
     if plain not in UNITS[kind]:
         more = ", counts/N for N counts per revolution" if kind == "angle" else ""
         raise InputError(
@@ -183,7 +165,7 @@ def _by_header(table: CsvTable, name: str, kind: Kind) -> tuple[str, float] | No
 def _by_header_unit(header: str, kind: Kind) -> float | None:
     bracket = _UNIT.search(header)
     unit = bracket[1] if bracket is not None else header.rpartition("_")[2]
-    return UNITS[kind].get(_SPELLED.get(unit, re.sub(r"[^a-z]", "", unit)))
+    return UNITS[kind].get(plain_unit(unit))
 
 
 def _rows(table: CsvTable, where: Sequence[str]) -> NDArray[np.intp]:

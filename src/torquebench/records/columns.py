@@ -1,13 +1,15 @@
 """Names of the columns of torque tables, the units in them, and what other names mean."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.records.csv_text import CsvTable
+from torquebench.units import DEGREE, UNITS, plain_unit
 
 __all__ = [
     "NUMERIC_COLUMNS",
@@ -59,6 +61,59 @@ _FOREIGN_OTHER = {
     "time": {"ms", "us", "ns", "min", "h", "hours", "minutes"},
 }
 
+LABELS = ("series", "branch", "direction")
+_STEMS = {
+    **dict.fromkeys(
+        (
+            "anzeige",
+            "messwert",
+            "indication",
+            "indicated torque",
+            "measured torque",
+            "示值",
+            "读数",
+            "测量值",
+        ),
+        "reading",
+    ),
+    **dict.fromkeys(
+        (
+            "reference",
+            "reference torque",
+            "referenz",
+            "referenzmoment",
+            "normal",
+            "normalmoment",
+            "bezugsmoment",
+            "标准",
+            "标准值",
+            "标准扭矩",
+            "参考值",
+            "参考扭矩",
+        ),
+        "standard",
+    ),
+    **dict.fromkeys(("soll", "sollwert", "sollmoment", "nominal torque", "标称值"), "nominal"),
+    **dict.fromkeys(("stellung", "einbaulage", "位置"), "position"),
+    **dict.fromkeys(("drehzahl", "转速"), "speed"),
+    **dict.fromkeys(("temperatur", "temp", "温度"), "temperature"),
+    **dict.fromkeys(("zeit", "时间"), "time"),
+    **dict.fromkeys(("reihe", "messreihe", "序列", "系列"), "series"),
+    **dict.fromkeys(("ast", "belastungsrichtung", "行程", "分支"), "branch"),
+    **dict.fromkeys(("richtung", "drehrichtung", "方向"), "direction"),
+}
+"""What columns are called in German, English and Chinese; torques that may be either reading or
+reference aren't here."""
+_TORQUE_WORDS = ("moment", "torque", "扭矩", "转矩", "力矩")
+_KINDS = {
+    **dict.fromkeys(TORQUES, "torque"),
+    "position": "angle",
+    "speed": "speed",
+    "temperature": "temperature",
+    "time": "time",
+}
+_HEADER_UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$|\s*/\s*([^/]+)$|\s+in\s+(\S+)$")
+
 _BRANCHES = {
     **dict.fromkeys(
         (
@@ -93,7 +148,114 @@ def word_values(column: str) -> Mapping[str, int]:
     return {"branch": _BRANCHES, "direction": _DIRECTIONS}[column]
 
 
-def find_columns(table: CsvTable, required: tuple[str, ...]) -> dict[str, tuple[str, float]]:
+def understood(
+    table: CsvTable, required: tuple[str, ...], mapping: Sequence[str] = ()
+) -> tuple[CsvTable, dict[str, tuple[str, float]]]:
+    r"""Return a table whose label columns have their own names, and its numeric columns.
+
+    Parameters
+    ----------
+    table : CsvTable
+    required : tuple of str
+        Columns that there must be, as of `find_columns`.
+    mapping : sequence of str
+        ``name=Header[unit]`` for headers that don't say what they are; a minus sign before the
+        header turns the sign.
+
+    Raises
+    ------
+    InputError
+        As `find_columns`; where a mapping can't be used.
+
+    Examples
+    --------
+    >>> from torquebench.records.csv_text import parse_csv
+    >>> table = parse_csv("Anzeige [N·m];Normal in kNm;Ast\n1;0,001;auf\n", "a table")
+    >>> table, columns = understood(table, ("reading_nm", "standard_nm"))
+    >>> columns["standard_nm"], table.header[2]
+    (('normal in knm', 1000.0), 'branch')
+    """
+    named: dict[str, tuple[str, float]] = {}
+    for text in mapping:
+        key, source = _mapped(text, table)
+        if key in named:
+            raise InputError(f"two columns for {key}", "one --column for each", f"drop {text!r}")
+        named[key] = source
+    taken = {header for header, _ in named.values()}
+    for header in table.header:
+        if header in taken or header in NUMERIC_COLUMNS or header in LABELS:
+            continue
+        found = _by_stem(header)
+        if found is not None and found[0] not in named and found[0] not in table.header:
+            named[found[0]] = (header, found[1])
+    labels = {named.pop(name)[0]: name for name in LABELS if name in named}
+    renamed = tuple(labels.get(header, header) for header in table.header)
+    table = replace(table, header=renamed)
+    return table, find_columns(table, required, named)
+
+
+def _by_stem(header: str) -> tuple[str, float] | None:
+    unit = _HEADER_UNIT.search(header)
+    stem = header[: unit.start()].strip() if unit else header
+    name = _STEMS.get(stem, stem if unit and stem in _KINDS else None)
+    if name in LABELS:
+        return str(name), 1.0
+    if name is None or unit is None:
+        return None
+    factors = UNITS[_KINDS[name]]
+    factor = factors.get(plain_unit(next(filter(None, unit.groups()))))
+    return None if factor is None else (_key(name), factor / _scale(name))
+
+
+def _key(name: str) -> str:
+    return f"{name}_nm" if name in TORQUES else f"{name}_{_OTHERS[name]}"
+
+
+def _scale(name: str) -> float:
+    return DEGREE if name == "position" else 1.0
+
+
+def _mapped(text: str, table: CsvTable) -> tuple[str, tuple[str, float]]:
+    name, equals, source = text.partition("=")
+    name, source = name.strip().lower(), source.strip().lower()
+    name = next((each for each in _KINDS if name == _key(each)), name)
+    if not equals or not source or name not in (*_KINDS, *LABELS):
+        raise InputError(
+            f"--column {text}",
+            f"NAME=Header[unit] with NAME one of {', '.join((*_KINDS, *LABELS))}",
+            "as in --column 'reading=Drehmoment[Nm]'",
+        )
+    sign = 1.0
+    if source not in table.header and source.startswith("-"):
+        sign, source = -1.0, source[1:].strip()
+    unit = _HEADER_UNIT.search(source)
+    header = source
+    if header not in table.header and unit is not None:
+        header = source[: unit.start()].strip()
+    if header not in table.header:
+        raise InputError(
+            f"--column {text}: {table.origin} has no column {header}",
+            f"one of {', '.join(table.header)}",
+        )
+    if name in LABELS:
+        return name, (header, 1.0)
+    unit = unit or _HEADER_UNIT.search(header)
+    word = next(filter(None, unit.groups())) if unit else header.rpartition("_")[2]
+    factors = UNITS[_KINDS[name]]
+    if plain_unit(word) not in factors:
+        raise InputError(
+            f"--column {text} names no unit" if unit is None else f"the unit {word} in {text}",
+            f"one of {', '.join(factors)} in brackets",
+            f"as in --column '{name}={header}[{next(iter(factors))}]'",
+        )
+    return _key(name), (header, sign * factors[plain_unit(word)] / _scale(name))
+
+
+def find_columns(
+    table: CsvTable,
+    required: tuple[str, ...],
+    named: Mapping[str, tuple[str, float]] | None = None,
+) -> dict[str, tuple[str, float]]:
     """Find the numeric columns of a torque table and the factor to their SI unit.
 
     Torques may also be in kN·m (``reading_knm``) or mN·m (``reading_mnm``); any other unit is
@@ -105,6 +267,8 @@ def find_columns(table: CsvTable, required: tuple[str, ...]) -> dict[str, tuple[
         The table.
     required : tuple of str
         Columns that there must be.
+    named : mapping, optional
+        Columns that are known already, in the form of what is returned.
 
     Returns
     -------
@@ -117,8 +281,11 @@ def find_columns(table: CsvTable, required: tuple[str, ...]) -> dict[str, tuple[
     InputError
         Where a required column is missing, a quantity is given twice, or in another unit.
     """
-    found: dict[str, tuple[str, float]] = {}
+    found: dict[str, tuple[str, float]] = dict(named or {})
+    taken = {name for name, _ in found.values()}
     for name in table.header:
+        if name in taken:
+            continue
         known = _known(name)
         if known is None:
             _refuse_foreign_unit(name, table.origin)
@@ -177,6 +344,11 @@ def _unit_after(stem: str, name: str) -> str:
 def _missing_remedy(key: str, header: tuple[str, ...]) -> str:
     stem, _, unit = key.rpartition("_")
     alike = [name for name in header if name.startswith(stem)]
+    words = [name for name in header if any(word in name for word in _TORQUE_WORDS)]
+    words += [name for name in header if _STEMS.get(_HEADER_UNIT.sub("", name)) == stem]
+    if not alike and words and stem in TORQUES:
+        shown = _HEADER_UNIT.sub("", words[-1])
+        return f"name the column and its unit: --column '{stem}={shown}[Nm]'"
     if alike:
         return f"rename {alike[0]} to {key} if it is in that unit: a header names its unit"
     return f"add it, with the unit {unit} in its header"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_file
 from torquebench.errors import InputError
-from torquebench.records.columns import find_columns, word_values
+from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import CsvTable, csv_encoding, is_comment, parse_csv
 from torquebench.records.table_formats import check_formats, is_parquet
 from torquebench.records.tables import ADDED_COLUMNS, ReadingsTable, readings_of
@@ -86,6 +86,7 @@ def compensate_file(
     target: Path,
     compensate: Compensate,
     *,
+    mapping: Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
 ) -> CompensatedFile:
     """Compensate a file of readings into another, whole or not at all.
@@ -101,6 +102,8 @@ def compensate_file(
         CSV or Parquet by its ending; see `atomic_write` for links, pipes and ``-``.
     compensate : callable
         Called for one block after the other and from two threads.
+    mapping : sequence of str
+        ``name=Header[unit]`` of columns that have other names; see `columns.understood`.
     progress : callable, optional
         Called with the share that is done, 0 to 1.
 
@@ -111,7 +114,7 @@ def compensate_file(
     """
     check_formats(source, target)
     with ExitStack() as opened:
-        readings = _open(source, opened)
+        readings = _open(source, opened, mapping)
         for name in ADDED_COLUMNS:
             if name in readings.header:
                 raise InputError(
@@ -170,13 +173,15 @@ def _in_order(
                 future.cancel()
 
 
-def _open(path: Path, opened: ExitStack) -> _Source:
+def _open(path: Path, opened: ExitStack, mapping: Sequence[str]) -> _Source:
     try:
         if is_parquet(path):
-            return _ParquetSource(path, opened.enter_context(pq.ParquetFile(path)))
+            return _ParquetSource(path, opened.enter_context(pq.ParquetFile(path)), mapping)
         if str(path) == "-":
-            return _CsvSource("standard input", sys.stdin.buffer, 0)
-        return _CsvSource(str(path), opened.enter_context(path.open("rb")), path.stat().st_size)
+            return _CsvSource("standard input", sys.stdin.buffer, 0, mapping)
+        return _CsvSource(
+            str(path), opened.enter_context(path.open("rb")), path.stat().st_size, mapping
+        )
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(
             f"can't read {path}: {getattr(error, 'strerror', None) or error}",
@@ -191,7 +196,7 @@ class _CsvSource:
     mistake) goes through the reader of small tables, which names line and column.
     """
 
-    def __init__(self, origin: str, file: IO[bytes], size: int) -> None:
+    def __init__(self, origin: str, file: IO[bytes], size: int, mapping: Sequence[str]) -> None:
         self.origin, self._file, self._size = origin, file, size
         self._rest = file.read(_BLOCK_BYTES)
         self._read = len(self._rest)
@@ -205,11 +210,13 @@ class _CsvSource:
         self._table = parse_csv(self._head_text, origin)
         self._header_line, self._rest = _after_header(self._rest, self._before)
         self.header, self.remarks = self._table.header, self._table.remarks
-        self._columns = find_columns(self._table, ("reading_nm",))
+        self._mapping = mapping
+        named, self._columns = understood(self._table, ("reading_nm",), mapping)
+        self._names = named.header  # with labels by their own names
         self._comma = self._table.separator != "," and any(
             "," in cell for cell in self._table.texts(self._columns["reading_nm"][0])
         )
-        self.simulated = readings_of(self._table).simulated
+        self.simulated = readings_of(self._table, mapping).simulated
 
     @property
     def separator(self) -> str:
@@ -294,8 +301,9 @@ class _CsvSource:
     def _labels_are_fine(self, cells: Any, reading: NDArray[np.float64]) -> bool:
         try:
             direction = self._words(cells, "direction")
-            if "series" in self.header:
-                pc.cast(pc.utf8_trim_whitespace(cells["series"]), pa.int64())
+            if "series" in self._names:
+                series = cells.column(self._names.index("series"))
+                pc.cast(pc.utf8_trim_whitespace(series), pa.int64())
         except (pa.ArrowInvalid, ValueError):
             return False
         return direction is None or not np.any(direction * np.sign(reading) < 0)
@@ -313,10 +321,11 @@ class _CsvSource:
         return np.asarray(values if factor == 1.0 else values * factor)
 
     def _words(self, cells: Any, column: str) -> NDArray[np.int8] | None:
-        if column not in self.header:
+        if column not in self._names:
             return None
         meaning = word_values(column)
-        words = pc.utf8_lower(pc.utf8_trim_whitespace(cells[column]))
+        found = cells.column(self._names.index(column))
+        words = pc.utf8_lower(pc.utf8_trim_whitespace(found))
         found = pc.index_in(words, pa.array(list(meaning)))
         if found.null_count:
             raise ValueError
@@ -346,7 +355,7 @@ class _CsvSource:
         cells = pa.table(
             {name: list(cells) for name, cells in zip(self.header, columns, strict=True)}
         )
-        return _Block(cells, replace(readings_of(table), simulated=self.simulated))
+        return _Block(cells, replace(readings_of(table, self._mapping), simulated=self.simulated))
 
 
 def _head(content: bytes) -> tuple[bytes, int]:
@@ -375,7 +384,7 @@ def _end_of_lines(content: bytes) -> int:
 class _ParquetSource:
     """A Parquet file in row groups or parts of them."""
 
-    def __init__(self, path: Path, file: Any) -> None:
+    def __init__(self, path: Path, file: Any, mapping: Sequence[str]) -> None:
         self.origin, self._file = str(path), file
         schema = file.schema_arrow
         self.schema = schema
@@ -386,7 +395,8 @@ class _ParquetSource:
         self.remarks.pop("pandas", None)
         self.simulated = self.remarks.get("simulated", "").lower() in ("true", "yes", "1")
         self._table = CsvTable(self.origin, ",", self.header, (), (), self.remarks, "row")
-        self._columns = find_columns(self._table, ("reading_nm",))
+        named, self._columns = understood(self._table, ("reading_nm",), mapping)
+        self._names = named.header
 
     def pieces(self) -> Iterator[tuple[tuple[Any, int], float]]:
         """Yield batches and the number of rows before them."""
@@ -408,8 +418,8 @@ class _ParquetSource:
                 column = batch.column(self.header.index(header))
                 numbers[key] = self._numbers(column, header, before) * factor
         branch = None
-        if "branch" in self.header:
-            branch = self._branch(batch.column(self.header.index("branch")), before)
+        if "branch" in self._names:
+            branch = self._branch(batch.column(self._names.index("branch")), before)
         cells = pa.Table.from_batches([batch])
         assert cells.column_names == names
         table = ReadingsTable(

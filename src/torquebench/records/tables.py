@@ -1,7 +1,7 @@
 """Tables of calibrations and readings: read with every complaint named, written whole."""
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +15,9 @@ from torquebench.errors import InputError
 from torquebench.records.columns import (
     branches,
     check_direction,
-    find_columns,
     quantity,
     series,
+    understood,
 )
 from torquebench.records.csv_text import CsvTable, parse_csv, read_csv
 
@@ -56,6 +56,7 @@ def read_calibration_csv(
     transducer_serial: str = "",
     counter_identity: str = "",
     remark: Callable[[str], None] | None = None,
+    mapping: Sequence[str] = (),
 ) -> CalibrationData:
     r"""Return the calibration in a CSV file.
 
@@ -78,6 +79,8 @@ def read_calibration_csv(
         The chain, where the file doesn't name it or names it wrongly.
     remark : callable, optional
         Called with a sentence for each of them that the file names differently.
+    mapping : sequence of str
+        ``name=Header[unit]`` of columns that have other names; see `columns.understood`.
 
     Raises
     ------
@@ -94,9 +97,8 @@ def read_calibration_csv(
         noted = table.remarks.get(name, value)
         if value and remark is not None and noted != value:
             remark(f"{path} says {name} = {noted}; {value} was given and is taken")
-    return _calibration(
-        table, range_nm, both_directions, (side, transducer_serial, counter_identity)
-    )
+    chained = (side, transducer_serial, counter_identity)
+    return _calibration(table, range_nm, both_directions, chained, mapping)
 
 
 def parse_calibration_csv(
@@ -126,10 +128,14 @@ def parse_calibration_csv(
 
 
 def _calibration(
-    table: CsvTable, range_nm: float | None, both_directions: bool, chain: tuple[str, str, str]
+    table: CsvTable,
+    range_nm: float | None,
+    both_directions: bool,
+    chain: tuple[str, str, str],
+    mapping: Sequence[str] = (),
 ) -> CalibrationData:
     side, transducer_serial, counter_identity = chain
-    columns = find_columns(table, ("reading_nm", "standard_nm"))
+    table, columns = understood(table, ("reading_nm", "standard_nm"), mapping)
     table.check_decimal_marks([name for name, _ in columns.values()])
     reading, standard = (quantity(table, columns, key) for key in ("reading_nm", "standard_nm"))
     assert reading is not None
@@ -258,9 +264,9 @@ def read_readings_csv(path: Path | str) -> ReadingsTable:
     return readings_of(read_csv(Path(path)))
 
 
-def readings_of(table: CsvTable) -> ReadingsTable:
+def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
     """Return the readings in a table; see `read_readings_csv`."""
-    columns = find_columns(table, ("reading_nm",))
+    table, columns = understood(table, ("reading_nm",), mapping)
     used = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm")
     table.check_decimal_marks([columns[key][0] for key in used if key in columns])
     reading = quantity(table, columns, "reading_nm")
@@ -406,7 +412,7 @@ def _finite(name: str, values: ArrayLike, n: int) -> NDArray[np.float64]:
 
 
 def _name_of_reading(table: CsvTable) -> str:
-    return find_columns(table, ("reading_nm",))["reading_nm"][0]
+    return understood(table, ("reading_nm",))[1]["reading_nm"][0]
 
 
 def _simulated(remarks: Mapping[str, str]) -> bool:
