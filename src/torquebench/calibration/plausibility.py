@@ -7,8 +7,6 @@ from typing import Annotated, Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
-from scipy import stats
-from scipy.interpolate import BSpline
 
 from torquebench.calibration.data import CalibrationData
 
@@ -316,6 +314,8 @@ def _left_of(axes: FloatArray, columns: FloatArray) -> FloatArray:
 
 def _shapes(torque: FloatArray, data: CalibrationData, *, loops: bool) -> Iterator[FloatArray]:
     """Yield columns a direction: splines for the curve, and loops that close where it turns."""
+    from scipy.interpolate import BSpline
+
     direction = data.loading_direction()
     for sign in (1, -1, 0):
         here = direction == sign
@@ -372,6 +372,8 @@ def find_split(data: CalibrationData, limits: Plausibility | None = None) -> Spl
 
 
 def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
+    from scipy import special  # profiles are read without it
+
     data, rest, torque = smooth.data, smooth.rest, smooth.torque
     freedom = smooth.freedom - 2
     if freedom < _FEWEST_FREEDOM or len(data) < 2 * _FEWEST_POINTS:
@@ -382,7 +384,7 @@ def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
     before = float(rest @ rest)
     after = max(before - float(gain[place]), 1e-24 * len(data))
     ratio = (before - after) / 2.0 / (after / freedom)
-    if gain.size * float(stats.f.sf(ratio, 2, freedom)) > _SPLIT_LEVEL:
+    if gain.size * float(special.fdtrc(2, freedom, ratio)) > _SPLIT_LEVEL:
         return None
     if gain[place] < _gain_of_outliers(smooth, _OUTLIERS):
         return None

@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from torquebench.errors import RecordError
-from torquebench.records.edge_stream import EDGE_STREAM, RecordedEdges, stream_edges
+from torquebench.records.edge_stream import RecordedEdges, stream_edges
+from torquebench.records.files import EDGE_STREAM
 from torquebench.signals import EdgeBlock
 
 __all__ = ["EDGE_ARCHIVE", "read_edges", "seal_edges"]

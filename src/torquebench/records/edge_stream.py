@@ -17,10 +17,8 @@ from torquebench.records.edge_codec import EncodedEdges, decode_edges, encode_ed
 from torquebench.records.raw_stream import WholeBatches, write_checked
 from torquebench.signals import EdgeBlock
 
-__all__ = ["EDGE_STREAM", "EdgeStream", "RecordedEdges", "damage_to", "stream_edges"]
+__all__ = ["EdgeStream", "RecordedEdges", "damage_to", "stream_edges"]
 
-EDGE_STREAM = "edges.arrow"
-"""Name of the stream in a run's folder."""
 FLUSH_INTERVAL_S = 0.5
 """Longest time between two synchronisations while blocks come, s of wall time."""
 FLUSH_EDGES = 1_000_000

@@ -13,7 +13,11 @@ from typing import Any
 
 from torquebench.errors import RecordError
 
-__all__ = ["json_text", "read_json", "sha256_of_file"]
+__all__ = ["EDGE_STREAM", "json_text", "read_json", "sha256_of_file"]
+
+
+EDGE_STREAM = "edges.arrow"
+"""Recorded edges of an open run."""
 
 
 def sha256_of_file(path: Path) -> str:

@@ -1,5 +1,7 @@
 """The folder of one run: its documents, raw samples and results, sealed by a manifest."""
 
+from __future__ import annotations
+
 import hashlib
 import json
 import os
@@ -12,15 +14,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from numpy.typing import ArrayLike
 
 import torquebench
 from torquebench.atomic_write import atomic_write, sync_folder
 from torquebench.errors import InputError, RecordError, TorquebenchError
-from torquebench.records.edge_archive import read_edges, seal_edges
-from torquebench.records.edge_stream import EDGE_STREAM, EdgeStream, RecordedEdges, damage_to
 from torquebench.records.event_lines import (
     Damage,
     ReadLines,
@@ -29,12 +29,16 @@ from torquebench.records.event_lines import (
     with_copies,
 )
 from torquebench.records.files import (
+    EDGE_STREAM,
     json_text,
     read_json,
     sha256_of_file,
 )
-from torquebench.records.raw_stream import RawReading, RawStream, read_raw, seal_raw
-from torquebench.signals import EdgeBlock
+
+if TYPE_CHECKING:
+    from torquebench.records.edge_stream import RecordedEdges
+    from torquebench.records.raw_stream import RawReading
+    from torquebench.signals import EdgeBlock
 
 __all__ = ["MANIFEST", "Recovery", "RunFolder", "RunStatus", "RunWriter", "new_run_id"]
 
@@ -128,6 +132,10 @@ class RunWriter:
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, Any]) -> None:
+        # Arrow takes its time, and whoever only lists runs doesn't need it.
+        from torquebench.records.edge_stream import EdgeStream
+        from torquebench.records.raw_stream import RawStream
+
         try:
             path.mkdir(parents=True)
         except FileExistsError as error:
@@ -267,7 +275,7 @@ class RunWriter:
             atomic_write(self.path / name, text)
         return self.path / name
 
-    def seal(self, status: RunStatus = "completed", reason: str = "") -> "RunFolder":
+    def seal(self, status: RunStatus = "completed", reason: str = "") -> RunFolder:
         """Close the run and write its manifest; after that nothing changes any more.
 
         Parameters
@@ -489,10 +497,14 @@ class RunFolder:
 
     def raw(self) -> RawReading:
         """Return the raw samples; an incomplete last block is left out and reported."""
+        from torquebench.records.raw_stream import read_raw
+
         return read_raw(self.path)
 
     def edges(self) -> Iterator[RecordedEdges]:
         """Yield the recorded edges, block by block; an incomplete end is left out."""
+        from torquebench.records.edge_archive import read_edges
+
         return read_edges(self.path)
 
     def verify(self) -> None:
@@ -542,6 +554,8 @@ class RunFolder:
         RecordError
             Where the folder is sealed already.
         """
+        from torquebench.records.edge_stream import damage_to
+
         if self.sealed:
             raise RecordError(f"{self.path} is sealed", "a run that was left open")
         damaged = [*self._recover_metadata()]
@@ -643,6 +657,9 @@ def _files_of(folder: Path) -> list[str]:
 
 
 def _seal(folder: Path, status: RunStatus, reason: str) -> None:
+    from torquebench.records.edge_archive import seal_edges
+    from torquebench.records.raw_stream import seal_raw
+
     if (folder / MANIFEST).exists():
         raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
     seal_raw(folder)
