@@ -1,4 +1,4 @@
-"""Say in the reader's language what the rooms below the panel say in English.
+"""Say in the reader's language what the packages below the panel say in English.
 
 The measuring core raises its errors, alarms and questions as English sentences with their values
 in them. Their English template is the key here, as it is in gettext: a catalogue holds
