@@ -27,7 +27,7 @@ from torquebench.records import Registry, RunFolder
 from torquebench.station import Station, recover_unfinished
 
 # One zero, then two series of ten points: in the zero, in the first, in the second, at its end.
-MOMENTS = ("events-1", "events-6", "events-12", "events-16", "events-20", "room-400000")
+MOMENTS = ("events-1", "events-6", "events-12", "events-16", "events-20", "room-150000")
 # One zero, then 24 points in two series, then 24 placed ones.
 ADAPTIVE = ("adaptive-20", "adaptive-32")
 
