@@ -5,7 +5,7 @@ import pytest
 from scipy.io import loadmat
 
 from torquebench.signals import steady_value
-from torquebench.signals.wild_values import wild_values
+from torquebench.signals.outliers import outliers
 
 # Plateaus of cell 1 in counts above the first zero, from the data set's description, and the
 # samples of the recording without clock in which they lie.
@@ -27,7 +27,7 @@ def test_the_read_errors_are_found(recording):
     for cell in (first, second):
         errors = np.flatnonzero(np.abs(cell) > 1e6)
         assert errors.size == 4
-        found = np.flatnonzero(wild_values(cell))
+        found = np.flatnonzero(outliers(cell))
         assert set(errors) <= set(found)
         # beside them only single samples at the moments when a weight is placed
         assert found.size <= errors.size + 6

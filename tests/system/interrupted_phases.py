@@ -41,7 +41,7 @@ from torquebench.records import (
     RunFolder,
     RunState,
     RunWriter,
-    run_folder,
+    raw_stream,
     unfinished_runs,
 )
 from torquebench.reports.certificate import Issue, build_record, issue_certificate
@@ -54,7 +54,7 @@ PHASES: dict[str, tuple[Any, str, int]] = {
     "begin": (Registry, "add_run", 1),
     "measure": (RunWriter, "document", 12),
     "results": (RunWriter, "write_results", 1),
-    "seal": (run_folder, "seal_raw", 1),
+    "seal": (raw_stream, "seal_raw", 1),
     "sealed": (Registry, "finish_run", 1),
     "zeros": (entering, "_zeroings", 1),
     "fit": (finishing, "fit_models", 1),

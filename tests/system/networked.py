@@ -1,18 +1,23 @@
 """A bench of separate instruments, all simulated, on ports that nobody else has."""
 
 import contextlib
+import functools
+import random
 import re
 import socket
+import tempfile
 import tomllib
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import bluesky.plan_stubs as bps
 from tests.system.command_line import started
 
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
 from torquebench.bench.drivers.simulation_control import SimulationControl
+from torquebench.station import Station
 from torquebench.validation import validated
 
 ANY_PORT = "127.0.0.1:0"
@@ -57,11 +62,19 @@ def daqmx() -> dict[str, Any]:
     }
 
 
+@functools.cache
+def compile_kernels() -> None:
+    """Compile what a bench computes: in a process with simulators, they wait meanwhile."""
+    with tempfile.TemporaryDirectory() as folder, Station.open(None, Path(folder)) as station:
+        station.run(bps.sleep(0.2), kind="warm-up")
+
+
 def described(**sections: Any) -> BenchDescription:
     """Describe a bench with an instrument for each role.
 
     `sections` replace them, None leaves one out.
     """
+    compile_kernels()
     text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
     values = tomllib.loads(text)
     values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
@@ -92,6 +105,18 @@ def described(**sections: Any) -> BenchDescription:
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "networked.toml"
 
 
+def free_ports(count: int) -> list[int]:
+    """Return ports below those that the system gives to clients, so that nobody takes them."""
+    ports: list[int] = []
+    while len(ports) < count:
+        port = random.SystemRandom().randrange(20_000, 30_000)
+        if port in ports:
+            continue
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            ports.append(port)
+    return ports
+
+
 @contextlib.contextmanager
 def simulating(folder: Path, *options: str) -> Iterator[tuple[Path, SimulationControl]]:
     """Run `torquebench simulate` on the networked example, on ports that nobody else has.
@@ -99,10 +124,9 @@ def simulating(folder: Path, *options: str) -> Iterator[tuple[Path, SimulationCo
     Yields the bench's description and the simulators' control.
     """
     text = EXAMPLE.read_text(encoding="utf-8")
-    with contextlib.ExitStack() as reserved:
-        for used in sorted(set(re.findall(r"\b170\d\d\b", text))):
-            taken = reserved.enter_context(socket.create_server(("127.0.0.1", 0)))
-            text = re.sub(rf"\b{used}\b", str(taken.getsockname()[1]), text)
+    known = sorted(set(re.findall(r"\b170\d\d\b", text)))
+    for used, port in zip(known, free_ports(len(known)), strict=True):
+        text = re.sub(rf"\b{used}\b", str(port), text)
     bench = folder / "networked.toml"
     bench.write_text(text, encoding="utf-8")
     with started("simulate", "--bench", bench, *options, cwd=folder) as process:

@@ -13,6 +13,8 @@ from torquebench.signals import EdgeBlock
 @pytest.fixture
 def run_id(tmp_path: Path) -> str:
     data = tmp_path / "data"
+    data.mkdir()
+    Registry.open(data).close()
     with RunFolder.create(data / "runs", {"simulated": True}, kind="measure") as writer:
         writer.samples({"time_s": np.arange(4.0), "output_torque_nm": np.arange(4.0) * 10.0})
         writer.edges({"output_torque": EdgeBlock(np.array([3, 1670, 3337]), 0, 5000, 100e6)})
@@ -30,7 +32,7 @@ def run_id(tmp_path: Path) -> str:
     return writer.run_id
 
 
-def test_samples_and_edges_leave_the_house(tmp_path: Path, run_id: str) -> None:
+def test_samples_and_edges_are_exported(tmp_path: Path, run_id: str) -> None:
     options = ("--data", "data", "--out")
     done = run("records", "export-data", "latest", *options, "samples.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

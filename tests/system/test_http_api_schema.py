@@ -1,4 +1,5 @@
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -49,5 +50,7 @@ def test_schemathesis_finds_nothing_wrong_with_any_operation(tmp_path: Path) -> 
         fuzz.close()
         alive = admin.get("/session")
     assert report.returncode == 0, report.stdout[-8000:] + report.stderr[-2000:]
-    assert "Tested: 6" in report.stdout  # more than sixty operations
+    tested = re.search(r"Tested: (\d+)", report.stdout)
+    assert tested is not None
+    assert int(tested[1]) > 60, "operations"
     assert alive.status_code == 200

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.system.command_line import run, widest_line
-from tests.system.networked import canopen, daqmx, described, modbus
+from tests.system.networked import canopen, daqmx, described, free_ports, modbus
 from tests.system.test_station_runs import staircase
 
 from torquebench.bench.description import load_bench
@@ -176,12 +176,8 @@ def test_a_port_in_use_is_named() -> None:
 
 def _on_free_ports(text: str) -> str:
     """Return a bench description with its ports replaced by free ones."""
-    reserved = [socket.create_server(("127.0.0.1", 0)) for _ in range(8)]
-    ports = [each.getsockname()[1] for each in reserved]
-    for each in reserved:
-        each.close()
     known = ("17000", "17001", "17010", "17011", "17020", "17030", "17031")
-    for before, after in zip(known, ports, strict=False):
+    for before, after in zip(known, free_ports(len(known)), strict=True):
         text = text.replace(before, str(after))
     return text
 

@@ -44,7 +44,7 @@ from .evaluation import (
     StaticEvaluation as StaticEvaluation,
     evaluate_static as evaluate_static,
 )
-from .own_steps import (
+from .table_steps import (
     EvaluablePoints as EvaluablePoints,
     evaluable_points as evaluable_points,
     own_steps as own_steps,

@@ -102,7 +102,7 @@ class ReasonBody(Body):
 class ActivateBody(ReasonBody):
     """Why a model is put into use, and whether although its calibration contradicts itself."""
 
-    despite_contradictions: bool = False
+    despite_contradictions: Flag = False
 
 
 class AbortBody(ReasonBody):
