@@ -161,6 +161,8 @@ class _Child:
         return 0
 
     def _arm(self, phase: str) -> None:
+        # The program itself is watched in its own process: methods are replaced on their classes,
+        # which type checkers take for a mistake.
         child, opened = self, SimulatedBench.__init__
 
         def remember(bench: SimulatedBench, *arguments: Any, **keys: Any) -> None:
@@ -235,11 +237,12 @@ def _command(
     """Run a command in a process of its own."""
     printed, output = os.pipe()
     process = os.fork()
-    if process == 0:  # pragma: no cover - another process
+    if process == 0:
         code = CRASHED
         with contextlib.suppress(BaseException):
             os.dup2(output, 1)
             os.dup2(output, 2)
+            # Both stay open until the process ends: no block could hold them.
             sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
             sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
             code = _Child(data, kind, when).run(arguments)

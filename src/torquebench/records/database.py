@@ -430,6 +430,7 @@ def _engine(url: URL) -> Engine:
         with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server has gone first
             close(dbapi_connection)
 
+    # The pool closes by the dialect alone, and has no event that may leave out the closing.
     engine.dialect.do_close = close_quietly  # type: ignore[method-assign]
     return engine
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from sqlalchemy import StaticPool, create_engine, inspect, text
+from sqlalchemy import Connection, StaticPool, create_engine, inspect, text
 
 from torquebench.records.database import WAY_BACK, Database
 from torquebench.records.integrity import Finding
@@ -97,9 +97,9 @@ def _schema(registry: Database) -> Schema:
         return _server_schema(connection)
 
 
-def _sqlite_schema(connection: object) -> Schema:
+def _sqlite_schema(connection: Connection) -> Schema:
     query = text("SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL")
-    rows = connection.execute(query)  # type: ignore[attr-defined]
+    rows = connection.execute(query)
     return {(kind, name): " ".join(sql.split()) for kind, name, sql in rows}
 
 
@@ -121,7 +121,7 @@ def _expected_schema(dialect: str) -> Schema:
     return expected
 
 
-def _server_schema(connection: object) -> Schema:
+def _server_schema(connection: Connection) -> Schema:
     inspector = inspect(connection)
     found: Schema = {}
     for table in inspector.get_table_names():
@@ -131,7 +131,7 @@ def _server_schema(connection: object) -> Schema:
             if not index.get("duplicates_constraint"):
                 found["index", str(index["name"])] = table
     triggers = text("SELECT tgname, tgenabled FROM pg_trigger WHERE NOT tgisinternal")
-    for name, enabled in connection.execute(triggers):  # type: ignore[attr-defined]
+    for name, enabled in connection.execute(triggers):
         on = enabled in ("O", "A", b"O", b"A")
         found["trigger", name] = "enabled" if on else "disabled"
     return found

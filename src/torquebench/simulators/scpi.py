@@ -9,6 +9,7 @@ import socket
 import threading
 from abc import ABC
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -235,7 +236,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
             ("[SENSe:]FREQuency:GATE:SOURce", ("TIME", "EXTernal")),
             ("[SENSe:]ROSCillator:SOURce", ("INTernal", "EXTernal")),
         ):
-            self._setting(pattern, lambda text, words=words: _choice(text, words))  # type: ignore[misc]
+            self._setting(pattern, partial(_choice, words=words))
         self.reset()
 
     def _setting(self, pattern: str, parse: Callable[[str], str]) -> None:
