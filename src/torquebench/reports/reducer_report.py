@@ -23,7 +23,7 @@ from torquebench.reports.reducer_figures import (
     polar_error_figure,
     transmission_error_figure,
 )
-from torquebench.uncertainty import Verdict, stated
+from torquebench.uncertainty import stated
 
 __all__ = ["reducer_page"]
 
@@ -76,7 +76,7 @@ def _summary(record: ReducerTestRecord) -> Section:
             each.title,
             *stated(each.value, each.expanded_uncertainty),
             each.limit,
-            _words(each.verdict),
+            each.verdict.label,
         )
         for outcome in record.outcomes
         for each in outcome.quantities
@@ -90,7 +90,7 @@ def _summary(record: ReducerTestRecord) -> Section:
 
 
 def _verdict(record: ReducerTestRecord) -> str:
-    words = [_words(record.verdict) if record.verdict else "nothing was judged"]
+    words = [record.verdict.label if record.verdict else "nothing was judged"]
     if record.failures:
         words.append("without result: " + ", ".join(each.title for each in record.failures))
     severe = [each.title for each in record.outcomes if each.severe]
@@ -158,7 +158,3 @@ def _figures(outcome: ReducerTestOutcome) -> tuple[Figure, ...]:
         )
         return (Figure(efficiency_figure(result), caption),)
     return ()
-
-
-def _words(verdict: str) -> str:
-    return Verdict(verdict).label
