@@ -146,7 +146,9 @@ def test_simulated_encoders_bring_their_certificates_over_the_network(station: S
     local = described()
     alike = local.model_copy(update={"driver": {"seed": 1}})
     brought = open_simulated(alike).encoder_certificates
-    found = encoder_certificates(station.description, station.devices.context.drivers)
+    found = encoder_certificates(
+        station.description, station.devices.context.drivers.encoder_certificates
+    )
     assert set(found) == {"input", "output"}
     for side, certificate in found.items():
         np.testing.assert_array_equal(certificate.error_rad, brought[side].error_rad)

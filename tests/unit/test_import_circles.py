@@ -11,17 +11,6 @@ import torquebench
 
 SOURCE = Path(torquebench.__file__).parent
 
-STILL_CIRCLES = {
-    ("torquebench.bench.encoder_certificate", "torquebench.bench.drivers.base"),
-    ("torquebench.calibration.staircase", "torquebench.calibration.profile"),
-    ("torquebench.cli.calibrate", "torquebench.cli.resume"),
-    ("torquebench.panel.pages.calibrate.sign", "torquebench.panel.pages.calibrate.wizard"),
-    ("torquebench.panel.pages.calibrate.measure", "torquebench.panel.pages.calibrate.wizard"),
-    ("torquebench.panel.pages.calibrate.models", "torquebench.panel.pages.calibrate.wizard"),
-    ("torquebench.panel.pages.calibrate.verify", "torquebench.panel.pages.calibrate.wizard"),
-}
-"""Imports that close a circle (importer, imported) and are still to be mended; never add one."""
-
 
 def name_of(path: Path) -> str:
     parts = ("torquebench", *path.relative_to(SOURCE).with_suffix("").parts)
@@ -49,16 +38,7 @@ def graph() -> dict[str, set[str]]:
 
 
 def test_no_file_imports_in_a_circle(graph: dict[str, set[str]]) -> None:
-    mended = {
-        name: {other for other in others if (name, other) not in STILL_CIRCLES}
-        for name, others in graph.items()
-    }
     try:
-        TopologicalSorter(mended).prepare()
+        TopologicalSorter(graph).prepare()
     except CycleError as circle:
         raise AssertionError(" imported by ".join(circle.args[1])) from None
-
-
-def test_what_is_still_a_circle_is_one(graph: dict[str, set[str]]) -> None:
-    for importer, other in sorted(STILL_CIRCLES):
-        assert other in graph[importer], "mended: remove it from the list"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,6 @@ from torquebench.units import ARCSEC
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
-    from torquebench.bench.drivers.base import DriverSet
 
 __all__ = ["EncoderCertificate", "encoder_certificates", "read_encoder_certificate"]
 
@@ -111,12 +111,12 @@ def read_encoder_certificate(path: Path | str) -> EncoderCertificate:
 
 
 def encoder_certificates(
-    description: BenchDescription, drivers: DriverSet
+    description: BenchDescription, brought: Mapping[Side, EncoderCertificate]
 ) -> dict[Side, EncoderCertificate]:
-    """Return certificates of the encoders: the description's files, else what drivers bring."""
-    found = dict(drivers.encoder_certificates)
+    """Return certificates of the encoders: the description's files, else the drivers'."""
+    certificates = dict(brought)
     for side in SIDES:
         path = description.module(side).encoder.certificate
         if path is not None:
-            found[side] = read_encoder_certificate(path)
-    return found
+            certificates[side] = read_encoder_certificate(path)
+    return certificates

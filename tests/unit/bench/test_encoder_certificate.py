@@ -42,7 +42,7 @@ def test_file_beside_the_description_is_read(tmp_path):
     encoder = bench.output.encoder.model_copy(update={"certificate": file.name})
     module = bench.output.model_copy(update={"encoder": encoder})
     bench = bench.model_copy(update={"output": module}).relative_to(tmp_path)
-    found = encoder_certificates(bench, open_simulated(bench))
+    found = encoder_certificates(bench, open_simulated(bench).encoder_certificates)
     np.testing.assert_array_equal(found["output"].error_rad, read.error_rad)
     assert found["input"].angle_rad.size == 72  # what the simulated encoder brings along
 
@@ -74,7 +74,7 @@ def test_simulated_encoders_are_known_better_by_their_certificates(seed):
     bench = bench.model_copy(update={"driver": {**bench.driver, "seed": seed}})
     drivers = open_simulated(bench)
     twin = drivers.counter.twin
-    for side, certificate in encoder_certificates(bench, drivers).items():
+    for side, certificate in encoder_certificates(bench, drivers.encoder_certificates).items():
         index = ("input", "output").index(side)
         encoder = twin._sides[index].encoder
         angle = np.linspace(0.0, 2 * np.pi, 1000)

@@ -176,7 +176,7 @@ def transmission_error(
     limits_of_speed = turning_limits(devices, "input", max(input_rpm, TURN_RPM))
     yield from guarded(lambda: unloaded_after(devices, in_bench), limits_of_speed)
     description = devices.context.description
-    certificates = encoder_certificates(description, devices.context.drivers)
+    certificates = encoder_certificates(description, devices.context.drivers.encoder_certificates)
     return TransmissionRecording(
         directions=tuple(_corrected(each, certificates) for each in found),
         output_rpm=settings.output_rpm,

@@ -20,7 +20,7 @@ from torquebench.panel.service import JobPreview
 from torquebench.panel.text import Text
 
 if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
 

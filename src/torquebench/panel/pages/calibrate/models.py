@@ -11,7 +11,7 @@ from torquebench.panel.components.elements import box, note, panel, table, words
 from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["ModelsStep"]
 

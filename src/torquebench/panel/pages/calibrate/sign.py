@@ -11,7 +11,7 @@ from torquebench.panel.components.elements import box, note, panel, words
 from torquebench.panel.pages.downloads import certificate_buttons
 
 if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["CertificateStep", "SignStep"]
 

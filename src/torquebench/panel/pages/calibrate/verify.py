@@ -12,7 +12,7 @@ from torquebench.panel.pages.quick import clear_choice
 from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.wizard import CalibratePage
+    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["VerifyStep"]
 

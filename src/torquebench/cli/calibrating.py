@@ -1,0 +1,160 @@
+"""Calibrate modules at the terminal, and report what came of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from torquebench.cli.console import note, out, say, warn, write_contradictions
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.roles import Side
+    from torquebench.calibration import Profile
+    from torquebench.campaign.finishing import FinishedCalibration
+    from torquebench.campaign.measuring import Measured
+    from torquebench.campaign.resuming import InterruptedCalibration
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.procedures import StaircaseResult
+
+__all__ = ["confirm_start", "report_calibration", "run_calibrations"]
+
+
+def confirm_start(description: Any, side: str, profile: Profile, yes: bool) -> None:
+    """Ask before torque is applied, where somebody is there and the bench is a real one."""
+    import sys
+
+    if yes or description.simulated:
+        return
+    if not sys.stdin.isatty():
+        raise InputError(
+            f"{description.name} is a real bench and nobody is there to confirm",
+            "a person at the terminal, or --yes",
+            "check that nobody is at the bench, then give --yes",
+        )
+    note(
+        f"{description.name}: {side} will be loaded to ±{profile.largest_percent:g} % of range "
+        f"by {profile.name}."
+    )
+    if not typer.confirm("Is the bench clear and may it be loaded?"):
+        raise typer.Exit(1)
+
+
+def run_calibrations(
+    description: Any,
+    sides: tuple[Side, ...],
+    profile: Profile,
+    model: str | None,
+    data: Path,
+    *,
+    real_time: bool,
+    yes: bool,
+    interrupted: InterruptedCalibration | None = None,
+) -> None:
+    """Calibrate modules one after the other, or go on with one, and report each."""
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
+    from torquebench.campaign.finishing import finish_calibration, registers_calibration
+    from torquebench.campaign.fitting import ModelChoice
+    from torquebench.campaign.measuring import RunAbortedError, measure_calibration
+    from torquebench.campaign.resuming import resume_calibration
+    from torquebench.cli.doubts import CALIBRATOR, tell_doubts
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.compensation import RECOMMENDED
+    from torquebench.station import Station
+
+    if description.simulated:
+        note("simulated bench")
+    contradicting = False
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
+    kind = model or RECOMMENDED
+    known = registers_calibration([kind], kind)
+    with Station.open(description, data, real_time=real_time, operator=operator) as station:
+        tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
+        tell_doubts(station, CALIBRATOR)
+        for side in sides:
+            progress = TerminalProgress()
+            interrupts = BenchInterrupts(station, progress)
+
+            def measure(
+                side: Side = side,
+                progress: TerminalProgress = progress,
+                interrupts: BenchInterrupts = interrupts,
+            ) -> Measured[StaircaseResult]:
+                ask = interrupts.ask
+                if interrupted is not None:
+                    return resume_calibration(
+                        station, interrupted, metadata=known, progress=progress, on_pause=ask
+                    )
+                return measure_calibration(
+                    station, side, profile, metadata=known, progress=progress, on_pause=ask
+                )
+
+            try:
+                with (
+                    progress,
+                    tell_warnings(station, progress),
+                    attending(station, progress),
+                    interrupts.watching(),
+                    answering(prompts, progress, yes=yes),
+                ):
+                    finished = finish_calibration(
+                        station.registry, measure(), profile, [ModelChoice(kind)], kind, progress
+                    )
+            except RunAbortedError as aborted:
+                raise interrupts.reported(aborted) from None
+            report_calibration(finished)
+            contradicting = contradicting or bool(finished.fitted[0].contradictions)
+    if contradicting:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def report_calibration(finished: FinishedCalibration) -> None:
+    """Print what the calibration found, on its own points: that is no verification."""
+    from torquebench.calibration import summarise_errors
+    from torquebench.campaign.fitting import feature_columns
+    from torquebench.cli.staircase import placement_table
+    from torquebench.cli.tables import error_blocks
+
+    result, fitted = finished.measured.result, finished.fitted[0]
+    data, model = result.data, fitted.model
+    torque = model.predict(data.features(feature_columns(model)))
+    simulated = " - simulated" if data.simulated else ""
+    say(
+        f"[bold]{data.side.capitalize()} module, {data.range_nm:g} N·m, "
+        f"transducer {data.transducer_serial}{simulated}[/bold]"
+    )
+    rows = [
+        ("raw reading", summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)),
+        (f"*{fitted.title}", summarise_errors(torque, data.standard_nm, data.range_nm)),
+    ]
+    title = f"{len(data)} points that it was fitted to, against the standard"
+    for part in error_blocks([(title, rows)]):
+        out().print(part)
+    if result.placement is not None:
+        say(result.placement.sentence)
+        out().print(placement_table(result.placement))
+    entry = finished.registered.models[fitted.name]
+    named = f"model-{entry.model_id} of calibration-{entry.calibration_id}"
+    if fitted.contradictions:
+        write_contradictions(
+            fitted.contradictions,
+            "find the cause and calibrate again, or decide otherwise on the record: "
+            f"torquebench records use model-{entry.model_id} --by NAME --reason WHY",
+        )
+        say(f"[bold red]Not in use[/bold red]: {named}, which contradicts itself.")
+    else:
+        use = "In use" if finished.active == fitted.name else "Registered, not put into use"
+        say(f"{use}: {named}.")
+    say(f"Run: {finished.measured.record.run_id}")
+    if result.unsettled:
+        warn(f"{result.unsettled} points still drifted when their waiting time was over")
+    for remark in fitted.remarks:
+        warn(remark)

@@ -1,0 +1,162 @@
+"""The open wizard of a calibration: the step that it shows, and the way through all steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.elements import box, panel, to_the_top, words
+from torquebench.panel.pages.calibrate.workflow import (
+    STEPS,
+    CalibrationWorkflow,
+    Step,
+    find_workflow,
+)
+from torquebench.panel.pages.job_panel import JobPanel
+from torquebench.panel.pages.quick import quick_buttons
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import JobView
+
+__all__ = ["CalibratePage", "StepView"]
+
+
+class StepView(Protocol):
+    """One step of the wizard on the screen."""
+
+    def build(self) -> None:
+        """Make the step's elements."""
+
+    def refresh(self) -> None:
+        """Follow the jobs."""
+
+
+class CalibratePage:
+    """An open wizard: which step it shows, and the workflow it shows it of."""
+
+    def __init__(
+        self, visitor: Visitor, views: Mapping[Step, Callable[[CalibratePage], StepView]]
+    ) -> None:
+        self.visitor, self.text, self._views = visitor, visitor.text, views
+        self.step: Step = "prepare"
+        self.workflow = CalibrationWorkflow()
+        self._shown: tuple[Any, ...] | None = None
+        self._view: StepView | None = None
+        self._reached: Step | None = None
+
+    def build(self) -> None:
+        """Make the page's elements."""
+        with box("div", "stack"):
+            with panel(classes="spread"):
+                words("p", self.text("calibrate.quick_explained"), "muted")
+                quick_buttons(self.visitor)
+            self._quick = JobPanel(self.visitor)
+            self._steps = box("ol", "steps", aria_label=self.text("calibrate.steps"))
+            self._job = JobPanel(self.visitor)
+            self._content = box("div", "stack")
+
+    def refresh(self) -> None:
+        """Follow the jobs."""
+        jobs = self.visitor.service.jobs.recent()
+        self.workflow = workflow = find_workflow(jobs, self.visitor.dismissed)
+        if workflow.reached != self._reached:
+            if self._reached is not None:
+                to_the_top()
+            self._reached = workflow.reached
+            self.step = workflow.reached
+        known = (self.step, workflow.reached, _state(workflow))
+        if known != self._shown:
+            self._shown = known
+            self._render()
+        quick = next((job for job in jobs if job.kind in ("zero", "check")), None)
+        newest = jobs[0] if jobs else None
+        self._quick.refresh(quick if quick is not None and quick == newest else None)
+        self._job.refresh(self._job_of_step())
+        if self._view is not None:
+            self._view.refresh()
+
+    def _job_of_step(self) -> Any:
+        workflow = self.workflow
+        by_step: Mapping[Step, Any] = {
+            "prepare": None,
+            "measure": workflow.calibrate,
+            "models": _unfinished((*workflow.fits[:1], workflow.compare)),
+            "verify": workflow.verify,
+            "sign": None,
+            "certificate": _unfinished((workflow.certificate,)),
+        }
+        return by_step[self.step]
+
+    def show(self, step: Step) -> None:
+        """Go to a step."""
+        self.step = step
+        self.refresh()
+
+    def again(self) -> None:
+        """Put this calibration aside and begin another one."""
+        if self.workflow.calibrate is not None:
+            self.visitor.dismissed.job_ids.add(self.workflow.calibrate.job_id)
+        self.step = "prepare"
+        self.refresh()
+
+    def start(self, kind: str, request: Mapping[str, Any]) -> bool:
+        """Start a job of the workflow."""
+        visitor = self.visitor
+        started = visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, kind, request))
+        self.refresh()
+        return started
+
+    def _render(self) -> None:
+        text = self.text
+        self._steps.clear()
+        reached = max(STEPS.index(self.workflow.reached), STEPS.index(self.step))
+        with self._steps:
+            for place, step in enumerate(STEPS):
+                done = "done" if place < reached else ""
+                current = "step" if step == self.step else None
+                with box("li", done, aria_current=current):
+                    words("span", text(f"calibrate.step_{step}"))
+        self._content.clear()
+        with self._content:
+            self._view = self._views[self.step](self)
+            self._view.build()
+            self._navigation()
+
+    def _navigation(self) -> None:
+        """Go back to what is over and forward to what is possible."""
+        place, calibrated = STEPS.index(self.step), self.workflow.calibration_id is not None
+        with box("div", "spread"):
+            with box("div", "line"):
+                if place > 1:
+                    button(self.text("calibrate.back"), lambda: self.show(STEPS[place - 1]),
+                           picture="arrow_back")  # fmt: skip
+                if self.workflow.calibrate is not None and not self.workflow.calibrate.open:
+                    button(self.text("calibrate.again"), self.again, "quiet", picture="restart_alt")
+            if calibrated and place + 1 < len(STEPS):
+                kind = "primary" if self._next_is_due() else ""
+                button(self.text("calibrate.next"), lambda: self.show(STEPS[place + 1]), kind,
+                       picture="arrow_forward")  # fmt: skip
+
+    def _next_is_due(self) -> bool:
+        workflow = self.workflow
+        if self.step == "models":
+            return workflow.compare is not None and not workflow.compare.open
+        if self.step == "verify":
+            return workflow.verify is not None and workflow.verify.result is not None
+        return True
+
+
+def _unfinished(jobs: Sequence[JobView | None]) -> JobView | None:
+    """Return the first job whose panel says something that the page doesn't."""
+    return next((job for job in jobs if job is not None and job.result is None), None)
+
+
+def _state(workflow: CalibrationWorkflow) -> tuple[Any, ...]:
+    jobs = (
+        workflow.calibrate,
+        workflow.compare,
+        *workflow.fits,
+        workflow.verify,
+        workflow.certificate,
+    )
+    return tuple((job.job_id, job.open, job.state) for job in jobs if job is not None)
