@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint types contracts tests other-processor clean clean-kernels
+.PHONY: run test lint types contracts docs tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
 
-test: lint types contracts tests other-processor
+test: lint types contracts docs tests other-processor
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
@@ -19,6 +19,10 @@ types: $(VENV)/.installed-test
 
 contracts: $(VENV)/.installed-test
 	$(BIN)/lint-imports
+
+# The documentation site, in docs/_build/html; a broken link or reference is an error.
+docs: $(VENV)/.installed-test
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs docs/_build/html
 
 tests: $(VENV)/.installed-test
 	$(BIN)/pytest -n auto --dist worksteal

@@ -16,7 +16,16 @@ from torquebench.errors import (
     TorquebenchError,
 )
 
-__all__ = ["Alarm", "AlarmBook", "AlarmKind", "AlarmLevel", "StandingAlarm", "Violation"]
+__all__ = [
+    "ALARM_CATALOGUE",
+    "Alarm",
+    "AlarmBook",
+    "AlarmEntry",
+    "AlarmKind",
+    "AlarmLevel",
+    "StandingAlarm",
+    "Violation",
+]
 
 
 class AlarmKind(Enum):
@@ -48,6 +57,100 @@ class AlarmLevel(IntEnum):
 
     WARNING = 1
     CRITICAL = 2
+
+
+@dataclass(frozen=True)
+class AlarmEntry:
+    """What a kind of alarm means and what to do about it, as the documentation lists it."""
+
+    cause: str
+    remedy: str
+
+
+ALARM_CATALOGUE: dict[AlarmKind, AlarmEntry] = {
+    AlarmKind.TORQUE_LIMIT: AlarmEntry(
+        "A measured torque exceeded the limit in force for its side.",
+        "Find the overload before you continue. The limits are in the bench description, the "
+        "mounted reducer and the running procedure; the lowest of them applies.",
+    ),
+    AlarmKind.SPEED_LIMIT: AlarmEntry(
+        "A measured speed exceeded the limit in force for its side.",
+        "Find out why the drive was too fast: set point, mode of operation, load that was lost.",
+    ),
+    AlarmKind.ANGLE_LIMIT: AlarmEntry(
+        "A side turned further from where its drive was switched on than `angle_deg` allows.",
+        "Check clamp, coupling and mode conversion for slip.",
+    ),
+    AlarmKind.RATE_LIMIT: AlarmEntry(
+        "Torque or speed changed faster than the limits allow.",
+        "Look for a part that broke or came loose.",
+    ),
+    AlarmKind.TEMPERATURE_LIMIT: AlarmEntry(
+        "A temperature probe is above its limit.",
+        "Let the bench cool down; check lubrication and ambient temperature.",
+    ),
+    AlarmKind.SIGNAL_LOST: AlarmEntry(
+        "A channel delivered no valid signal for longer than allowed: no pulses, a stuck "
+        "counter, a frequency outside its modulation, a silent encoder or probe.",
+        "Check cable, supply and terminal of the channel that the alarm names, then run "
+        "`torquebench doctor`.",
+    ),
+    AlarmKind.DISAGREEMENT: AlarmEntry(
+        "Transducer and reference standard read the same torque and differ by more than allowed.",
+        "Find out which of the two is wrong: zeros, sensitivities, mounting.",
+    ),
+    AlarmKind.FOLLOWING: AlarmEntry(
+        "A drive does not do what it was commanded: torque or speed differs from the set "
+        "point for too long.",
+        "Check the drive's mode and limits, then its transducer.",
+    ),
+    AlarmKind.DRIVE_FAULT: AlarmEntry(
+        "A drive reports a fault, lost its power, or can't be commanded.",
+        "Read the drive's fault code and check its connection. Its watchdog removes the power"
+        " when commands stop.",
+    ),
+    AlarmKind.JOURNAL: AlarmEntry(
+        "A document or a block of samples could not be written to the run folder.",
+        "Make room on the disk or repair it, then resume or repeat the run.",
+    ),
+    AlarmKind.AUDIT: AlarmEntry(
+        "A line could not be written to the audit log.",
+        "Make room on the disk or repair it.",
+    ),
+    AlarmKind.REGISTRY: AlarmEntry(
+        "The registry's database does not answer. Measurement continues into the run folder.",
+        "Check that the database server runs and has room. The registry catches up by itself.",
+    ),
+    AlarmKind.HEARTBEAT: AlarmEntry(
+        "A part of the software that must report regularly did not.",
+        "Restart the program that hangs.",
+    ),
+    AlarmKind.PRESENCE: AlarmEntry(
+        "Nobody confirmed presence at the bench within `presence_s` while a drive had power.",
+        "Stay at the bench and confirm, or end the run before you leave.",
+    ),
+    AlarmKind.STALL: AlarmEntry(
+        "The acquisition delivered no block in time.",
+        "Close other programs that load the computer; check the counter's connection.",
+    ),
+    AlarmKind.SUPERVISOR: AlarmEntry(
+        "The safety supervisor itself failed; the bench was stopped.",
+        "Open the bench again. If it happens again, report it with the log.",
+    ),
+    AlarmKind.DRIVER: AlarmEntry(
+        "An instrument's driver failed, and the acquisition ended.",
+        "Check the instrument that the alarm names and open the bench again.",
+    ),
+    AlarmKind.STOP: AlarmEntry(
+        "Somebody stopped the bench: panel, HTTP API, Ctrl-C.",
+        "Acknowledge when the cause is gone.",
+    ),
+    AlarmKind.NOT_SAFE: AlarmEntry(
+        "After a stop a drive's power or the torque is still read back.",
+        "Press the emergency stop. The alarm can't be acknowledged until both are gone.",
+    ),
+}
+"""Cause and remedy of every kind of alarm."""
 
 
 _ERRORS: dict[AlarmKind, type[TorquebenchError]] = {

@@ -1,0 +1,248 @@
+"""Pages that are made from the program: commands, settings files, alarms, Python interface."""
+
+import importlib
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from sphinx.util import logging
+
+PYTHON = {
+    "torquebench.compensation": "Models of a measuring chain's error, their files and exports",
+    "torquebench.chain": "From a reading to torque, uncertainty and budget",
+    "torquebench.calibration": "Calibration tables, profiles, evaluation, verification",
+    "torquebench.reducers": "Evaluation of reducer tests",
+    "torquebench.signals": "Edges, frequency, steady values, orders",
+    "torquebench.uncertainty": "Propagation by GUM and Monte Carlo, budgets",
+    "torquebench.mechanics": "Shafts, additional torque, sections",
+    "torquebench.bench.drivers.base": "Interfaces that a driver implements",
+    "torquebench.errors": "Errors",
+    "torquebench.units": "Conversion factors",
+}
+SETTINGS = {
+    "bench": (
+        "Bench description (bench.toml)",
+        "torquebench.bench.description",
+        "BenchDescription",
+    ),
+    "profile": ("Calibration profile", "torquebench.calibration.profile", "Profile"),
+    "reducer": ("Reducer description", "torquebench.reducers.description", "ReducerDescription"),
+    "laboratory": (
+        "Laboratory (laboratory.toml)",
+        "torquebench.reports.certificate.laboratory",
+        "Letterhead",
+    ),
+}
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _commands() -> str:
+    import typer
+
+    from torquebench.cli import app
+
+    root = typer.main.get_command(app)
+    lines = [
+        "# All commands and options",
+        "",
+        "Generated from the program. `torquebench COMMAND --help` shows the same in a terminal.",
+        "[Commands](../reference/commands.md) is the short list.",
+        "",
+    ]
+
+    def describe(command: Any, path: str, level: int) -> None:
+        lines.extend([f"{'#' * level} `{path}`", "", inspect.cleandoc(command.help or ""), ""])
+        arguments = [each for each in command.params if each.param_type_name == "argument"]
+        options = [
+            each for each in command.params if each.param_type_name == "option" and not each.hidden
+        ]
+        if arguments or options:
+            lines.extend(["| option | default | description |", "| --- | --- | --- |"])
+            lines.extend(
+                f"| `{each.name.upper()}` | | {_cell(each.help or '')} |" for each in arguments
+            )
+            for each in options:
+                if "--help" in each.opts:
+                    continue
+                names = " ".join(f"`{name}`" for name in (*each.opts, *each.secondary_opts))
+                value = "" if each.default is None or callable(each.default) else each.default
+                default = "" if value in ("", False, [], ()) else f"`{value}`"
+                lines.append(f"| {names} | {default} | {_cell(each.help or '')} |")
+            lines.append("")
+        for name, child in sorted(getattr(command, "commands", {}).items()):
+            describe(child, f"{path} {name}", min(level + 1, 4))
+
+    for name, command in sorted(root.commands.items()):
+        describe(command, f"torquebench {name}", 2)
+    return "\n".join(lines)
+
+
+def _bounds(field: Any) -> str:
+    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
+    found = []
+    for each in field.metadata:
+        for key, sign in signs.items():
+            if getattr(each, key, None) is not None:
+                found.append(f"{sign} {getattr(each, key):g}")
+    return ", ".join(found)
+
+
+def _type(annotation: Any, file: str) -> str:
+    if hasattr(annotation, "__metadata__"):
+        return _type(get_args(annotation)[0], file)
+    origin = get_origin(annotation)
+    if origin is Literal:
+        return ", ".join(
+            f'`"{each}"`' if isinstance(each, str) else f"`{each}`" for each in get_args(annotation)
+        )
+    if origin in (Union, UnionType):
+        return " or ".join(
+            _type(each, file) for each in get_args(annotation) if each is not type(None)
+        )
+    if origin in (tuple, list):
+        return f"list of {_type(get_args(annotation)[0], file)}"
+    if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
+        return f"[table](#{file}-{annotation.__name__})"
+    names = {str: "text", float: "number", int: "integer", bool: "true or false"}
+    return names.get(annotation, getattr(annotation, "__name__", "table"))
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    if (
+        inspect.isclass(annotation)
+        and get_origin(annotation) is None
+        and issubclass(annotation, BaseModel)
+    ):
+        yield annotation
+    for each in get_args(annotation):
+        yield from _models(each)
+
+
+def _tables(model: type[BaseModel]) -> dict[type[BaseModel], list[str]]:
+    """Return every table of a file with the places where it may stand, outermost first."""
+    places: dict[type[BaseModel], list[str]] = {}
+    waiting = [(model, "")]
+    while waiting:
+        current, path = waiting.pop(0)
+        places.setdefault(current, []).append(path)
+        for key, field in current.model_fields.items():
+            for child in _models(field.annotation):
+                many = "list" if get_origin(field.annotation) in (tuple, list) else ""
+                name = f"{path}.{key}" if path else key
+                waiting.append((child, f"[{name}]" if many else name))
+    return places
+
+
+def _heading(paths: list[str]) -> str:
+    return ", ".join(f"`[{path}]`" for path in paths) if paths != [""] else "Whole file"
+
+
+def _settings(title: str, module: str, name: str) -> str:
+    places = _tables(getattr(importlib.import_module(module), name))
+    lines = [
+        f"# {title}",
+        "",
+        "Generated from the program, which refuses keys that aren't listed.",
+        "",
+    ]
+    for model, paths in places.items():
+        text = inspect.cleandoc(model.__doc__ or "").split("\nAttributes\n")[0]
+        lines.extend([f"({name}-{model.__name__})=", f"## {_heading(paths)}", "", text, ""])
+        lines.extend(["| key | value | unit, bounds | default |", "| --- | --- | --- | --- |"])
+        for key, field in model.model_fields.items():
+            unit = ", ".join(each for each in (field.description or "", _bounds(field)) if each)
+            if field.is_required():
+                default = "required"
+            else:
+                value = field.get_default(call_default_factory=True)
+                plain = value is None or isinstance(value, BaseModel) or value in ((), "", {})
+                default = (
+                    "" if plain else f"`{str(value).lower() if isinstance(value, bool) else value}`"
+                )
+            kind = _type(field.annotation, name)
+            lines.append(f"| `{field.alias or key}` | {kind} | {_cell(unit)} | {default} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _alarms() -> str:
+    from torquebench.bench.safety.alarms import ALARM_CATALOGUE
+
+    lines = [
+        "# Alarms",
+        "",
+        "Every alarm names its source, the value found, the limit and what to do. A critical alarm",
+        "brings the bench to its [safe state](../explanation/safety.md) and latches until somebody",
+        "acknowledges it.",
+        "",
+        "| alarm | cause | what to do |",
+        "| --- | --- | --- |",
+    ]
+    lines += [
+        f"| {kind.value} | {entry.cause} | {entry.remedy} |"
+        for kind, entry in ALARM_CATALOGUE.items()
+    ]
+    return "\n".join(lines)
+
+
+def _python(module: str, title: str) -> str:
+    loaded = importlib.import_module(module)
+    names = [each for each in loaded.__all__ if getattr(getattr(loaded, each), "__doc__", None)]
+    lines = [f"# {module}", "", f"{title}.", "", "```{eval-rst}", f".. module:: {module}", ""]
+    for name in sorted(names):
+        thing = getattr(loaded, name)
+        kind = (
+            "autoclass"
+            if inspect.isclass(thing)
+            else "autofunction"
+            if callable(thing)
+            else "autodata"
+        )
+        lines += [f".. {kind}:: {module}.{name}", ""]
+    return "\n".join([*lines, "```"])
+
+
+def write_pages(folder: Path) -> list[Path]:
+    """Write every generated page; one that hasn't changed keeps its date."""
+    pages = {"commands": _commands(), "alarms": _alarms()}
+    pages |= {f"{key}-file": _settings(*value) for key, value in SETTINGS.items()}
+    pages |= {f"python/{module}": _python(module, title) for module, title in PYTHON.items()}
+    listed = "\n".join(f"{module}" for module in PYTHON)
+    pages["python/index"] = (
+        "# Python interface\n\nWhat is listed here is the documented interface.\n\n"
+        f"```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n"
+    )
+    written = []
+    for name, text in pages.items():
+        path = folder / f"{name}.md"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def _nothing_from_elsewhere(app: Any, failure: Exception | None) -> None:
+    """Warn of scripts, styles and pictures that a page would load from another host."""
+    if failure is not None or app.builder.format != "html":
+        return
+    loads = re.compile(
+        r"""<(?:script|img|iframe)[^>]*\ssrc="https?:|<link[^>]*stylesheet[^>]*href="https?:"""
+    )
+    for page in Path(app.outdir).rglob("*.html"):
+        if loads.search(page.read_text(encoding="utf-8")):
+            logging.getLogger(__name__).warning("%s loads files from another host", page.name)
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Write the pages before Sphinx looks for its sources."""
+    write_pages(Path(app.srcdir) / "generated")
+    app.connect("build-finished", _nothing_from_elsewhere)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
