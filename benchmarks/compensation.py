@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.compensation`` compares what ``torquebench fit`` takes by default with every
 single kind of model of this package, with other libraries and with the best that could be done,
-prints the tables, and exits with 1 where an aim is missed. ``--write`` puts the tables into
-``docs/benchmarks.md`` between the section's markers.
+prints the tables, and exits with 1 where an aim is missed. ``--out`` writes
+all tables into a Markdown file.
 ``--quick`` takes fewer chains and ends within a minute on two quiet cores; the whole run takes some
 ten minutes. Chains are shared out between two processes (``--workers``).
 
@@ -39,10 +39,7 @@ from benchmarks.chains import FAMILIES, REPORTED_SEED, make_chain
 from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims, speed_aims
 from benchmarks.compensation_contenders import Contender, contenders
 from benchmarks.compensation_results import Result, comparison_rows, family_rows
-from benchmarks.section import BENCHMARKS as DOCUMENT
-from benchmarks.section import write_section as write_between_markers
 
-BEGIN, END = "<!-- compensation: begin -->", "<!-- compensation: end -->"
 TENTHS = 10
 COVERAGE_95 = 1.959964
 TIMED_CHAINS = 2  # of every family
@@ -189,11 +186,6 @@ def show(
     return "\n".join(lines) + "\n"
 
 
-def write_section(document: Path, text: str) -> None:
-    """Replace what stands between the markers; begin the document or the section if need be."""
-    write_between_markers(document, "compensation", text)
-
-
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -201,7 +193,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--chains", type=int, help="of every family (default 40, quick fewer)")
     few = "chains of every family for slow contenders (default 2)"
     parser.add_argument("--slow-chains", type=int, default=SLOW_CHAINS, help=few)
-    parser.add_argument("--write", action="store_true", help=f"put the tables into {DOCUMENT.name}")
+    parser.add_argument("--out", type=Path, help="write all tables as Markdown")
     parser.add_argument("--families", nargs="+", choices=sorted(FAMILIES), default=list(FAMILIES))
     parser.add_argument("--points", nargs="+", type=int, default=[50, 200])
     parser.add_argument(
@@ -257,8 +249,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for aim in aims
     ]
     parts.append(show(console, "Aims", ["", "measured", "aim", ""], cells))
-    if options.write:
-        write_section(DOCUMENT, "\n".join(parts))
+    if options.out:
+        options.out.write_text("\n".join(parts), encoding="utf-8")
     return 0 if all(aim.met for aim in aims) else 1
 
 

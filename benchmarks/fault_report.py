@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -161,25 +161,10 @@ def section(parts: dict[str, Sequence[Outcome]], remark: str) -> str:
             sum(each.points for each in outcomes),
         ]
         lines.append("| " + " | ".join(map(str, cells)) + " |")
-    lines += ["", "| kind | faults | survived | alarms and refusals | bench time, s |"]
-    lines.append("| --- " * 5 + "|")
-    lines += list(_by_kind(every))
-    for each in every:
-        if each.problems:
-            lines.append(f"\nNot survived: {each.kind} in {each.procedure} (seed {each.seed}, "
-                         f"number {each.index}): {'; '.join(each.problems)}.")  # fmt: skip
+    lines.extend(
+        f"\nNot survived: {each.kind} in {each.procedure} (seed {each.seed}, "
+        f"number {each.index}): {'; '.join(each.problems)}."
+        for each in every
+        if each.problems
+    )
     return "\n".join(lines)
-
-
-def _by_kind(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    kinds: dict[str, list[Outcome]] = defaultdict(list)
-    for outcome in outcomes:
-        kind = outcome.kind
-        if kind.startswith("wire: "):  # by what is done to the wire, whatever hangs on it
-            kind = f"wire: {kind.split(maxsplit=2)[2]}"
-        kinds[kind].append(outcome)
-    for kind, found in kinds.items():
-        names = Counter(each.alarm.split(":")[0] or each.status for each in found)
-        told = ", ".join(f"{name} {count}" for name, count in names.most_common())
-        survived = sum(not each.problems for each in found)
-        yield f"| {kind} | {len(found)} | {survived} | {told} | {_times(found, 'safe_s')} |"

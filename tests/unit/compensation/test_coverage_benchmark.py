@@ -1,15 +1,18 @@
 """The generator of chains with a known truth, and the benchmark that compares models on them."""
 
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
+from benchmarks import charts
 from benchmarks import compensation as benchmark
 from benchmarks.chain_shapes import SHAPES
 from benchmarks.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
 from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims
 from benchmarks.compensation_contenders import DEFAULT, contenders
 from benchmarks.compensation_results import comparison_rows, family_rows
+from benchmarks.section import write_section
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
@@ -129,14 +132,22 @@ def test_an_aim_is_met_inside_its_interval_only() -> None:
 
 def test_the_section_is_replaced_and_the_rest_kept(tmp_path: Path) -> None:
     document = tmp_path / "docs" / "benchmarks.md"
-    benchmark.write_section(document, "first")
+    write_section(document, "models", "first")
     assert document.read_text().startswith("# Benchmarks")
     document.write_text(document.read_text() + "\n## Another\n")
-    benchmark.write_section(document, "second")
+    write_section(document, "models", "second")
     text = document.read_text()
     assert "first" not in text
-    assert text.count(benchmark.BEGIN) == text.count(benchmark.END) == 1
+    assert text.count("<!-- models: begin -->") == text.count("<!-- models: end -->") == 1
     assert text.rstrip().endswith("## Another")
+
+
+def test_charts_show_what_the_tables_say(tmp_path: Path) -> None:
+    """A chart that isn't drawn again after its table changed is found: `benchmarks.charts`."""
+    for chart in charts.draw(tmp_path):
+        heading = escape(charts.said(charts.CHARTS[chart.stem][0]))
+        assert heading in chart.read_text(encoding="utf-8")
+        assert heading in (charts.FOLDER / chart.name).read_text(encoding="utf-8")
 
 
 def test_every_other_library_takes_part_and_follows_the_chain() -> None:
