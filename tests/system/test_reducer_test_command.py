@@ -36,16 +36,17 @@ def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> Non
     assert found.returncode == 0, found.stderr
     assert "RV-40E class A1 - simulated" in found.stdout
     assert "is not compensated" in " ".join(found.stdout.split())
-    assert "Against the data sheet: pass" in found.stdout
+    assert "Against the data sheet: conditional pass" in found.stdout
+    assert "short test: a first look" in found.stdout
     assert widest_line(found.stdout) <= 80
     kept = {
         path.parent.name.split("-test-")[1][:-5]: json.loads(path.read_text(encoding="utf-8"))
         for path in (tmp_path / "data" / "runs").glob("*-test-*/results.json")
     }
-    assert set(kept) == set(PARTS)
+    assert set(kept) == {f"{name}-short" for name in PARTS}
     assert {each["serial"] for each in kept.values()} == {"A1"}
     assert all(each["simulated"] and each["quantities"] for each in kept.values())
-    efficiency = {each["key"] for each in kept["efficiency"]["quantities"]}
+    efficiency = {each["key"] for each in kept["efficiency-short"]["quantities"]}
     assert "efficiency_input_412_nm_+900_rpm" in efficiency
 
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")

@@ -52,6 +52,7 @@ def print_record(record: ReducerTestRecord) -> None:
     """Print the values with U, limits and verdicts of every part, and what has to be known."""
     said = " - simulated" if record.simulated else ""
     specimen = f" {record.serial}" if record.serial else ""
+    said = f"{', short test' if record.short else ''}{said}"
     say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
     for outcome in record.outcomes:
         _print_outcome(outcome)
@@ -60,6 +61,10 @@ def print_record(record: ReducerTestRecord) -> None:
     if record.verdict:
         style = "red" if record.failed else "green"
         say(f"Against the data sheet: [{style}]{record.verdict.label}[/{style}]")
+    if record.short:
+        from torquebench.campaign.reducers.results import SHORT_TEST
+
+        say(f"[yellow]{SHORT_TEST}[/yellow]")
 
 
 def _print_outcome(outcome: ReducerTestOutcome) -> None:

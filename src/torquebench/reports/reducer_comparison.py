@@ -55,7 +55,8 @@ def _facts(found: ReducerComparison) -> Facts:
     rows = []
     names = ("Before", "After") if found.changes else [each.name for each in found.specimens]
     for name, each in zip(names, found.specimens, strict=True):
-        rows.append((name, f"run {each.run_id}{_judged(each)}"))
+        short = ", short test" if each.short else ""
+        rows.append((name, f"run {each.run_id}{short}{_judged(each)}"))
     if found.changes:
         changed = [found.title(key) for key, each in found.changes.items() if each.significant]
         rows.append(("Changed by more than U", "; ".join(changed) or "nothing"))

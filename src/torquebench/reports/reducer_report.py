@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from torquebench.campaign.reducers.results import (
+    SHORT_TEST,
     ReducerTestFailure,
     ReducerTestOutcome,
     ReducerTestRecord,
@@ -42,8 +43,9 @@ def reducer_page(record: ReducerTestRecord) -> Page:
         Ready for `torquebench.reports.page.write_page`.
     """
     specimen = f", specimen {record.serial}" if record.serial else ""
+    kind = "Short reducer test" if record.short else "Reducer test"
     return Page(
-        title=f"Reducer test: {record.reducer_name}{specimen}",
+        title=f"{kind}: {record.reducer_name}{specimen}",
         subtitle=f"{record.bench_name} · {record.started:%Y-%m-%d %H:%M} UTC",
         sections=[
             _summary(record),
@@ -91,6 +93,8 @@ def _summary(record: ReducerTestRecord) -> Section:
 
 def _verdict(record: ReducerTestRecord) -> str:
     words = [record.verdict.label if record.verdict else "nothing was judged"]
+    if record.short:
+        words.append(SHORT_TEST)
     if record.failures:
         words.append("without result: " + ", ".join(each.title for each in record.failures))
     severe = [each.title for each in record.outcomes if each.severe]

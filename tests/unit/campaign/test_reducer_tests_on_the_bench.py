@@ -57,7 +57,7 @@ def test_a_run_is_registered_and_its_results_can_be_read_back(tmp_path: Path) ->
         record = run_reducer_test(
             station, "starting", REDUCER, ReducerTestSettings.short(), serial="S1"
         )
-        (line,) = station.registry.runs(kind="test-starting")
+        (line,) = station.registry.runs(kind="test-starting-short")
     (outcome,) = record.outcomes
     assert (line.run_id, line.status, line.simulated) == (outcome.run.run_id, "completed", True)
     results = RunFolder.open(line.folder).results

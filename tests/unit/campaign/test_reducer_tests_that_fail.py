@@ -94,7 +94,7 @@ def test_an_empty_run_is_taken_off_and_kept(station: Station) -> None:
     settings = replace(SHORT, no_load=cold, empty_run=empty)
     record = run_reducer_test(station, "no-load", REDUCER, settings)
     kinds = {line.kind for line in station.registry.runs()}
-    assert kinds == {"empty-run", "test-no-load"}
+    assert kinds == {"empty-run", "test-no-load-short"}
     (outcome,) = record.outcomes
     assert any("empty run is taken off" in each for each in outcome.remarks)
     names = {line.name for line in outcome.result.points[0].torque.lines}

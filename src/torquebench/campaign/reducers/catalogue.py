@@ -15,6 +15,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.bench.devices import BenchDevices
     from torquebench.campaign.reducers.evaluation import Evaluated
+    from torquebench.campaign.reducers.sampling import Unsampled
     from torquebench.campaign.reducers.settings import ReducerTestSettings
     from torquebench.campaign.reducers.uncertainty import Bench
     from torquebench.procedures import Plan
@@ -54,6 +55,8 @@ class ReducerTest:
         Whether it loads the output as far as its plan says.
     bench_twist, empty_run : bool
         What the bench has to measure of itself before.
+    unsampled : callable
+        Returns the influences that the test leaves out by its settings.
     """
 
     name: TestName
@@ -67,6 +70,7 @@ class ReducerTest:
     loads_output: bool = False
     bench_twist: bool = False
     empty_run: bool = False
+    unsampled: Callable[[ReducerTestSettings], tuple[Unsampled, ...]] = lambda _settings: ()
 
     def plan(
         self, devices: BenchDevices, limits: ReducerLimits, settings: ReducerTestSettings
@@ -153,6 +157,36 @@ def _grid(bench: Bench, reducer: ReducerDescription, recording: Any) -> Evaluate
     return evaluate_grid(bench, reducer, recording)
 
 
+def _few_ramps(settings: ReducerTestSettings) -> tuple[Unsampled, ...]:
+    from torquebench.campaign.reducers.sampling import few_positions
+
+    return few_positions(settings.starting.positions)
+
+
+def _few_back_driving_ramps(settings: ReducerTestSettings) -> tuple[Unsampled, ...]:
+    from torquebench.campaign.reducers.sampling import few_positions
+
+    return few_positions(settings.back_driving.positions)
+
+
+def _few_loops(settings: ReducerTestSettings) -> tuple[Unsampled, ...]:
+    from torquebench.campaign.reducers.sampling import few_positions
+
+    return few_positions(len(settings.hysteresis.positions_deg))
+
+
+def _cold_running(settings: ReducerTestSettings) -> tuple[Unsampled, ...]:
+    from torquebench.campaign.reducers.sampling import cold_friction
+
+    return cold_friction(settings.no_load.warm_up.longest_s)
+
+
+def _cold_map(settings: ReducerTestSettings) -> tuple[Unsampled, ...]:
+    from torquebench.campaign.reducers.sampling import cold_efficiency
+
+    return cold_efficiency(settings.efficiency.warm_up.longest_s)
+
+
 TESTS: Mapping[str, ReducerTest] = MappingProxyType(
     {
         test.name: test
@@ -164,6 +198,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 axes=("input_angle_deg", "input_torque_nm"),
                 make_plan=_starting,
                 evaluate=_ramps,
+                unsampled=_few_ramps,
             ),
             ReducerTest(
                 name="back-driving",
@@ -172,6 +207,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 axes=("output_angle_deg", "output_torque_nm"),
                 make_plan=_back_driving,
                 evaluate=_ramps,
+                unsampled=_few_back_driving_ramps,
             ),
             ReducerTest(
                 name="transmission-error",
@@ -188,6 +224,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 axes=("output_angle_deg", "output_torque_nm"),
                 make_plan=_hysteresis,
                 evaluate=_loops,
+                unsampled=_few_loops,
                 loads_output=True,
                 bench_twist=True,
             ),
@@ -198,6 +235,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 axes=("input_speed_rpm", "input_torque_nm"),
                 make_plan=_no_load,
                 evaluate=_running,
+                unsampled=_cold_running,
                 warm_up_s=lambda settings: settings.no_load.warm_up.longest_s,
                 until_known=True,
                 empty_run=True,
@@ -209,6 +247,7 @@ TESTS: Mapping[str, ReducerTest] = MappingProxyType(
                 axes=("output_torque_nm", "input_torque_nm"),
                 make_plan=_efficiency,
                 evaluate=_grid,
+                unsampled=_cold_map,
                 warm_up_s=lambda settings: settings.efficiency.warm_up.longest_s,
                 until_known=True,
                 loads_output=True,

@@ -49,6 +49,8 @@ class SpecimenResults:
     chain : mapping or None
         Active models at that time.
     simulated : bool
+    short : bool
+        Whether it was a short test.
     quantities : mapping of str to SpecimenQuantity
         By key.
     """
@@ -60,6 +62,7 @@ class SpecimenResults:
     bench: str
     chain: Any
     simulated: bool
+    short: bool
     quantities: Mapping[str, SpecimenQuantity]
 
     @property
@@ -131,6 +134,7 @@ def tested_specimen(run: RunSummary) -> SpecimenResults:
         bench=run.bench,
         chain=folder.metadata.get("compensation"),
         simulated=run.simulated,
+        short=bool(results.get("short", False)),
         quantities={
             row["key"]: SpecimenQuantity(
                 title=row["title"],

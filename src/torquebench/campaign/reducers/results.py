@@ -14,6 +14,7 @@ from torquebench.station import RunRecord
 from torquebench.uncertainty import Budget, BudgetLine, Distribution, Verdict
 
 __all__ = [
+    "SHORT_TEST",
     "ReducerTestFailure",
     "ReducerTestOutcome",
     "ReducerTestQuantity",
@@ -22,6 +23,9 @@ __all__ = [
     "budget_from_plain",
     "plain_budget",
 ]
+
+
+SHORT_TEST = "short test: a first look, no result for a data sheet"
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,9 @@ class ReducerTestOutcome:
         What the pure evaluation made of it (a frozen dataclass of `torquebench.reducers`).
     run : RunRecord
         The run and its folder; its ``results.json`` holds the quantities.
+    short : bool
+        Whether it is a first look: what wasn't sampled is in the uncertainties, and no limit is
+        kept without condition.
     """
 
     name: TestName
@@ -91,6 +98,7 @@ class ReducerTestOutcome:
     recording: Any
     result: Any
     run: RunRecord
+    short: bool = False
 
     @property
     def severe(self) -> bool:
@@ -155,6 +163,11 @@ class ReducerTestRecord:
     operator: str
     software_version: str
     bench_seconds: float
+
+    @property
+    def short(self) -> bool:
+        """Whether it was a short test."""
+        return any(outcome.short for outcome in self.outcomes)
 
     @property
     def verdict(self) -> Verdict:

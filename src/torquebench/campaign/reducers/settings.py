@@ -48,6 +48,9 @@ class ReducerTestSettings:
         read then is taken off; None leaves it out.
     twist_arcmin_per_nm : float or None
         The bench's own twist where it is known already, arcmin/(N·m); then it isn't measured.
+    is_short : bool
+        Whether this is a first look: results are marked short, and no limit counts as kept
+        without condition.
     """
 
     no_load: NoLoadSettings = field(default_factory=NoLoadSettings)
@@ -59,6 +62,7 @@ class ReducerTestSettings:
     bench_twist: BenchTwistSettings | None = field(default_factory=BenchTwistSettings)
     empty_run: EmptyRunSettings | None = field(default_factory=EmptyRunSettings)
     twist_arcmin_per_nm: float | None = None
+    is_short: bool = False
 
     def longest(self) -> Self:
         """Return the settings with all repeats that tests may add."""
@@ -118,4 +122,5 @@ class ReducerTestSettings:
             ),
             bench_twist=BenchTwistSettings(cycles=1),
             empty_run=None,
+            is_short=True,
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from torquebench import __version__
@@ -17,6 +17,7 @@ from torquebench.campaign.reducers.results import (
     ReducerTestQuantity,
     plain_budget,
 )
+from torquebench.campaign.reducers.sampling import PartlySampled
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.procedures import Plan
@@ -56,7 +57,7 @@ class Specimen:
         bench = Bench(self.station.description, self.known.twists, self.known.tares)
         assert test.evaluate is not None
         evaluate = test.evaluate
-        kept: list[tuple[Any, Evaluated, tuple[QuantityVerdict, ...]]] = []
+        kept: list[tuple[Any, Evaluated, tuple[ReducerTestQuantity, ...]]] = []
 
         def plan() -> Plan[Any]:
             limits = reducer_limits(self.reducer)
@@ -65,17 +66,24 @@ class Specimen:
         def evaluated() -> Plan[Any]:
             recording = yield from plan()
             found = evaluate(bench, self.reducer, recording)
-            judged = verdicts(found.result, self.reducer)
+            unsampled = test.unsampled(self.settings)
+            found = replace(found, remarks=(*found.remarks, *(each.remark for each in unsampled)))
+            whole = PartlySampled(found.result, unsampled)
+            judged = _quantities(
+                whole, verdicts(whole, self.reducer), conditional=self.settings.is_short
+            )
             kept.append((recording, found, judged))
-            return self._results(test, found, judged)
+            return self._results(test, found, whole, judged)
 
         # What a rehearsal records can't be evaluated.
-        run = self._run(f"test-{test.name}", test.title, evaluated, plan)
-        recording, found, judged = kept[-1]
-        quantities = _quantities(found.result, judged)
+        short = self.settings.is_short
+        kind = f"test-{test.name}-short" if short else f"test-{test.name}"
+        title = f"{test.title}, short test" if short else test.title
+        run = self._run(kind, title, evaluated, plan)
+        recording, found, quantities = kept[-1]
         return ReducerTestOutcome(
             name=test.name,
-            title=test.title,
+            title=title,
             quantities=quantities,
             verdict=Verdict.worst(each.verdict for each in quantities),
             remarks=found.remarks,
@@ -83,6 +91,7 @@ class Specimen:
             recording=recording,
             result=found.result,
             run=run,
+            short=short,
         )
 
     def _run(
@@ -127,20 +136,22 @@ class Specimen:
         }
 
     def _results(
-        self, test: ReducerTest, found: Evaluated, judged: tuple[QuantityVerdict, ...]
+        self,
+        test: ReducerTest,
+        found: Evaluated,
+        whole: PartlySampled,
+        quantities: tuple[ReducerTestQuantity, ...],
     ) -> dict[str, Any]:
         """Return what stands in the run's ``results.json``."""
-        budgets = {each.key: plain_budget(each.estimate) for each in found.result.quantities()}
+        budgets = {each.key: plain_budget(each.estimate) for each in whole.quantities()}
         return {
             "test": test.name,
+            "short": self.settings.is_short,
             "reducer": self.reducer.model_dump(mode="json"),
             "serial": self.serial,
             "simulated": self.station.description.simulated,
             "software_version": __version__,
-            "quantities": [
-                {**vars(each), "budget": budgets[each.key]}
-                for each in _quantities(found.result, judged)
-            ],
+            "quantities": [{**vars(each), "budget": budgets[each.key]} for each in quantities],
             "findings": list(getattr(found.result, "findings", ())),
             "remarks": list(found.remarks),
             "empty_run": dict(self.known.tares),
@@ -149,12 +160,15 @@ class Specimen:
 
 
 def _quantities(
-    result: ReducerResult, judged: tuple[QuantityVerdict, ...]
+    result: ReducerResult, judged: tuple[QuantityVerdict, ...], *, conditional: bool
 ) -> tuple[ReducerTestQuantity, ...]:
     limits = {each.key: each for each in judged}
     rows = []
     for each in result.quantities():
-        verdict = limits.get(each.key)
+        held = limits.get(each.key)
+        verdict = Verdict.NONE if held is None else held.decision.verdict
+        if conditional and verdict is Verdict.PASS:
+            verdict = Verdict.CONDITIONAL_PASS
         rows.append(
             ReducerTestQuantity(
                 key=each.key,
@@ -162,8 +176,8 @@ def _quantities(
                 value=each.estimate.value,
                 expanded_uncertainty=each.estimate.expanded_uncertainty(),
                 unit=each.estimate.unit,
-                limit="" if verdict is None else verdict.limit,
-                verdict=Verdict.NONE if verdict is None else verdict.decision.verdict,
+                limit="" if held is None else held.limit,
+                verdict=verdict,
                 rule=each.rule,
             )
         )

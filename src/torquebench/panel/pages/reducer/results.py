@@ -62,6 +62,8 @@ class _Quantity:
 
 def outcomes(text: Text, details: Mapping[str, Any]) -> None:
     """Show every outcome of a test."""
+    if details.get("short"):
+        note(text("reducer.short"), "warn")
     for outcome in details["outcomes"]:
         title = text.maybe(f"test.{outcome['name']}", outcome["title"])
         with panel(title), box("div", "stack"):

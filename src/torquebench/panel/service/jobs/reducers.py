@@ -1,8 +1,8 @@
 """Tests of a mounted reducer as jobs.
 
-Details of the result, as JSON: `name`, `reducer_name`, `serial` and `outcomes`; each outcome has
-`name`, `title`, `verdict`, `remarks`, `run_id` and `quantities` (`key`, `title`, `value`,
-`expanded_uncertainty`, `unit`, `limit`, `verdict`, `rule`, `truth`).
+Details of the result, as JSON: `name`, `short`, `reducer_name`, `serial` and `outcomes`; each
+outcome has `name`, `title`, `verdict`, `remarks`, `run_id` and `quantities` (`key`, `title`,
+`value`, `expanded_uncertainty`, `unit`, `limit`, `verdict`, `rule`, `truth`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,11 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from torquebench.campaign.reducers.catalogue import TestName
-from torquebench.campaign.reducers.results import ReducerTestOutcome, ReducerTestRehearsal
+from torquebench.campaign.reducers.results import (
+    SHORT_TEST,
+    ReducerTestOutcome,
+    ReducerTestRehearsal,
+)
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
 from torquebench.panel.service.fields import WHOLE, Flag, ProfileName
@@ -92,15 +96,17 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
     found = [quantity for outcome in record.outcomes for quantity in outcome.quantities]
     judged = [each for each in found if each.verdict]
     kept = sum(not each.verdict.failed for each in judged)
+    short = f" ({SHORT_TEST})" if record.short else ""
     said = f"; {kept} of {len(judged)} limits of the data sheet kept" if judged else ""
     return JobResult(
-        headline=f"{record.reducer_name}: {len(found)} quantities found{said}.",
+        headline=f"{record.reducer_name}: {len(found)} quantities found{said}{short}.",
         verdict=record.verdict,
         simulated=record.simulated,
         run_ids=tuple(outcome.run.run_id for outcome in record.outcomes),
         details=as_details(
             {
                 "name": record.name,
+                "short": record.short,
                 "reducer_name": record.reducer_name,
                 "serial": record.serial,
                 "outcomes": [_outcome(outcome) for outcome in record.outcomes],

@@ -1,0 +1,149 @@
+"""What a reducer test left out and what that adds to its uncertainty.
+
+A short test takes fewer output positions and a cold reducer. Its own repeats can't show how values
+differ elsewhere on the turn, or how friction falls while the reducer warms up. Both enter every
+budget with stated limits, so that less sampling never gives a smaller U.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import TYPE_CHECKING
+
+from torquebench.reducers import Contribution, Finding, ReducerResult, budget
+from torquebench.uncertainty import Budget
+
+if TYPE_CHECKING:
+    from torquebench.reducers import DataSheetLimits, LimitedQuantity, ResultQuantity
+
+__all__ = [
+    "LEAST_POSITIONS",
+    "PartlySampled",
+    "Unsampled",
+    "cold_efficiency",
+    "cold_friction",
+    "few_positions",
+]
+
+LEAST_POSITIONS = 3
+"""From so many output positions on, the spread between them is the test's own."""
+POSITION_SHARE = 0.03
+"""Standard deviation of a value from one output position to the next, as a share of it: an
+assumption, wide beside the 0.3 to 1 % of the simulated reducers, as worn gears differ more."""
+WARMING_SHARE = 0.3
+"""Limit by which friction may fall until the reducer is warm, as a share of it: 10 to 15 K with a
+lubricant whose viscosity falls by 2 to 3 % per kelvin."""
+
+
+@dataclass(frozen=True)
+class Unsampled:
+    """One influence that a test didn't sample.
+
+    Parameters
+    ----------
+    name : str
+        Of its contribution to the budgets.
+    remark : str
+        What was left out, and what counts instead.
+    standard_uncertainty : callable
+        Returns it for a value, in the value's unit.
+    """
+
+    name: str
+    remark: str
+    standard_uncertainty: Callable[[float], float]
+
+
+def few_positions(positions: int) -> tuple[Unsampled, ...]:
+    """Return what too few output positions leave open; nothing from `LEAST_POSITIONS` on.
+
+    Examples
+    --------
+    >>> [round(each.standard_uncertainty(100.0), 2) for each in few_positions(1)]
+    [3.0]
+    >>> few_positions(5)
+    ()
+    """
+    if positions >= LEAST_POSITIONS:
+        return ()
+    share = POSITION_SHARE / sqrt(positions)
+    remark = (
+        f"output positions: {positions}, too few to show how values differ over a turn; "
+        f"{POSITION_SHARE:.0%} of the value from position to position counts in U"
+    )
+    return (Unsampled("positions not sampled", remark, lambda value: share * abs(value)),)
+
+
+_COLD = (
+    "the reducer wasn't warmed up: that its friction may still fall by up to "
+    f"{WARMING_SHARE:.0%} counts in U"
+)
+
+
+def cold_friction(warm_up_s: float) -> tuple[Unsampled, ...]:
+    """Return what a friction torque may still lose where the reducer wasn't warmed up."""
+    if warm_up_s > 0.0:
+        return ()
+    share = WARMING_SHARE / sqrt(3.0)
+    return (Unsampled("not warmed up", _COLD, lambda value: share * abs(value)),)
+
+
+def cold_efficiency(warm_up_s: float) -> tuple[Unsampled, ...]:
+    """Return what an efficiency in % may still gain where the reducer wasn't warmed up.
+
+    With the lost share 1 − η, dη = η·(1 − η)·d(loss)/loss.
+    """
+    if warm_up_s > 0.0:
+        return ()
+    share = WARMING_SHARE / sqrt(3.0)
+
+    def gain(percent: float) -> float:
+        return share * abs(percent * (1.0 - percent / 100.0))
+
+    return (Unsampled("not warmed up", _COLD, gain),)
+
+
+@dataclass(frozen=True)
+class PartlySampled:
+    """A result whose budgets hold what its test didn't sample.
+
+    Parameters
+    ----------
+    result : ReducerResult
+    unsampled : tuple of Unsampled
+    """
+
+    result: ReducerResult
+    unsampled: tuple[Unsampled, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What a reader has to know about the data."""
+        return self.result.findings
+
+    def quantities(self) -> tuple[ResultQuantity, ...]:
+        """Return the values under their names, for tables and reports."""
+        return tuple(
+            replace(each, estimate=self._widened(each.estimate))
+            for each in self.result.quantities()
+        )
+
+    def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return the values that the data sheet limits."""
+        for each in self.result.limited(limits):
+            yield replace(each, estimate=self._widened(each.estimate))
+
+    def _widened(self, estimate: Budget) -> Budget:
+        if not self.unsampled:
+            return estimate
+        sampled = [
+            Contribution(line.name, line.contribution, line.degrees_of_freedom, line.sensitivity)
+            for line in estimate.lines
+        ]
+        added = [
+            Contribution(each.name, each.standard_uncertainty(estimate.value))
+            for each in self.unsampled
+        ]
+        return budget(estimate.value, estimate.unit, [*sampled, *added])
