@@ -39,6 +39,7 @@ from torquebench.compensation import (
     make_model,
     noise_floor,
     save_model,
+    worse_than_raw,
 )
 from torquebench.errors import ModelMismatchError, RecordError
 from torquebench.records import Registry
@@ -321,6 +322,13 @@ def fit_table(
     counter(1.0, "")
     progress.finish()
     comparison = _compared(data, name, progress, outliers) if compared else None
+    behind = ""
+    if comparison is not None:
+        behind = comparison.behind_raw(name)
+    elif model.doubtful:
+        progress.start("Leaving out steps", _PROGRESS_STEPS)
+        behind = worse_than_raw(name, model, X, data.standard_nm)
+        progress.finish()
     wild = [replace(each, series=int(data.series[each.row])) for each in model.wild_points_]
     good = np.delete(np.arange(len(data)), [each.row for each in wild])
     rows = data.features(COMPARED_COLUMNS)[good]
@@ -336,6 +344,7 @@ def fit_table(
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
         remarks=(
             *(f"wild point, weighted down: {point}" for point in wild),
+            *([behind] if behind else []),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),
             *dict.fromkeys(str(entry.message) for entry in caught),

@@ -66,8 +66,10 @@ from .repeats import (
 from .selection import (
     CANDIDATES as CANDIDATES,
     Comparison as Comparison,
+    LeftOut as LeftOut,
     ModelScore as ModelScore,
     compare as compare,
+    worse_than_raw as worse_than_raw,
 )
 from .spline import (
     SplineModel as SplineModel,

@@ -131,6 +131,9 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
     """Columns that the model looks at; others are ignored."""
 
+    doubtful: ClassVar[bool] = False
+    """Whether the kind may well be worse than the raw reading, so that a fit looks at that."""
+
     wild_points_: list[WildPoint]
     full_scale_nm_: float
     reading_low_nm_: float
@@ -289,6 +292,10 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
     def scatter_nm(self) -> float:
         """Standard deviation of a single reading in N·m."""
         return float(self.noise_nm_)
+
+    def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it
+        """Say why the model errs at points left out; empty where the kind can't tell."""
+        return ""
 
     @property
     def kind_parameters(self) -> dict[str, Any]:

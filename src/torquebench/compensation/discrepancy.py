@@ -131,6 +131,11 @@ class DiscrepancyUncertainty(CompensationModel):
         return self.estimator.kind
 
     @property
+    def doubtful(self) -> bool:  # type: ignore[override] # see kind
+        """Whether the estimator's kind may be worse than the raw reading."""
+        return self.estimator.doubtful
+
+    @property
     def complexity(self) -> int:  # type: ignore[override] # see kind
         """Rank of the estimator."""
         return self.estimator.complexity

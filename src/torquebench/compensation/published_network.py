@@ -148,6 +148,7 @@ class PublishedNetworkModel(CompensationModel):
 
     complexity: ClassVar[int] = 30
     maximum_points: int | None = 600
+    doubtful: ClassVar[bool] = True
     _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
         **CompensationModel._parameter_constraints,
         "mapping": [StrOptions({"residual", "direct"})],
@@ -205,6 +206,23 @@ class PublishedNetworkModel(CompensationModel):
         )
         self._estimate_uncertainty(start, x, residual, weights)
         self.noise_nm_ *= np.sqrt(mean_weight)  # of one point, where bins stand for many
+
+    def shortcoming(self, left_out_rms_nm: float) -> str:
+        """Say whether the start or the number of epochs leaves errors at points left out."""
+        unstated = "the articles state neither start nor epochs"
+        training, points = self.training_rms_nm_, self.training_inputs_.size
+        if training < 0.5 * left_out_rms_nm:
+            other = ", start='small-uniform'" if self.start == "nguyen-widrow" else ""
+            return (
+                f"the network misses its own {points} points by {training:.3g} N·m RMS and steps "
+                f"left out by {left_out_rms_nm:.3g} N·m: from the start {self.start!r} it doesn't "
+                f"get smooth between them ({unstated}); take more points{other} or another model"
+            )
+        return (
+            f"after {self.epochs} epochs of gradient descent the network still misses its own "
+            f"{points} points by {training:.3g} N·m RMS ({unstated}); take more epochs or another "
+            "model"
+        )
 
     def _start(self) -> NetworkParameters:
         generator = np.random.default_rng(self.random_state)

@@ -40,8 +40,10 @@ from torquebench.errors import InputError
 __all__ = [
     "CANDIDATES",
     "Comparison",
+    "LeftOut",
     "ModelScore",
     "compare",
+    "worse_than_raw",
 ]
 
 CANDIDATES = (
@@ -110,6 +112,94 @@ class ModelScore:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Errors at points left out.
+
+    Parameters
+    ----------
+    worst_nm, rms_nm : float
+        Largest and root mean square error, N·m.
+    """
+
+    worst_nm: float
+    rms_nm: float
+
+    @classmethod
+    def of(cls, error_nm: FloatArray) -> LeftOut:
+        """Summarise errors."""
+        return cls(float(np.max(np.abs(error_nm))), float(np.sqrt(np.mean(error_nm**2))))
+
+
+def behind_raw(
+    name: str, model: CompensationModel, left_out: LeftOut, raw: LeftOut, full_scale_nm: float
+) -> str:
+    """Say that a model is worse than the raw reading at points left out, and why.
+
+    Parameters
+    ----------
+    name : str
+        Of the model.
+    model : CompensationModel
+        Fitted to all points.
+    left_out, raw : LeftOut
+        Errors of the model and of the raw reading at the same points.
+    full_scale_nm : float
+
+    Returns
+    -------
+    sentence : str
+        Empty where the model is better in both the worst and the RMS error.
+    """
+    if left_out.worst_nm <= raw.worst_nm and left_out.rms_nm <= raw.rms_nm:
+        return ""
+    percent = 100.0 / full_scale_nm
+    form = model.estimator_ if isinstance(model, DiscrepancyUncertainty) else model
+    why = form.shortcoming(left_out.rms_nm)
+    return (
+        f"{name} is worse than the raw reading at steps that it wasn't fitted to: "
+        f"{percent * left_out.worst_nm:.3g} % FS at worst and {percent * left_out.rms_nm:.3g} % FS "
+        f"RMS, where the raw reading is {percent * raw.worst_nm:.3g} and "
+        f"{percent * raw.rms_nm:.3g} % FS off" + (f"; {why}" if why else "")
+    )
+
+
+def worse_than_raw(
+    name: str, model: CompensationModel, X: ArrayLike, y: ArrayLike, folds: int = 4
+) -> str:
+    """Leave out steps to see whether a fitted model is worse than the raw reading.
+
+    Parameters
+    ----------
+    name : str
+    model : CompensationModel
+        Fitted to all points.
+    X : array of shape (n, k)
+        Feature columns.
+    y : array of shape (n,)
+        Torque of the standard in N·m.
+    folds : int, default 4
+        Each leaves out every k-th step, so that the steps beside it stay in.
+
+    Returns
+    -------
+    sentence : str
+        Empty where it is better.
+    """
+    features, torque = _checked(X, y)
+    fold_of_point, count = spread_folds(repeat_groups(features[:, 0]), folds)
+    scored = fold_of_point >= 0
+    scored[[point.row for point in model.wild_points_]] = False
+    errors = _left_out_errors(model, features, torque, fold_of_point, count, lambda *_: None)
+    return behind_raw(
+        name,
+        model,
+        LeftOut.of(errors[scored]),
+        LeftOut.of((features[:, 0] - torque)[scored]),
+        model.full_scale_nm_,
+    )
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Table of models by their errors at points left out.
 
@@ -130,6 +220,8 @@ class Comparison:
         Number of folds, of steps (groups of points) and of points that were scored.
     wild_points : tuple of WildPoint
         Points that were found wild; they aren't scored.
+    raw : LeftOut
+        Errors of the raw reading at the same points.
     """
 
     scores: tuple[ModelScore, ...]
@@ -142,6 +234,7 @@ class Comparison:
     steps: int
     points: int
     wild_points: tuple[WildPoint, ...]
+    raw: LeftOut
 
     @property
     def caution(self) -> str:
@@ -150,6 +243,12 @@ class Comparison:
         if scored >= _FEW_STEPS:
             return ""
         return f"only {scored} steps could be left out: errors of so few tell models apart by luck"
+
+    def behind_raw(self, name: str) -> str:
+        """Say that a candidate is worse than the raw reading, and why; empty where it isn't."""
+        score = self.score(name)
+        left_out = LeftOut(score.worst_nm, score.rms_nm)
+        return behind_raw(name, self.models[name], left_out, self.raw, self.full_scale_nm)
 
     def score(self, name: str) -> ModelScore:
         """Return the row of one candidate."""
@@ -262,6 +361,7 @@ def compare(
         steps=int(step.max()) + 1,
         points=int(np.count_nonzero(scored)),
         wild_points=tuple(wild),
+        raw=LeftOut.of((features[:, 0] - torque)[scored]),
     )
 
 
