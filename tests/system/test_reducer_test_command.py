@@ -34,7 +34,7 @@ def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> Non
         "--report", "report.html", "--report", "report.pdf", cwd=tmp_path,
     )  # fmt: skip
     assert found.returncode == 0, found.stderr
-    assert "RV-40E class A1 - simulated" in found.stdout
+    assert "RV-40E class A1, short test - simulated" in found.stdout
     assert "is not compensated" in " ".join(found.stdout.split())
     assert "Against the data sheet: conditional pass" in found.stdout
     assert "short test: a first look" in found.stdout
