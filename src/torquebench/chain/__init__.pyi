@@ -7,6 +7,7 @@ from .effect import (
 from .effects import (
     Counter as Counter,
     Drift as Drift,
+    Dynamics as Dynamics,
     Mounting as Mounting,
     Reference as Reference,
     Rotation as Rotation,

@@ -114,6 +114,13 @@ class MeasuringChain:
             )
         return torque
 
+    def following(self) -> MeasuringChain:
+        """Return the chain for tables of one stream that `torque` gets piece by piece, in order."""
+        kept = tuple(
+            effect.stream() if effect.kind == "dynamics" else effect for effect in self.stored
+        )
+        return replace(self, stored=kept)
+
     def stream(self) -> ChainStream:
         """Return what compensates one stream of readings, block by block."""
         return ChainStream(self)

@@ -46,6 +46,7 @@ def _add_commands(wanted: str) -> None:
         demo,
         doctor,
         evaluate,
+        evaluate_dynamics,
         evaluate_reducer,
         measure,
         models,
@@ -69,6 +70,7 @@ def _add_commands(wanted: str) -> None:
     ):
         group.register(app)
     app.add_typer(records.app)
+    evaluate_dynamics.register(evaluate.app)
     evaluate_reducer.register(evaluate.app)
     app.add_typer(evaluate.app)
 

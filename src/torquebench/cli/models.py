@@ -207,6 +207,10 @@ def apply(
     zero_temperature: Annotated[
         float | None, typer.Option(help="Temperature of the transducer then, °C.")
     ] = None,
+    dynamics: Annotated[
+        Path | None,
+        typer.Option(help="A file of `evaluate dynamics`: quick torques, by rows at its rate."),
+    ] = None,
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
@@ -217,7 +221,7 @@ def apply(
     from torquebench.compensation import load_model
     from torquebench.records.table_formats import check_formats
 
-    check_output(result, model, readings)
+    check_output(result, model, readings, *([] if dynamics is None else [dynamics]))
     check_formats(readings, result)
     stored = load_model(model)
     _warn_of_contradictions(stored)
@@ -227,11 +231,20 @@ def apply(
     from torquebench.records.readings_stream import compensate_file
 
     chain = MeasuringChain.of(stored)
+    filtering = None
+    if dynamics is not None:
+        from torquebench.campaign.dynamics import load_dynamics
+
+        filtering = load_dynamics(dynamics)
+        chain = chain.with_effects([filtering])
+    followed = chain if filtering is None else chain.following()
 
     def compensate(table: ReadingsTable) -> tuple[NDArray[np.float64], ...]:
         table.check_range(chain.curve.low_nm, chain.curve.high_nm)
         known = table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
-        torque = chain.torque(known)
+        if filtering is not None:
+            filtering.check_rate(known.time_s)
+        torque = followed.torque(known)
         return torque.value_nm, torque.value_nm - known.reading_nm, torque.expanded_uncertainty_nm
 
     with TerminalProgress() as progress:
@@ -244,13 +257,22 @@ def apply(
             progress.advance(int(100 * share) - shown)
             shown = int(100 * share)
 
-        done = compensate_file(readings, result, compensate, mapping=column or (), progress=show)
+        done = compensate_file(
+            readings,
+            result,
+            compensate,
+            mapping=column or (),
+            progress=show,
+            one_after_the_other=filtering is not None,
+        )
     simulated = " (simulated)" if done.simulated else ""
     say(f"{done.rows} readings compensated{simulated}, written to {result}")
     say(
         f"additional torque {done.lowest_nm:.4g} to {done.highest_nm:.4g} N·m, "
         f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
+    if filtering is not None:
+        say(f"each torque belongs to the time of its row less {1e3 * filtering.delay_s:.4g} ms")
     tell_missing(chain)
 
 

@@ -36,7 +36,7 @@ _BLOCK_ROWS = 1 << 16
 _HEAD_LINES = 6
 _WORKERS = 2
 _WAITING = 1
-_NUMBERS = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm")
+_NUMBERS = ("reading_nm", "time_s", "speed_rpm", "temperature_c", "standard_error_nm")
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,7 @@ def compensate_file(
     *,
     mapping: Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
+    one_after_the_other: bool = False,
 ) -> CompensatedFile:
     """Compensate a file of readings into another, whole or not at all.
 
@@ -106,6 +107,8 @@ def compensate_file(
         ``name=Header[unit]`` of columns that have other names; see `columns.understood`.
     progress : callable, optional
         Called with the share that is done, 0 to 1.
+    one_after_the_other : bool
+        Whether `compensate` gets the blocks in order, from one thread.
 
     Raises
     ------
@@ -136,7 +139,9 @@ def compensate_file(
             extremes = (float(np.min(additional)), float(np.max(additional)))
             return encoded, (additional.size, *extremes, float(np.max(expanded)))
 
-        for done, share in _in_order(work, readings.pieces()):
+        for done, share in _in_order(
+            work, readings.pieces(), 1 if one_after_the_other else _WORKERS
+        ):
             if done is not None:
                 sink.write(done[0])
                 found.append(done[1])
@@ -150,15 +155,15 @@ def compensate_file(
 
 
 def _in_order(
-    work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]]
+    work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]], workers: int
 ) -> Iterator[tuple[Any, float]]:
-    """Work on pieces in two threads; yield results in the order of the pieces."""
+    """Work on pieces in threads; yield results in the order of the pieces."""
     waiting: deque[tuple[Future[Any], float]] = deque()
     iterator = iter(pieces)
     for piece, share in iterator:  # the first one alone: it compiles what all others use
         yield work(piece), share
         break
-    with ThreadPoolExecutor(_WORKERS) as threads:
+    with ThreadPoolExecutor(workers) as threads:
         try:
             for piece, share in iterator:
                 waiting.append((threads.submit(work, piece), share))
@@ -295,6 +300,7 @@ class _CsvSource:
             speed_rpm=numbers.get("speed_rpm"),
             temperature_c=numbers.get("temperature_c"),
             standard_error_nm=numbers.get("standard_error_nm"),
+            time_s=numbers.get("time_s"),
             simulated=self.simulated,
         )
 
@@ -430,6 +436,7 @@ class _ParquetSource:
             numbers.get("speed_rpm"),
             numbers.get("temperature_c"),
             numbers.get("standard_error_nm"),
+            numbers.get("time_s"),
             self.simulated,
         )
         return _Block(cells, table)

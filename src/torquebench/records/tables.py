@@ -172,7 +172,7 @@ def _calibration(
         time_s=quantity(table, columns, "time_s"),
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
         true_torque_nm=quantity(table, columns, "true_torque_nm"),
-        simulated=_simulated(noted),
+        simulated=is_simulated(noted),
     )
     _check_duplicates(table, data)
     if both_directions:
@@ -190,7 +190,7 @@ class ReadingsTable:
         The file's cells as they are, which `write_torque_csv` repeats.
     reading_nm : array of float, shape (n,)
         Readings in N·m.
-    branch, series, speed_rpm, temperature_c, standard_error_nm : array, shape (n,), or None
+    branch, series, speed_rpm, temperature_c, standard_error_nm, time_s : array, shape (n,), or None
         What else is known of them, where the file has it.
     simulated : bool
         Whether the file says that its readings are simulated.
@@ -203,6 +203,7 @@ class ReadingsTable:
     speed_rpm: NDArray[np.float64] | None
     temperature_c: NDArray[np.float64] | None
     standard_error_nm: NDArray[np.float64] | None
+    time_s: NDArray[np.float64] | None
     simulated: bool
 
     def __len__(self) -> int:
@@ -222,6 +223,7 @@ class ReadingsTable:
             self.reading_nm,
             branch=None if self.branch is None else self.branch.astype(np.float64),
             counter_nm=self.standard_error_nm,
+            time_s=self.time_s,
             speed_rpm=self.speed_rpm,
             temperature_c=self.temperature_c,
             zero_age_h=zero_age_h,
@@ -267,7 +269,7 @@ def read_readings_csv(path: Path | str) -> ReadingsTable:
 def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
     """Return the readings in a table; see `read_readings_csv`."""
     table, columns = understood(table, ("reading_nm",), mapping)
-    used = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm")
+    used = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm", "time_s")
     table.check_decimal_marks([columns[key][0] for key in used if key in columns])
     reading = quantity(table, columns, "reading_nm")
     assert reading is not None
@@ -280,7 +282,8 @@ def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
         speed_rpm=quantity(table, columns, "speed_rpm"),
         temperature_c=quantity(table, columns, "temperature_c"),
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
-        simulated=_simulated(table.remarks),
+        time_s=quantity(table, columns, "time_s"),
+        simulated=is_simulated(table.remarks),
     )
 
 
@@ -415,7 +418,7 @@ def _name_of_reading(table: CsvTable) -> str:
     return understood(table, ("reading_nm",))[1]["reading_nm"][0]
 
 
-def _simulated(remarks: Mapping[str, str]) -> bool:
+def is_simulated(remarks: Mapping[str, str]) -> bool:
     return remarks.get("simulated", "").lower() in ("true", "yes", "1")
 
 

@@ -5,6 +5,7 @@ The static curve and the scatter belong to the fitted model; the others are stor
 
 from torquebench.chain.effects.counter import Counter, Timebase
 from torquebench.chain.effects.drift import Drift
+from torquebench.chain.effects.dynamics import Dynamics
 from torquebench.chain.effects.mounting import Mounting
 from torquebench.chain.effects.reference import Reference
 from torquebench.chain.effects.rotation import Rotation
@@ -16,6 +17,7 @@ from torquebench.chain.effects.zero import Zero
 __all__ = [
     "Counter",
     "Drift",
+    "Dynamics",
     "Mounting",
     "Reference",
     "Rotation",

@@ -1,0 +1,153 @@
+"""Dynamic filters: speed beside PyDynamic 2.5.1, and bandwidth of a step, in one run."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import platform
+import sys
+import time
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks.section import BENCHMARKS, write_section
+from torquebench.dynamics import TransferFunction, UncertainFilter, design_inverse
+
+AIM = 10.0
+_CHAINS = {
+    "input module": TransferFunction(513.0, 0.06, 53e-6, 167e-6, 5e-5),
+    "output module": TransferFunction(255.0, 0.10, 53e-6, 167e-6, 1e-4),
+    "well damped": TransferFunction(1000.0, 0.40, 26e-6, 120e-6, 2e-5),
+}
+_U = np.diag([2.0**2, 0.003**2, (2e-6) ** 2, (2e-6) ** 2])
+
+
+def _best(call: Callable[[], object], repeats: int) -> float:
+    call()
+    durations = []
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        call()
+        durations.append(time.perf_counter() - begun)
+    return min(durations)
+
+
+def speeds(samples: int, repeats: int) -> list[tuple[str, float, float]]:
+    """Return case, our samples per second and how many times as many that is."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from PyDynamic.uncertainty.propagate_filter import FIRuncFilter, IIRuncFilter
+    generator = np.random.default_rng(1)
+    values = 100.0 * generator.standard_normal(samples)
+    changing = 0.5 + generator.random(samples)
+    transfer = _CHAINS["input module"]
+    covered = TransferFunction(
+        *transfer.values.tolist(), transfer.window_s, tuple(map(tuple, _U.tolist()))
+    )
+    inverse = design_inverse(covered, 5e-5).filter
+    root = 1e-3 * generator.standard_normal((60, 60))
+    long = UncertainFilter(generator.standard_normal(60) / 60, covariance=root @ root.T)
+    b, a = np.array([0.02, 0.05, 0.02]), np.array([1.0, -1.2, 0.6, -0.1])
+    back = UncertainFilter(b, a, 1e-6 * np.eye(6))
+    colour = 0.5 * 0.8 ** np.arange(40)
+
+    def fir(each: UncertainFilter, noise: object, kind: str) -> Callable[[], object]:
+        def call() -> object:
+            with contextlib.redirect_stdout(io.StringIO()):
+                return FIRuncFilter(values, noise, each.numerator, each.covariance, kind=kind)
+
+        return call
+
+    plain = np.sqrt(np.diag(root @ root.T))
+    apart = UncertainFilter(long.numerator, covariance=np.diag(plain**2))
+    column = (-1, 1, 1)
+    cases: list[tuple[str, Callable[[], object], Callable[[], object]]] = [
+        (
+            f"inverse filter, {inverse.numerator.size} taps, changing noise",
+            lambda: inverse.apply(values, changing),
+            fir(inverse, changing, "diag"),
+        ),
+        (
+            "60 taps, full covariance, changing noise",
+            lambda: long.apply(values, changing),
+            fir(long, changing, "diag"),
+        ),
+        (
+            "60 taps, full covariance, coloured noise",
+            lambda: long.apply(values, autocovariance=colour),
+            fir(long, colour, "corr"),
+        ),
+        (
+            "with feedback, 3 poles, changing noise",
+            lambda: back.apply(values, changing),
+            lambda: IIRuncFilter(
+                values.reshape(column),
+                changing.reshape(column),
+                b,
+                a,
+                Uab=back.covariance,
+                kind="diag",
+            ),
+        ),
+    ]
+
+    def short_way() -> object:
+        with contextlib.redirect_stdout(io.StringIO()):
+            return FIRuncFilter(values, changing, long.numerator, plain, kind="diag")
+
+    uncorrelated = "60 taps, uncorrelated coefficients, changing noise (its short way, no aim)"
+    cases.append((uncorrelated, lambda: apart.apply(values, changing), short_way))
+    found = []
+    for name, ours, theirs in cases:
+        own = _best(ours, 5 * repeats)
+        found.append((name, samples / own, _best(theirs, repeats) / own))
+    return found
+
+
+def main() -> int:
+    """Run the benchmark; 1 where an aim is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="half a minute")
+    parser.add_argument("--write", action="store_true", help="write docs/benchmarks.md")
+    arguments = parser.parse_args()
+    rows = speeds(500 if arguments.quick else 2000, 1 if arguments.quick else 3)
+    lines = [
+        "## What do dynamic filters cost and gain?",
+        "",
+        f"`python -m benchmarks.dynamics`, {platform.machine()}, Python "
+        f"{platform.python_version()}: samples per second with u of every sample, and how many "
+        "times as fast as PyDynamic 2.5.1 in the same run, 2000 samples.",
+        "",
+        "| case | samples/s | times as fast |",
+        "| --- | --- | --- |",
+        *(f"| {name} | {rate:.2g} | {ratio:.0f} |" for name, rate, ratio in rows),
+        "",
+        "A step of torque (simulated chains), raw and behind the inverse filter:",
+        "",
+        "| chain | bandwidth raw / filtered, Hz | times | overshoot raw / filtered, % | noise |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    reached = all(ratio >= AIM or "no aim" in name for name, _, ratio in rows)
+    for name, transfer in _CHAINS.items():
+        designed = design_inverse(transfer, transfer.window_s)
+        raw, step = designed.raw, designed.compensated
+        gain = step.bandwidth_hz / raw.bandwidth_hz
+        reached = reached and gain >= 3.0 and step.overshoot <= 0.05
+        lines.append(
+            f"| {name}, {transfer.resonance_hz:g} Hz, damping {transfer.damping_ratio:g}, "
+            f"window {1e3 * transfer.window_s:g} ms | {raw.bandwidth_hz:.0f} / "
+            f"{step.bandwidth_hz:.0f} | {gain:.2f} | {100 * raw.overshoot:.0f} / "
+            f"{100 * max(step.overshoot, 0.0):.1f} | × {designed.noise_gain:.1f} |"
+        )
+    text = "\n".join(lines)
+    sys.stdout.write(text + "\n")
+    if arguments.write:
+        write_section(BENCHMARKS, "dynamics", text)
+    return 0 if reached else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

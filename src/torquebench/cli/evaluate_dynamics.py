@@ -1,0 +1,95 @@
+"""`torquebench evaluate dynamics`: resonance, damping and lag of a chain, and its inverse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.options import check_output
+
+if TYPE_CHECKING:
+    from torquebench.campaign.dynamics import IdentifiedDynamics
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("dynamics")(dynamics)
+
+
+def dynamics(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="CSV files with time_s, reading_nm and standard_nm: steps, sines."),
+    ],
+    result: Annotated[Path, typer.Option("--out", help="The JSON file to write.")],
+    empty: Annotated[
+        Path | None,
+        typer.Option(help="CSV of an empty run with ramps: inertia, stiffness, damping."),
+    ] = None,
+    window: Annotated[
+        float | None,
+        typer.Option(min=0, help="Window of the counter, ms; that between two rows by default."),
+    ] = None,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(min=0, help="Wanted bandwidth, Hz; 3.3 times the chain's own by default."),
+    ] = None,
+) -> None:
+    """Identify resonance, damping and lag of a chain, and design the filter that inverts them.
+
+    The torque at the flange has to be known in every row: by a reference that is faster than the
+    chain. Runs begin at rest and have one even rate. Data that can't identify a parameter are
+    refused with what would. `apply --dynamics` uses the file.
+    """
+    check_output(result, *runs, *([] if empty is None else [empty]))
+    from torquebench.campaign.dynamics import identify_dynamics, save_dynamics
+
+    found = identify_dynamics(
+        runs,
+        empty,
+        window_s=None if window is None else 1e-3 * window,
+        bandwidth_hz=bandwidth,
+    )
+    _print(found)
+    save_dynamics(result, found)
+    say(f"Dynamics: {result}")
+
+
+def _print(found: IdentifiedDynamics) -> None:
+    transfer, designed = found.transfer, found.designed
+    rows = [
+        ("resonance", "resonance_hz", 1.0, "Hz"),
+        ("damping ratio", "damping_ratio", 1.0, ""),
+        ("lag", "lag_s", 1e6, "µs"),
+        ("delay", "delay_s", 1e6, "µs"),
+    ]
+    table = narrow_table("Identified" + (" - simulated" if found.simulated else ""))
+    for name in ("", "value", "U (k = 2)", "unit"):
+        table.add_column(name, justify="left" if name in ("", "unit") else "right")
+    for words, name, factor, unit in rows:
+        value, u = getattr(transfer, name), transfer.standard_uncertainty(name)
+        table.add_row(words, f"{factor * value:.4g}", f"{2.0 * factor * u:.2g}", unit)
+    if found.inertia is not None and found.shaft is not None:
+        moment, shaft = found.inertia, found.shaft
+        for words, value, u, unit in (
+            ("inertia", moment.inertia_kgm2, moment.standard_uncertainty_kgm2, "kg·m²"),
+            ("stiffness", shaft.stiffness_nm_rad, shaft.stiffness_uncertainty_nm_rad, "N·m/rad"),
+            ("damping", shaft.damping_nm_s, shaft.damping_uncertainty_nm_s, "N·m·s/rad"),
+        ):
+            table.add_row(words, f"{value:.4g}", f"{2.0 * u:.2g}", unit)
+    out().print(table)
+    for words, step in (("raw", designed.raw), ("with the filter", designed.compensated)):
+        say(
+            f"{words}: bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "
+            f"{100.0 * max(step.overshoot, 0.0):.2g} %, rise time {1e3 * step.rise_time_s:.3g} ms"
+        )
+    say(
+        f"the filter takes readings every {1e3 * designed.interval_s:.4g} ms, "
+        f"makes white noise {designed.noise_gain:.3g} times as large and is "
+        f"{1e3 * designed.delay_s:.3g} ms behind the torque"
+    )

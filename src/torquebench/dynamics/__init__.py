@@ -1,0 +1,9 @@
+"""What a chain does to a torque that changes quickly: identified, inverted, with uncertainty.
+
+Pure: a transfer function from ramps, steps and sines; an inverse filter; filters along a stream
+with u of every sample.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
