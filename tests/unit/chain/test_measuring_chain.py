@@ -13,6 +13,7 @@ from torquebench.chain import (
     Component,
     Counter,
     Drift,
+    Dynamics,
     MeasuringChain,
     Mounting,
     Readings,
@@ -40,6 +41,7 @@ EFFECTS_OF_ALL_KINDS = (
     Zero("zeroing", 0.05, 4.0, 0.03),
     Drift("drift record", 0.02, 8766.0),
     Mounting("three positions", 0.01),
+    Dynamics("steps", 1e-4, (1.5, -0.5), ((0.1, -0.1),), 2e-4, 3e-4),
 )
 
 

@@ -150,10 +150,12 @@ class _FollowedDynamics(Effect):
         self.memory.forget()
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        time = readings.time_s
+        if time is None:
+            return ()
         count = torque_nm.size
         added, curve, noise = np.zeros((3, count))
-        if readings.time_s is not None and count:
-            time = readings.time_s
+        if count:
             before = np.concatenate([[self.memory.last_s], time[:-1]])
             step = time - before
             wanted = self.effect.interval_s
