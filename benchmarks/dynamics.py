@@ -10,6 +10,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,9 +45,7 @@ def speeds(samples: int, repeats: int) -> list[tuple[str, float, float]]:
     values = 100.0 * generator.standard_normal(samples)
     changing = 0.5 + generator.random(samples)
     transfer = _CHAINS["input module"]
-    covered = TransferFunction(
-        *transfer.values.tolist(), transfer.window_s, tuple(map(tuple, _U.tolist()))
-    )
+    covered = replace(transfer, covariance=tuple(map(tuple, _U.tolist())))
     inverse = design_inverse(covered, 5e-5).filter
     root = 1e-3 * generator.standard_normal((60, 60))
     long = UncertainFilter(generator.standard_normal(60) / 60, covariance=root @ root.T)
