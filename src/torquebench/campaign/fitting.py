@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,7 +42,9 @@ from torquebench.compensation import (
     worse_than_raw,
 )
 from torquebench.errors import ModelMismatchError, RecordError
-from torquebench.records import Registry
+
+if TYPE_CHECKING:
+    from torquebench.records import Registry
 
 __all__ = [
     "FittedModel",

@@ -113,7 +113,12 @@ def installation() -> Iterator[Finding]:
         except metadata.PackageNotFoundError:
             missing.append(name)
     if missing:
-        yield Finding("libraries", "problem", f"missing: {', '.join(missing)}", "pip install .")
+        yield Finding(
+            "libraries",
+            "problem",
+            f"missing: {', '.join(missing)}",
+            "pip install 'torquebench[panel]'",
+        )
     else:
         yield Finding("libraries", "ok", ", ".join(versions))
     yield Finding("machine", "ok", f"{os.cpu_count()} cores, {platform.system()}")

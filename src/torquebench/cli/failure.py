@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import re
 from collections.abc import Callable
 
 from torquebench.errors import (
@@ -22,6 +23,12 @@ DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """A full or broken disk is nothing that the user has handed in."""
 INTERRUPTED = 130
 """Ctrl-C, as shells count it (128 + SIGINT)."""
+
+
+_DISTRIBUTIONS = {"argon2": "argon2_cffi"} | dict.fromkeys(
+    ("fastapi", "starlette", "uvicorn"), "nicegui"
+)
+"""Libraries whose name isn't that of the module, or that come with another one."""
 
 
 def exit_code(error: TorquebenchError) -> int:
@@ -70,6 +77,9 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
     except Exception as error:
         if debug():
             raise
+        if isinstance(error, ModuleNotFoundError) and (extra := _extra_of(error.name or "")):
+            write_error(_missing_extra(extra, error.name or ""))
+            return UNUSABLE_INPUT
         write_error(
             TorquebenchError(
                 f"an unforeseen {type(error).__name__}: {error}",
@@ -77,6 +87,29 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
             )
         )
         return CHECK_FAILED
+
+
+def _extra_of(module: str) -> str:
+    """Return the extra that brings a module; empty where none does."""
+    from importlib.metadata import requires
+
+    name = _DISTRIBUTIONS.get(module.partition(".")[0], module.partition(".")[0])
+    for line in requires("torquebench") or ():
+        requirement, _, marker = line.partition(";")
+        found = re.match(r"[A-Za-z0-9._-]+", requirement)
+        extra = re.search(r"extra == ['\"]([^'\"]+)", marker)
+        if found and extra and found[0].lower().replace("-", "_") == name.lower():
+            return extra[1]
+    return ""
+
+
+def _missing_extra(extra: str, module: str) -> InputError:
+    """Word a library that isn't installed."""
+    return InputError(
+        f"the library {module.partition('.')[0]} isn't installed",
+        f"this command needs the extra {extra!r}",
+        f"pip install 'torquebench[{extra}]'",
+    )
 
 
 def _file_error(error: OSError) -> InputError:
