@@ -26,7 +26,9 @@ from torquebench.errors import InputError
 
 __all__ = ["PublishedNetworkModel"]
 
-_EPOCHS_PER_REPORT = 2000
+_CURVE_EPOCHS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+_EPOCHS_PER_POINT = 500
+"""After the first epochs the training error is noted, and compared with its target, so often."""
 _MATLAB_ACTIVE_HALF_SPAN = 2.0
 
 _LOG2_E = 1.4426950408889634
@@ -95,6 +97,12 @@ def _descend(
     return output_bias
 
 
+def _next_noted(done: int) -> int:
+    """Return the next epoch at which the training error is noted."""
+    following = next((epoch for epoch in _CURVE_EPOCHS if epoch > done), None)
+    return following or (done // _EPOCHS_PER_POINT + 1) * _EPOCHS_PER_POINT
+
+
 @register("published-network")
 class PublishedNetworkModel(CompensationModel):
     """The sources' back-propagation network, trained as they say: it stands for comparison.
@@ -114,7 +122,9 @@ class PublishedNetworkModel(CompensationModel):
     learning_rate : float, default 0.01
         MATLAB's default for traingd.
     epochs : int, default 50000
-        Steps of gradient descent.
+        Steps of gradient descent, at most.
+    target_error_nm : float, optional
+        Training ends when the root mean square of the residuals falls below it, N·m.
     hidden : int, default 50
         Hidden neurons.
     random_state : int, default 0
@@ -128,6 +138,8 @@ class PublishedNetworkModel(CompensationModel):
         Weights and biases, for scaled input and output.
     training_rms_nm_ : float
         Root mean square of the residuals, in N·m.
+    training_curve_ : float64[n, 2]
+        Epoch, and root mean square of the residuals after it in N·m; the last row ends the training.
 
     Notes
     -----
@@ -155,6 +167,7 @@ class PublishedNetworkModel(CompensationModel):
         "start": [StrOptions({"nguyen-widrow", "small-uniform"})],
         "learning_rate": [Interval(Real, 0, None, closed="neither")],
         "epochs": [Interval(Integral, 1, None, closed="left")],
+        "target_error_nm": [None, Interval(Real, 0, None, closed="neither")],
         "hidden": [Interval(Integral, 1, 1000, closed="both")],
         "random_state": [Interval(Integral, 0, None, closed="left")],
     }
@@ -162,6 +175,7 @@ class PublishedNetworkModel(CompensationModel):
     parameters_: NetworkParameters
     input_scaling_: SpanScaling
     output_scaling_: SpanScaling
+    training_curve_: FloatArray
 
     def __init__(
         self,
@@ -169,6 +183,7 @@ class PublishedNetworkModel(CompensationModel):
         start: str = "nguyen-widrow",
         learning_rate: float = 0.01,
         epochs: int = 50_000,
+        target_error_nm: float | None = None,
         hidden: int = 50,
         random_state: int = 0,
         range_nm: float | None = None,
@@ -179,6 +194,7 @@ class PublishedNetworkModel(CompensationModel):
         self.start = start
         self.learning_rate = learning_rate
         self.epochs = epochs
+        self.target_error_nm = target_error_nm
         self.hidden = hidden
         self.random_state = random_state
         self.range_nm = range_nm
@@ -201,9 +217,7 @@ class PublishedNetworkModel(CompensationModel):
         start = self._start()
         self.parameters_ = self._train(start, x, scaled_target, weights, progress)
         residual = scaled_target - network_values(self.parameters_, x)
-        self.training_rms_nm_ = float(
-            np.sqrt(np.mean(weights * residual**2)) * self.output_scaling_.half_span
-        )
+        self.training_rms_nm_ = float(self.training_curve_[-1, 1])
         self._estimate_uncertainty(start, x, residual, weights)
         self.noise_nm_ *= np.sqrt(mean_weight)  # of one point, where bins stand for many
 
@@ -241,8 +255,9 @@ class PublishedNetworkModel(CompensationModel):
         now = NetworkParameters.from_flat(start.flat)
         arrays = (now.input_weights, now.hidden_biases, now.output_weights)
         bias, done = now.output_bias, 0
+        curve: list[tuple[float, float]] = []
         while done < self.epochs:
-            count = min(_EPOCHS_PER_REPORT, self.epochs - done)
+            count = min(_next_noted(done), self.epochs) - done
             bias = float(
                 _descend(x, target, weights, *arrays, bias, float(self.learning_rate), count)
             )
@@ -253,8 +268,14 @@ class PublishedNetworkModel(CompensationModel):
                     f"less than about {1.0 / (self.hidden + 1):.2g} for {self.hidden} neurons",
                     "lower learning_rate",
                 )
+            residual = target - network_values(NetworkParameters(*arrays, bias), x)
+            rms = float(np.sqrt(np.mean(weights * residual**2)) * self.output_scaling_.half_span)
+            curve.append((done, rms))
+            if self.target_error_nm is not None and rms < self.target_error_nm:
+                break
             if progress is not None:
                 progress(done / self.epochs, f"gradient descent, epoch {done}")
+        self.training_curve_ = np.array(curve)
         return NetworkParameters(*arrays, bias)
 
     def _estimate_uncertainty(

@@ -36,3 +36,8 @@ from .shaft import (
     shaft_stiffness as shaft_stiffness,
     shaft_twist as shaft_twist,
 )
+from .solid import (
+    Solid as Solid,
+    TwistedSolid as TwistedSolid,
+    extruded as extruded,
+)

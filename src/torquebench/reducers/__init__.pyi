@@ -11,6 +11,7 @@ from .comparison import (
     compare_specimens as compare_specimens,
 )
 from .description import (
+    CertifiedFriction as CertifiedFriction,
     DataSheetLimits as DataSheetLimits,
     EfficiencyLimit as EfficiencyLimit,
     NoLoadLimit as NoLoadLimit,

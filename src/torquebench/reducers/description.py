@@ -10,6 +10,7 @@ from torquebench.errors import InputError
 from torquebench.validation import parse_toml, validated
 
 __all__ = [
+    "CertifiedFriction",
     "DataSheetLimits",
     "EfficiencyLimit",
     "NoLoadLimit",
@@ -40,6 +41,24 @@ class NoLoadLimit(_Settings):
 
     speed_rpm: Positive
     torque_nm: Positive
+
+
+class CertifiedFriction(_Settings):
+    """No-load torque of a standard reducer at one speed, as its certificate states it.
+
+    Attributes
+    ----------
+    speed_rpm : float
+        Input speed, 1/min; holds for both directions.
+    torque_nm : float
+        Magnitude of the torque at the input, output free, N·m.
+    expanded_uncertainty_nm : float
+        U (k = 2), N·m.
+    """
+
+    speed_rpm: Positive
+    torque_nm: Positive
+    expanded_uncertainty_nm: Annotated[float, Field(ge=0)]
 
 
 class EfficiencyLimit(_Settings):
@@ -122,6 +141,10 @@ class ReducerDescription(_Settings):
         Highest order per output revolution of the transmission error that is reported; by
         default three times the ratio.
     limits : DataSheetLimits
+    certified_friction : tuple of CertifiedFriction
+        Of a standard reducer: what its certificate states, at rising speeds.
+    certificate : str
+        Number of that certificate.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -139,6 +162,8 @@ class ReducerDescription(_Settings):
     lost_motion_rule: RuleName = "nabtesco"
     highest_error_order: Positive | None = None
     limits: DataSheetLimits = DataSheetLimits()
+    certified_friction: tuple[CertifiedFriction, ...] = ()
+    certificate: Annotated[str, Field(max_length=200)] = ""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -150,6 +175,9 @@ class ReducerDescription(_Settings):
             raise ValueError("region_torques_nm has to hold T1 < T2")
         if not self.stiffness_interval[0] < self.stiffness_interval[1] <= 1.5:
             raise ValueError("stiffness_interval has to rise, to at most 1.5")
+        speeds = [point.speed_rpm for point in self.certified_friction]
+        if speeds != sorted(set(speeds)):
+            raise ValueError("the speeds of certified_friction have to rise")
         return self
 
     @property

@@ -7,7 +7,8 @@ Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do
 `{"do": "truth", "side": "output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s`
 to `stop_s` of the client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}`
 (noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator),
-`{"do": "encoder_certificates"}`, `{"do": "drive_log", "side": "output"}` (what that drive was told
+`{"do": "encoder_certificates"}`, `{"do": "reducer_certificate"}`, `{"do": "drive_log", "side":
+"output"}` (what that drive was told
 and did, with its set points then, in the plant's time). Every answer is an object, with `error`
 where the request can't be done.
 """
@@ -63,6 +64,7 @@ class ControlServer(LineServer):
             "sweep": self._sweep,
             "certificates": self._certificates,
             "encoder_certificates": self._encoder_certificates,
+            "reducer_certificate": self._reducer_certificate,
             "drive_log": self._drive_log,
         }
         super().__init__(WireFaults("control", random.Random(0)), host, port)
@@ -158,7 +160,9 @@ class ControlServer(LineServer):
 
     def _sweep(self, request: Mapping[str, Any]) -> dict[str, Any]:
         path = np.array(request["torque_nm"], dtype=np.float64)
-        reading, branch = self._plant.bench.dense_sweep(request["side"], path)
+        reading, branch = self._plant.bench.dense_sweep(
+            request["side"], path, alone=bool(request.get("alone", False))
+        )
         return {"reading_nm": reading.tolist(), "branch": branch.tolist()}
 
     def _certificates(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -174,6 +178,11 @@ class ControlServer(LineServer):
             }
             for mounting, sides in self._plant.bench.certificates().items()
         }
+
+    def _reducer_certificate(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        del request
+        points = self._plant.bench.reducer_certificate()
+        return {"points": [point.model_dump() for point in points]}
 
     def _encoder_certificates(self, request: Mapping[str, Any]) -> dict[str, Any]:
         del request

@@ -27,10 +27,11 @@ from torquebench.twin.blocks import (
     TwinBlock,
 )
 from torquebench.twin.calibrator import ReferenceParameters
-from torquebench.twin.chain import transducer_torque
+from torquebench.twin.chain import transducer_torque, without_chain
 from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, Loading
 from torquebench.twin.faults import Fault, broken_edges, broken_frequency, make_fault
 from torquebench.twin.parameters import TwinParameters
+from torquebench.twin.reducer_truth import true_no_load_nm
 
 __all__ = ["BenchTwin"]
 
@@ -330,6 +331,10 @@ class BenchTwin:
             ),
         )
 
+    def no_load_nm(self, speed_rpm: FloatArray) -> FloatArray:
+        """No-load running torque of the reducer at input speeds, output free, at 23 °C, N·m."""
+        return true_no_load_nm(self._parameters.reducer, speed_rpm, 23.0)
+
     def static_sweep(
         self,
         side: Side,
@@ -338,6 +343,7 @@ class BenchTwin:
         temperature_c: float | None = None,
         speed_rad_s: float = 0.0,
         preload: bool = True,
+        alone: bool = False,
     ) -> StaticSweep:
         """Noise-free quasi-static readings along a path of true torques, hysteresis included.
 
@@ -356,6 +362,8 @@ class BenchTwin:
             Speed of the shaft.
         preload : bool
             Run the path once before, so that the memory belongs to a preloaded transducer.
+        alone : bool
+            With nothing between transducer and flange, as a laboratory calibrates a transducer.
 
         Returns
         -------
@@ -363,8 +371,9 @@ class BenchTwin:
             Readings of the module and of the reference, in the path's order.
         """
         index = _index(side)
+        chain = self._constants.chains[index]
         return readout.static_sweep(
-            self._constants.chains[index],
+            without_chain(chain) if alone else chain,
             self._constants.transducers[index],
             self._references[index],
             self.nameplate("input_torque" if side == "input" else "output_torque"),

@@ -15,6 +15,7 @@ __all__ = [
     "rotation_torque",
     "steepest_slope",
     "transducer_torque",
+    "without_chain",
 ]
 
 
@@ -62,6 +63,21 @@ class ChainConstants(NamedTuple):
     misalignment_phase_rad: tuple[float, float, float]
     drag_nm: float
     drag_viscous_nm_s: float
+
+
+def without_chain(chain: ChainConstants) -> ChainConstants:
+    """Return the constants of nothing between transducer and flange: a transducer alone."""
+    return chain._replace(
+        constant_nm=(0.0, 0.0),
+        linear=(0.0, 0.0),
+        quadratic_per_nm=(0.0, 0.0),
+        ripple_nm=(0.0, 0.0),
+        bump_nm=(0.0, 0.0, 0.0, 0.0),
+        engagement_by_angle=0.0,
+        misalignment_nm_s2=(0.0, 0.0, 0.0),
+        drag_nm=0.0,
+        drag_viscous_nm_s=0.0,
+    )
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ __all__ = [
     "true_efficiency",
     "true_loop",
     "true_loop_values",
+    "true_no_load_nm",
     "true_starting_nm",
     "true_transmission_error",
 ]
@@ -134,6 +135,13 @@ def _input_torque(
     ]
     friction = np.reshape(level, speed.shape) + reducer.viscous_nm_s * viscous * np.abs(speed)
     return np.asarray(friction + gear / reducer.ratio)
+
+
+def true_no_load_nm(
+    reducer: ReducerConstants, speed_rpm: ArrayLike, temperature_c: float
+) -> FloatArray:
+    """Torque at the input that keeps it turning at a speed, output free, N·m; above 0."""
+    return _input_torque(reducer, speed_rpm, 0.0, temperature_c)
 
 
 def true_efficiency(

@@ -65,6 +65,19 @@ def test_divergence_is_an_answer() -> None:
         PublishedNetworkModel(learning_rate=0.5, epochs=4000).fit(READING[:, None], STANDARD)
 
 
+def test_the_training_curve_falls_and_ends_at_the_target_error() -> None:
+    whole = PublishedNetworkModel(start="small-uniform", epochs=3000)
+    curve = whole.fit(READING[:, None], STANDARD).training_curve_
+    assert curve[:4, 0].tolist() == [1, 2, 5, 10]
+    assert curve[-1, 0] == 3000
+    assert curve[-1, 1] == whole.training_rms_nm_ < 0.1 * curve[0, 1]
+    target = float(np.sqrt(curve[0, 1] * curve[-1, 1]))
+    ended = PublishedNetworkModel(start="small-uniform", epochs=3000, target_error_nm=target)
+    ended.fit(READING[:, None], STANDARD)
+    assert ended.training_rms_nm_ < target <= ended.training_curve_[-2, 1]
+    np.testing.assert_array_equal(ended.training_curve_, curve[: len(ended.training_curve_)])
+
+
 def test_the_seed_decides_alone() -> None:
     first, second = (
         PublishedNetworkModel(epochs=100, random_state=seed).fit(READING[:, None], STANDARD)

@@ -30,6 +30,7 @@ from torquebench.bench.roles import (
     reference_channel,
     torque_channel,
 )
+from torquebench.reducers import CertifiedFriction
 from torquebench.signals import EdgeBlock, FrequencySamples
 
 __all__ = [
@@ -311,9 +312,12 @@ class TrueTorqueSource(Protocol):
         """Mean true torque at the flange over a time window, N·m."""
 
     def dense_sweep(
-        self, side: Side, true_torque_nm: NDArray[np.float64]
+        self, side: Side, true_torque_nm: NDArray[np.float64], *, alone: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
-        """Noise-free readings (N·m) along a path of true torques, and the branch of each point."""
+        """Noise-free readings (N·m) along a path of true torques, and the branch of each point.
+
+        `alone`: with nothing between transducer and flange, as a laboratory calibrates it.
+        """
 
 
 @dataclass(frozen=True)
@@ -335,6 +339,8 @@ class DriverSet:
     """Certificates that the instruments bring along; files of the description come first."""
     encoder_certificates: Mapping[Side, EncoderCertificate] = field(default_factory=dict)
     """The same of the encoders."""
+    reducer_certificate: tuple[CertifiedFriction, ...] = ()
+    """Certified no-load friction of a standard reducer that comes with the bench."""
     simulated_time: bool = False
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True

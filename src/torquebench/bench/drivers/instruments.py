@@ -32,6 +32,7 @@ from torquebench.bench.drivers.simulation_control import (
     SimulationControl,
     simulated_certificates,
     simulated_encoder_certificates,
+    simulated_reducer_certificate,
 )
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import Side
@@ -133,6 +134,7 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             truth=None if control is None else SimulatedTruth(control),
             certificates={} if control is None else simulated_certificates(control),
             encoder_certificates={} if control is None else simulated_encoder_certificates(control),
+            reducer_certificate=() if control is None else simulated_reducer_certificate(control),
             simulated_time=on_demand,
             shortest_read_s=float(getattr(counter, "shortest_read_s", 0.0)),
             resources=opened.pop_all(),

@@ -35,6 +35,7 @@ from torquebench.bench.drivers.simulated_readout import SimulatedReadout
 from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
+from torquebench.reducers import CertifiedFriction
 from torquebench.signals import EdgeBlock
 from torquebench.twin import (
     CHANNELS,
@@ -52,6 +53,8 @@ RAMP_STEP_S = 0.01
 TRUTH_KEPT_S = 120.0
 TRUTH_RATE_HZ = 1000.0
 LOGGED = 1000
+CERTIFIED_FRICTION_U_NM = 0.005
+"""Expanded uncertainty (k = 2) of the certified friction, N·m: 0.01 % of 50 N·m."""
 
 
 class SimulatedOptions(BaseModel):
@@ -387,11 +390,11 @@ class SimulatedBench:
         return float(values.mean())
 
     def dense_sweep(
-        self, side: Side, true_torque_nm: NDArray[np.float64]
+        self, side: Side, true_torque_nm: NDArray[np.float64], *, alone: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
         """Noise-free readings along a path of true torques, and the branch of each point."""
         with self._lock:
-            sweep = self._twin.static_sweep(side, true_torque_nm)
+            sweep = self._twin.static_sweep(side, true_torque_nm, alone=alone)
         return sweep.reading_nm, sweep.branch
 
     def certificates(self) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
@@ -407,6 +410,21 @@ class SimulatedBench:
     def encoder_certificates(self) -> dict[Side, EncoderCertificate]:
         """Certificates of the simulated encoders."""
         return {side: EncoderCertificate(*self._twin.encoder_certificate(side)) for side in SIDES}
+
+    def reducer_certificate(self) -> tuple[CertifiedFriction, ...]:
+        """Certified no-load friction of the reducer that is held, at 23 °C."""
+        speeds = np.array([20.0, 50.0, *(100.0 * k for k in range(1, 13))])
+        known = self._twin.no_load_nm(speeds)
+        scatter = np.random.default_rng([self.options.seed, 17]).standard_normal(speeds.size)
+        stated = known + 0.5 * CERTIFIED_FRICTION_U_NM * scatter
+        return tuple(
+            CertifiedFriction(
+                speed_rpm=float(speed),
+                torque_nm=float(torque),
+                expanded_uncertainty_nm=CERTIFIED_FRICTION_U_NM,
+            )
+            for speed, torque in zip(speeds, stated, strict=True)
+        )
 
 
 class SimulatedDrive:
@@ -496,6 +514,7 @@ def open_simulated(description: BenchDescription) -> DriverSet:
         truth=bench,
         certificates=bench.certificates(),
         encoder_certificates=bench.encoder_certificates(),
+        reducer_certificate=bench.reducer_certificate(),
         simulated_time=True,
         blocking=False,
     )

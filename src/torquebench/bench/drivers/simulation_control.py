@@ -20,6 +20,7 @@ from torquebench.bench.drivers.links import Link, WireError, split_address
 from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.roles import MOUNTINGS, SIDES
 from torquebench.errors import BenchError, InterlockError
+from torquebench.reducers import CertifiedFriction
 
 __all__ = [
     "SimulatedOperator",
@@ -91,10 +92,12 @@ class SimulatedTruth:
         return float(answer["torque_nm"])
 
     def dense_sweep(
-        self, side: Side, true_torque_nm: NDArray[np.float64]
+        self, side: Side, true_torque_nm: NDArray[np.float64], *, alone: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
         """Noise-free readings along a path of true torques, and the branch of each point."""
-        answer = self._control.ask("sweep", side=side, torque_nm=true_torque_nm.tolist())
+        answer = self._control.ask(
+            "sweep", side=side, torque_nm=true_torque_nm.tolist(), alone=alone
+        )
         reading = np.array(answer["reading_nm"], dtype=np.float64)
         return reading, np.array(answer["branch"], dtype=np.int8)
 
@@ -119,6 +122,12 @@ def simulated_encoder_certificates(control: SimulationControl) -> dict[Side, Enc
     """Ask for the certificates that come with the simulated encoders."""
     answer = control.ask("encoder_certificates")
     return {side: EncoderCertificate(**_arrays(answer[side])) for side in SIDES if side in answer}
+
+
+def simulated_reducer_certificate(control: SimulationControl) -> tuple[CertifiedFriction, ...]:
+    """Ask for the certified friction of the simulated reducer."""
+    points = control.ask("reducer_certificate")["points"]
+    return tuple(CertifiedFriction.model_validate(point) for point in points)
 
 
 def _arrays(columns: Mapping[str, list[float]]) -> dict[str, NDArray[np.float64]]:
