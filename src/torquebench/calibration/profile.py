@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -32,7 +32,7 @@ _SIGNS: dict[str, int] = {"clockwise": 1, "counter-clockwise": -1}
 _OPTIONS: dict[str, frozenset[str]] = {
     "ladder": frozenset({"rising_only", "repeats", "step_percent", "up_to_percent", "duration_s"}),
     "cycle": frozenset({"repeats", "step_percent", "up_to_percent", "duration_s"}),
-    "random": frozenset({"groups", "points", "up_to_percent", "duration_s"}),
+    "random": frozenset({"groups", "points", "same_points", "up_to_percent", "duration_s"}),
     "adaptive": frozenset({"points", "target_percent", "repeats", "step_percent", "duration_s"}),
 }
 _ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
@@ -77,7 +77,7 @@ class Loading(_Settings):
 
     Exactly one of `step_percent` and `steps_percent` is given, in % of full scale; for random
     points `step_percent` is the grid that they keep off, and `up_to_percent` what full scale and
-    grid are brought down to. A step may be loaded
+    grid are brought down to; with `same_points` all groups have the same. A step may be loaded
     `step_tolerance_percent` off its nominal torque: % of the step, or of the range.
     """
 
@@ -90,6 +90,7 @@ class Loading(_Settings):
     repeats: Count = 1
     groups: Count | None = None
     points: Annotated[int, Field(ge=4, le=10000)] | None = None
+    same_points: bool = False
     up_to_percent: Percent | None = None
     zero_return: bool = False
     step_tolerance_percent: Percent | None = None
@@ -106,6 +107,8 @@ class Loading(_Settings):
         random = self.pattern == "random"
         if random != (self.groups is not None) or random != (self.points is not None):
             raise ValueError("groups and points belong to the pattern 'random', and only to it")
+        if not random and self.same_points:
+            raise ValueError("same_points belongs to the pattern 'random'")
         if not random and self.up_to_percent is not None:
             raise ValueError("up_to_percent belongs to the pattern 'random'")
         return self
@@ -284,6 +287,8 @@ class Profile(_Settings):
             del settings["preload"]["percent"]
         if self.loading.up_to_percent is None:
             del settings["loading"]["up_to_percent"]
+        if not self.loading.same_points:
+            del settings["loading"]["same_points"]
         if self.loading.step_tolerance_of == "step":
             del settings["loading"]["step_tolerance_of"]
         content = json.dumps(settings, sort_keys=True, ensure_ascii=False)
@@ -299,6 +304,7 @@ class Profile(_Settings):
         duration_s: float | None = None,
         groups: int | None = None,
         points: int | None = None,
+        same_points: bool | None = None,
         target_percent: float | None = None,
     ) -> Self:
         """Return the profile with some of its settings changed; None leaves a setting alone.
@@ -320,6 +326,8 @@ class Profile(_Settings):
             Number of groups (random points only).
         points : int, optional
             Number of points in each group, or the most points of an adaptive profile.
+        same_points : bool, optional
+            Load the same points in every group (random points only).
         target_percent : float, optional
             Expanded uncertainty of the model that ends an adaptive calibration, % of full scale.
 
@@ -336,6 +344,7 @@ class Profile(_Settings):
             "duration_s": duration_s,
             "groups": groups,
             "points": points,
+            "same_points": same_points,
             "target_percent": target_percent,
         }
         given = {name: value for name, value in given.items() if value is not None}
@@ -424,6 +433,7 @@ class _Staircase:
         self.range_nm = range_nm
         self.rng = rng
         self.series = 0
+        self._first_path: list[tuple[Literal["point", "turn"], float, int]] = []
 
     def steps(self) -> Iterator[Step]:
         """Yield zeros, preloads, turns and points in the order in which they are loaded."""
@@ -470,10 +480,13 @@ class _Staircase:
 
     def _one_series(self, shape: Series, position: Position, signs: Sequence[int]) -> list[Step]:
         steps: list[Step] = []
-        if self.profile.loading.pattern == "random":
-            path = self._random_path(signs)
-        else:
+        path: Iterable[tuple[Literal["point", "turn"], float, int]]
+        if self.profile.loading.pattern != "random":
             path = self._ladder_path(shape, signs)
+        elif self.profile.loading.same_points:
+            path = self._first_path = self._first_path or list(self._random_path(signs))
+        else:
+            path = self._random_path(signs)
         index = 0
         duration = self.profile.loading.duration_s
         for kind, percent, branch in path:

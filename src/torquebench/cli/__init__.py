@@ -51,6 +51,7 @@ def _add_commands(wanted: str) -> None:
         measure,
         models,
         panel,
+        papers,
         reducer_test,
         simulate,
     )
@@ -65,6 +66,7 @@ def _add_commands(wanted: str) -> None:
         measure,
         reducer_test,
         panel,
+        papers,
         doctor,
         simulate,
     ):

@@ -139,7 +139,7 @@ class PublishedNetworkModel(CompensationModel):
     training_rms_nm_ : float
         Root mean square of the residuals, in N·m.
     training_curve_ : float64[n, 2]
-        Epoch, and root mean square of the residuals after it in N·m; the last row ends the training.
+        Epoch, and root mean square of the residuals after it in N·m, to the end of the training.
 
     Notes
     -----

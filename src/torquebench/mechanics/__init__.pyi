@@ -41,3 +41,8 @@ from .solid import (
     TwistedSolid as TwistedSolid,
     extruded as extruded,
 )
+from .supports import (
+    SupportComparison as SupportComparison,
+    SupportDesign as SupportDesign,
+    compare_supports as compare_supports,
+)

@@ -42,12 +42,15 @@ class Table:
         What the table shows.
     emphasised : int or None
         Index of the row to mark, such as the recommended model.
+    words : bool
+        Whether the cells hold sentences: set left and broken, instead of right on one line.
     """
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     caption: str = ""
     emphasised: int | None = None
+    words: bool = False
     kind: str = field(default="table", init=False)
 
 

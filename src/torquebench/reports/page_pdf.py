@@ -81,6 +81,7 @@ def _plain(block: Facts | Table | Figure, figures: dict[str, str]) -> dict[str, 
             "rows": [list(row) for row in block.rows],
             "caption": block.caption,
             "emphasised": block.emphasised,
+            "words": block.words,
         }
     name = f"figure-{len(figures) + 1}.svg"
     figures[name] = block.svg

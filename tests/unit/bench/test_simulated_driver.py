@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from torquebench.bench.description import BenchDescription
+from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import (
     Clamp,
@@ -144,3 +144,17 @@ def test_a_closed_counter_says_so(describe: Describe) -> None:
     drivers.close()
     with pytest.raises(BenchError, match="closed"):
         drivers.counter.read_block(0.05)
+
+
+def test_a_transducer_alone_has_no_chain_and_the_reducer_its_certificate() -> None:
+    drivers = open_drivers(default_bench())
+    assert drivers.truth is not None
+    path = np.linspace(0.0, 2000.0, 11)
+    chain, alone = (
+        np.max(np.abs(drivers.truth.dense_sweep("output", path, alone=each)[0] - path))
+        for each in (False, True)
+    )
+    assert alone < 0.3 * chain
+    certified = drivers.reducer_certificate
+    assert [point.speed_rpm for point in certified[-2:]] == [1100.0, 1200.0]
+    assert 0.2 < certified[0].torque_nm < certified[-1].torque_nm < 1.5

@@ -274,3 +274,17 @@ def test_a_ladder_shrinks_too_and_a_profile_without_it_keeps_its_hash():
 def test_what_cant_shrink_is_refused(name, options):
     with pytest.raises(InputError):
         load_profile(name).with_options(**options)
+
+
+def test_groups_at_the_same_points() -> None:
+    profile = load_profile("verification").with_options(groups=3, points=12)
+    same = profile.with_options(same_points=True)
+    steps = same.staircase(2000.0, np.random.default_rng(4))
+    groups = [
+        [step.target_nm for step in steps if step.series == k and step.recorded] for k in (1, 2, 3)
+    ]
+    assert groups[0] == groups[1] == groups[2]
+    assert len(set(groups[0])) == 12
+    assert same.sha256 != profile.sha256
+    with pytest.raises(InputError, match="same_points"):
+        load_profile("staircase").with_options(same_points=True)

@@ -70,7 +70,7 @@ def test_the_training_curve_falls_and_ends_at_the_target_error() -> None:
     curve = whole.fit(READING[:, None], STANDARD).training_curve_
     assert curve[:4, 0].tolist() == [1, 2, 5, 10]
     assert curve[-1, 0] == 3000
-    assert curve[-1, 1] == whole.training_rms_nm_ < 0.1 * curve[0, 1]
+    assert curve[-1, 1] == whole.training_rms_nm_ < 0.5 * curve[0, 1]
     target = float(np.sqrt(curve[0, 1] * curve[-1, 1]))
     ended = PublishedNetworkModel(start="small-uniform", epochs=3000, target_error_nm=target)
     ended.fit(READING[:, None], STANDARD)

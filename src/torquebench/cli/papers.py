@@ -1,0 +1,225 @@
+"""`torquebench papers`: the two source papers, item by item, on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.options import RealTimeOption, bench_description, check_output
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.papers.tables import BenchTables, PapersSettings
+    from torquebench.reducers import CertifiedFriction
+    from torquebench.reports.page import Page
+
+__all__ = ["register"]
+
+RECORDS = Path("torquebench-data")
+FINE_M, COARSE_M = 0.06, 0.12
+"""Elements of the supports, of a whole page and of a quick one."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("papers")(papers)
+
+
+def papers(
+    report: Annotated[
+        list[Path] | None,
+        typer.Option("--out", help="The page to write, .html or .pdf; without it both. Repeat it."),
+    ] = None,
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", help="Measure on this bench; without it on simulated ones."),
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Take recorded tables from this folder (CSV or TDMS)."),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write what was measured as tables into this folder.")
+    ] = None,
+    reducer: Annotated[
+        str | None,
+        typer.Option(help="Description of the standard reducer, with its certified friction."),
+    ] = None,
+    seeds: Annotated[
+        int, typer.Option(min=1, max=50, help="How many simulated benches are measured.")
+    ] = 3,
+    study: Annotated[
+        bool, typer.Option("--study/--no-study", help="When does BP beat the polynomial?")
+    ] = True,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few points, one bench: a look in a minute.")
+    ] = False,
+    records: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the records; without it those of simulated runs are dropped."),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+    ] = False,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Reproduce the two source papers item by item: one page with figures, tables and verdicts.
+
+    Both modules are calibrated and verified in ten groups at the same torques (and ten at others),
+    the standard reducer's friction is measured, and all of it is set beside what the papers state.
+    On a real bench no model is put into use. --save writes the tables from which --data makes the
+    same page again.
+    """
+    from torquebench.reports.page_pdf import check_suffix
+
+    reports = report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")]
+    for path in reports:
+        check_suffix(path)
+        check_output(path)
+    if bench is not None and data is not None:
+        raise InputError("--bench and --data", "one of both", "measure, or take what was measured")
+    if data is not None and (save is not None or reducer is not None):
+        raise InputError(
+            "--data beside what is for a measurement", "--data alone", "leave --save, --reducer out"
+        )
+    certified = _certified(reducer)
+    if data is not None:
+        from torquebench.papers.tables import read_tables
+
+        tables = [read_tables(data)]
+    else:
+        description = bench_description(bench)
+        tables = _measured(
+            description, bench, 1 if quick else seeds, quick, certified, records, yes, real_time
+        )
+    if save is not None:
+        from torquebench.papers.tables import write_tables
+
+        written = write_tables(save, tables[0])
+        say(f"Tables: {len(written)} in {save}")
+    page = _page(tables, study, quick)
+    _write(page, reports)
+
+
+def _certified(reducer: str | None) -> tuple[CertifiedFriction, ...]:
+    if reducer is None:
+        return ()
+    from torquebench.reducers import load_reducer
+
+    found = load_reducer(reducer)
+    if not found.certified_friction:
+        raise InputError(
+            f"{reducer}: no certified_friction",
+            "a standard reducer's description with [[certified_friction]]",
+            "enter speed_rpm, torque_nm and expanded_uncertainty_nm of its certificate",
+        )
+    return found.certified_friction
+
+
+def _measured(
+    description: BenchDescription,
+    bench: Path | None,
+    seeds: int,
+    quick: bool,
+    certified: tuple[CertifiedFriction, ...],
+    records: Path | None,
+    yes: bool,
+    real_time: bool,
+) -> list[BenchTables]:
+    import dataclasses
+    import tempfile
+
+    from torquebench.cli.simulate import simulators_running
+    from torquebench.papers.run import seeded
+    from torquebench.papers.tables import PapersSettings
+
+    settings = PapersSettings.quick() if quick else PapersSettings()
+    if bench is not None:
+        _confirm(description, yes)
+        with simulators_running(description, bench) as started:
+            if started:
+                note("simulators started for this page; they end with it")
+            return [_on_bench(description, settings, certified, records or RECORDS, real_time, yes)]
+    tables = []
+    for number in range(1, seeds + 1):
+        chosen = dataclasses.replace(settings, seed=number, others=settings.others and number == 1)
+        with tempfile.TemporaryDirectory(prefix="torquebench-papers-") as scratch:
+            folder = Path(scratch) if records is None else records / f"seed-{number}"
+            note(f"simulated bench {number} of {seeds}")
+            described = seeded(description, number)
+            tables.append(_on_bench(described, chosen, certified, folder, real_time, yes))
+    return tables
+
+
+def _confirm(description: BenchDescription, yes: bool) -> None:
+    from torquebench.calibration import load_profile
+    from torquebench.cli.calibrate import confirm_start
+
+    confirm_start(description, "both modules", load_profile("rapid-in-situ"), yes)
+
+
+def _on_bench(
+    description: BenchDescription,
+    settings: PapersSettings,
+    certified: tuple[CertifiedFriction, ...],
+    records: Path,
+    real_time: bool,
+    yes: bool,
+) -> BenchTables:
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.papers.tables import measure_tables
+    from torquebench.station import Station
+
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
+    progress = TerminalProgress()
+    with Station.open(description, records, real_time=real_time, operator=operator) as station:
+        tell_recovered(station)
+        interrupts = BenchInterrupts(station, progress, may_pause=False)
+        try:
+            with (
+                progress,
+                tell_warnings(station, progress),
+                attending(station, progress),
+                interrupts.watching(),
+                answering(prompts, progress, yes=yes),
+            ):
+                return measure_tables(station, settings, certified, progress)
+        except RunAbortedError as aborted:
+            raise interrupts.reported(aborted) from None
+
+
+def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.papers.page import papers_page
+    from torquebench.papers.run import page_study, results_of
+
+    with TerminalProgress() as progress:
+        results = results_of(tables, progress)
+        rows, seeds = page_study(progress, quick=quick) if study else ([], 0)
+        progress.start("Computing supports and setting the page", None)
+        return papers_page(results, rows, seeds, mesh_m=COARSE_M if quick else FINE_M)
+
+
+def _write(page: Page, reports: list[Path]) -> None:
+    from torquebench.reports.page_pdf import write_report
+
+    table = narrow_table(page.title + (" - simulated" if page.simulated else ""))
+    table.add_column("item")
+    table.add_column("met or not")
+    for section in page.sections[1:]:
+        item, _, verdict = section.heading.rpartition(": ")
+        table.add_row(item, verdict)
+    out().print(table)
+    for path in reports:
+        say(f"Page: {write_report(page, path)}")

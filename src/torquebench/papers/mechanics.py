@@ -1,0 +1,402 @@
+"""Items 4 to 7: what a design adds to the torque, and how stiff its supports are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from torquebench.errors import InputError
+from torquebench.mechanics import (
+    Chain,
+    SupportComparison,
+    SupportDesign,
+    additional_torque,
+    annulus,
+    circle,
+    compare_supports,
+    equal_area_twist_ratio,
+    hollow_circle_gain,
+    rectangle,
+    rectangle_torsion_factor,
+    section_torsion,
+    sensitivities,
+)
+from torquebench.papers.items import Answer
+from torquebench.papers.study import Contender, errors_of, studied_chain
+from torquebench.reports.curve_figures import Panel, bodies_figure, panels_figure
+from torquebench.reports.errors_table import number
+from torquebench.reports.figures import Curve
+from torquebench.reports.page import Facts, Figure, Table
+from torquebench.validation import parse_toml
+
+__all__ = [
+    "COAXIALITY_LIMIT_M",
+    "DESIGNS",
+    "Design",
+    "additional_torque_blocks",
+    "coaxiality_effect_nm",
+    "load_design",
+    "section_blocks",
+    "sign_blocks",
+    "support_blocks",
+]
+
+COAXIALITY_LIMIT_M = 0.03e-3
+"""Limit of the coaxiality error by [J]."""
+Blocks = list[Facts | Table | Figure]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A chain with the range over which it is looked at.
+
+    Attributes
+    ----------
+    name : str
+    range_nm : float
+    chain : Chain
+    """
+
+    name: str
+    range_nm: float
+    chain: Chain
+
+
+DESIGNS: Mapping[str, Design] = MappingProxyType(
+    {
+        "input": Design(
+            "input module, example design",
+            50.0,
+            Chain(0.030, 0.010, 0.20, 79e9, 0.015, 2e-5, 1e-4, 5e7, 3.6e5, 1.25e4),
+        ),
+        "output": Design(
+            "output module, example design",
+            2000.0,
+            Chain(0.090, 0.030, 0.30, 79e9, 0.045, 2e-5, 2e-4, 5e8, 1.5e7, 2.4e5),
+        ),
+    }
+)
+"""Example designs: the papers' dimensions and coefficients aren't published."""
+
+_WORDS = {
+    "outer_diameter_m": "outer diameter D",
+    "inner_diameter_m": "inner diameter d",
+    "length_m": "length L",
+    "shear_modulus_pa": "shear modulus G",
+    "shaft_radius_m": "radius r",
+    "coaxiality_error_m": "coaxiality error Δr",
+    "angular_misalignment_rad": "angular misalignment Δθ",
+    "strain_coefficient_n_per_m": "strain coefficient ε",
+    "elastic_coefficient_n_per_rad": "elastic coefficient μ",
+    "radial_stiffness_n_per_m": "radial stiffness K_c",
+}
+
+
+def load_design(path: Path) -> Design:
+    """Read a chain from a TOML file: `name`, `range_nm` and the fields of `mechanics.Chain`.
+
+    Raises
+    ------
+    InputError
+        A key is missing, unknown or no number.
+    """
+    try:
+        content = dict(parse_toml(path.read_text(encoding="utf-8"), str(path)))
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: {error}", "a TOML file in UTF-8") from error
+    name = str(content.pop("name", path.stem))
+    allowed = ("range_nm", *_WORDS)
+    for key in content:
+        if key not in allowed:
+            raise InputError(f"{path}: key {key}", ", ".join(("name", *allowed)))
+    for key in allowed:
+        value = content.get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"{path}: {key} = {value!r}", "a number in SI units", "give all keys")
+    range_nm = float(content.pop("range_nm"))
+    if not 0.0 < range_nm < np.inf:
+        raise InputError(f"{path}: range_nm = {range_nm:g}", "a finite range above 0 N·m")
+    return Design(name, range_nm, Chain(**{key: float(each) for key, each in content.items()}))
+
+
+def coaxiality_effect_nm(design: Design) -> float:
+    """Return how much a coaxiality error at [J]'s limit changes the torque at full scale, N·m."""
+    errors = (0.0, COAXIALITY_LIMIT_M)
+    without, limit = (
+        additional_torque(replace(design.chain, coaxiality_error_m=each), design.range_nm).total_nm
+        for each in errors
+    )
+    return float(limit - without)
+
+
+def _odd(design: Design, form: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return torques over ±range and the parts there, odd in the torque."""
+    torque = np.linspace(-design.range_nm, design.range_nm, 401)
+    published = form == "published"
+    parts = additional_torque(
+        design.chain, np.abs(torque), form="published" if published else "consistent"
+    )
+    names = ("bearing friction", "parallel misalignment", "angular misalignment", "sum")
+    sign = np.where(torque < 0.0, -1.0, 1.0)
+    return torque, {name: sign * part for name, part in zip(names, parts, strict=True)}
+
+
+def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
+    """Return figure and tables of the parts, the sensitivities and the coaxiality limit."""
+    torque, parts = _odd(design, "consistent")
+    _, printed = _odd(design, "published")
+    consistent = Panel(
+        [Curve(name, torque, part) for name, part in parts.items()],
+        "torque in N·m",
+        "additional torque in N·m",
+        range_nm=design.range_nm,
+        title=f"{design.name}: consistent form",
+    )
+    right = torque > 0.0
+    as_printed = Panel(
+        [
+            Curve(name, torque[right], np.maximum(np.abs(part[right]), 1e-12))
+            for name, part in printed.items()
+        ],
+        "torque in N·m",
+        "amount in N·m",
+        logarithmic="y",
+        title="as printed: eqs 7, 13, 14, 15 with their defects",
+    )
+    at_full = {name: float(part[-1]) for name, part in parts.items()}
+    printed_at_full = {name: float(part[-1]) for name, part in printed.items()}
+    rows = [
+        [
+            name,
+            number(value),
+            number(100.0 * value / design.range_nm),
+            f"{printed_at_full[name]:.3g}",
+        ]
+        for name, value in at_full.items()
+    ]
+    effect = coaxiality_effect_nm(design)
+    share = 100.0 * effect / design.range_nm
+    blocks: Blocks = [
+        Figure(
+            panels_figure([consistent, as_printed], height=2.7),
+            "The three parts of the additional torque and their sum, odd in the torque. Below, the "
+            "equations as printed, for clockwise torque: they multiply by the strain coefficient "
+            "where they must divide, so their sum isn't a torque of this chain.",
+        ),
+        Table(
+            ("part at full scale", "consistent, N·m", "% FS", "as printed, N·m"),
+            rows,
+            f"{design.name}, {design.range_nm:g} N·m.",
+        ),
+        _sensitivity_table(design),
+        Facts(
+            (
+                (
+                    "Coaxiality limit [J]",
+                    f"0.03 mm changes the torque at full scale by {number(effect)} N·m "
+                    f"({number(share)} % FS)",
+                ),
+            )
+        ),
+    ]
+    ours = (
+        f"{number(at_full['sum'])} N·m ({number(100.0 * at_full['sum'] / design.range_nm)} % FS) "
+        f"at {design.range_nm:g} N·m; 0.03 mm: {number(effect)} N·m"
+    )
+    return Answer(ours, "shown", "quadratic in the torque; dimensions are an example"), blocks
+
+
+def _sensitivity_table(design: Design) -> Table:
+    rows = []
+    for name, found in sensitivities(design.chain, design.range_nm).items():
+        if name == "torque_nm":
+            continue
+        value = float(getattr(design.chain, name))
+        percent = float(found.derivative) * 0.01 * value
+        rows.append(
+            (abs(percent), [_WORDS[name], f"{value:.4g}", f"{float(found.derivative):.3g}",
+                            found.unit, number(percent) if percent else "0"])
+        )  # fmt: skip
+    rows.sort(key=lambda row: -row[0])
+    return Table(
+        ("parameter", "value (SI)", "sensitivity", "unit", "per 1 %, N·m"),
+        [row for _, row in rows],
+        "Sensitivity of the additional torque at full scale; the largest per 1 % of the "
+        "parameter's value first.",
+    )
+
+
+def sign_blocks() -> tuple[Answer, Blocks]:
+    """Return how well chains that differ in their sign alone are compensated."""
+    models = (
+        Contender("polynomial", "polynomial, degree 2", {"degree": 2}),
+        Contender(
+            "published-network",
+            "BP, additional torque",
+            {"start": "small-uniform", "epochs": 20_000},
+        ),
+        Contender("hybrid", "physics + Gaussian process"),
+    )
+    found = {
+        sign: errors_of(
+            replace(chain, scale_nm=sign * abs(chain.scale_nm)), "200 up and down", models
+        )
+        for sign in (1, -1)
+        for chain in (studied_chain("rippled", 1),)
+    }
+    rows, ratios = [], []
+    for more, less in zip(found[1], found[-1], strict=True):
+        if not more.title.startswith("BP"):
+            ratios.append(max(more.worst_nm, less.worst_nm) / min(more.worst_nm, less.worst_nm))
+        rows.append([more.title, number(more.worst_nm), number(less.worst_nm)])
+    table = Table(
+        (
+            "model",
+            "reducer gets more than is read: worst, N·m",
+            "reducer gets less: worst, N·m",
+        ),
+        rows,
+        "One synthetic chain of 2000 N·m with a step at reversal, a loop, ripple and local errors, "
+        "and the same chain with the other sign: 200 points up and down, 500 fresh readings. "
+        "Additional torque is standard - reading here, so that its sign follows from the "
+        "calibration and is never assumed. The random start weights of BP have no such symmetry: "
+        "with the other sign its training takes another way.",
+    )
+    answer = Answer(
+        f"worst errors of both signs differ by a factor of at most {number(max(ratios))}",
+        "met" if max(ratios) < 1.5 else "not met",
+        "the calibration decides the sign, no formula does",
+    )
+    return answer, [table]
+
+
+def section_blocks() -> tuple[Answer, Blocks]:
+    """Return table and curve of the rectangle's twist against a circle of equal area."""
+    ratios = (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0)
+    area = 0.01
+    round_one = section_torsion(circle(float(np.sqrt(4.0 * area / np.pi)))).torsion_constant_m4
+    rows = []
+    for ratio in ratios:
+        side = float(np.sqrt(area / ratio))
+        found = section_torsion(rectangle(ratio * side, side), triangles=800)
+        rows.append(
+            [
+                f"{ratio:g}",
+                number(float(rectangle_torsion_factor(ratio)), 4),
+                number(float(equal_area_twist_ratio(ratio)), 4),
+                number(round_one / found.torsion_constant_m4, 4),
+            ]
+        )
+    grid = np.geomspace(1.0, 100.0, 200)
+    curve = Curve("closed form", grid, equal_area_twist_ratio(grid))
+    endless = Curve("a/b → ∞: 3 (a/b) / (2π)", grid, 3.0 * grid / (2.0 * np.pi), raw=True)
+    figure = panels_figure(
+        [
+            Panel(
+                [curve, endless],
+                "a/b",
+                "θ of the rectangle / θ of the circle",
+                logarithmic="xy",
+            )
+        ]
+    )
+    gain = float(hollow_circle_gain(0.8))
+    ring = section_torsion(annulus(0.2, 0.16))
+    solid = section_torsion(circle(float(np.sqrt(4.0 * ring.area_m2 / np.pi))))
+    blocks: Blocks = [
+        Table(
+            ("a/b", "β_s", "θ ratio, closed form", "θ ratio, finite elements"),
+            rows,
+            "Twist per length of a rectangle by that of a circle of the same area. Finite "
+            "elements: Saint-Venant torsion of the section's outline.",
+        ),
+        Figure(figure, "The ratio over a/b; above 1 everywhere, and it grows without bound."),
+        Facts(
+            (
+                (
+                    "Hollow circle, d/D = 0.8",
+                    f"{number(gain, 4)} times as stiff as a solid one of the same area "
+                    "(closed form), "
+                    f"{number(ring.torsion_constant_m4 / solid.torsion_constant_m4, 4)} by finite "
+                    "elements",
+                ),
+            )
+        ),
+    ]
+    return (
+        Answer(
+            f"{number(float(equal_area_twist_ratio(1.0)), 4)} (a/b = 1) to "
+            f"{number(float(equal_area_twist_ratio(20.0)), 4)} (a/b = 20)",
+            "met",
+            "the circle is stiffer for every a/b; closed form and finite elements agree",
+        ),
+        blocks,
+    )
+
+
+def support_blocks(
+    torque_nm: float = 2000.0, design: SupportDesign | None = None, size_m: float = 0.06
+) -> tuple[Answer, Blocks]:
+    """Return pictures and stiffnesses of both supports, twisted in three dimensions."""
+    found: SupportComparison = compare_supports(torque_nm, design, size_m=size_m)
+    used, length = found.design, found.design.height_m
+    column = section_torsion(rectangle(used.column_m, used.thickness_m)).torsion_constant_m4
+    ring = section_torsion(annulus(used.cylinder_m, used.bore_m)).torsion_constant_m4
+    modulus = used.shear_modulus_pa
+    rows = []
+    for name, body, constant in (
+        ("cantilever: column with arm", found.cantilever, column),
+        ("hollow cylinder", found.cylinder, ring),
+    ):
+        rows.append(
+            [
+                name,
+                number(1e3 * body.solid.volume_m3, 4),
+                number(body.stiffness_nm_rad, 4),
+                number(1e6 * body.rotation_rad, 4),
+                number(modulus * constant / length, 4),
+            ]
+        )
+    blocks: Blocks = [
+        Figure(
+            bodies_figure(
+                [("cantilever support", found.cantilever), ("hollow cylinder", found.cylinder)]
+            ),
+            f"Both supports under {torque_nm:g} N·m about the vertical axis, feet clamped; "
+            "displacements enlarged alike.",
+        ),
+        Table(
+            (
+                "support",
+                "volume, dm³",
+                "stiffness, N·m/rad",
+                "rotation, µrad",
+                "section alone, N·m/rad",
+            ),
+            rows,
+            "Linear elasticity with quadratic tetrahedra. Last column: Saint-Venant torsion of "
+            "the column's and of the cylinder's section over the same height; the arm and its "
+            "bending make the cantilever softer than its column.",
+        ),
+        Facts(
+            (
+                ("Height", f"{used.height_m:g} m"),
+                (
+                    "Cantilever",
+                    f"column {used.column_m:g} m × {used.thickness_m:g} m, arm "
+                    f"{used.arm_m:g} m × {used.arm_height_m:g} m",
+                ),
+                ("Cylinder", f"D {used.cylinder_m:g} m, d {used.bore_m:.3f} m, same mass"),
+            )
+        ),
+    ]
+    answer = Answer(
+        f"cylinder {number(found.ratio)} times as stiff with the same mass",
+        "met",
+        "dimensions are an example; the papers' aren't published",
+    )
+    return answer, blocks

@@ -1,0 +1,163 @@
+"""The models that the page compares, fitted to one calibration and verified on fresh points."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration import CalibrationData, VerificationResult, verify
+from torquebench.campaign.fitting import feature_columns
+from torquebench.chain import Readings, Torque
+from torquebench.compensation import MODELS, CompensationModel, features
+from torquebench.papers.tables import ModuleTables
+
+__all__ = [
+    "BP_DIRECT",
+    "BP_RESIDUAL",
+    "CHOICES",
+    "POLYNOMIAL",
+    "RECOMMENDED_NAME",
+    "Choice",
+    "FittedModule",
+    "PapersModel",
+    "fit_module",
+]
+
+BP_RESIDUAL, BP_DIRECT, POLYNOMIAL = "bp-residual", "bp-direct", "polynomial"
+RECOMMENDED_NAME, BAYESIAN = "recommended", "bp-bayesian"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One model of the page.
+
+    Attributes
+    ----------
+    name, title, kind : str
+    parameters : mapping
+    rising_only : bool
+        Fitted to the rising points, as the papers load.
+    """
+
+    name: str
+    title: str
+    kind: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    rising_only: bool = True
+
+
+_SMALL = {"start": "small-uniform", "epochs": 50_000}
+CHOICES: Mapping[str, Choice] = MappingProxyType(
+    {
+        choice.name: choice
+        for choice in (
+            Choice(
+                BP_RESIDUAL,
+                "BP, additional torque [J]",
+                "published-network",
+                {"mapping": "residual", **_SMALL},
+            ),
+            Choice(
+                BP_DIRECT,
+                "BP, standard torque [M]",
+                "published-network",
+                {"mapping": "direct", **_SMALL},
+            ),
+            Choice(POLYNOMIAL, "polynomial, degree 2", "polynomial", {"degree": 2}),
+            Choice(BAYESIAN, "same network, Bayesian training", "bayesian-network"),
+            Choice(RECOMMENDED_NAME, "physics + Gaussian process", "hybrid", rising_only=False),
+        )
+    }
+)
+"""The papers' network in both mappings, their polynomial, and two models of today."""
+
+
+@dataclass(frozen=True, eq=False)
+class PapersModel:
+    """A fitted model that verifications take as a chain: without its uncertainty.
+
+    Attributes
+    ----------
+    choice : Choice
+    model : CompensationModel
+    seconds : float
+        Duration of the fit.
+    """
+
+    choice: Choice
+    model: CompensationModel
+    seconds: float
+
+    def torque_nm(
+        self, reading_nm: NDArray[np.float64], branch: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return compensated torques, N·m."""
+        X = features(reading_nm, branch, np.zeros(np.size(reading_nm)))
+        return self.model.predict(X[:, : feature_columns(self.model)])
+
+    def torque(self, readings: Readings) -> Torque:
+        """Return compensated torques for `calibration.verify`."""
+        branch = readings.branch
+        known = np.zeros(readings.reading_nm.size) if branch is None else branch
+        return Torque(self.torque_nm(readings.reading_nm, known), ())
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModule:
+    """A module with its models and what they do on fresh points.
+
+    Attributes
+    ----------
+    tables : ModuleTables
+    models : mapping of str to PapersModel
+        By the names of `CHOICES`.
+    same, others : VerificationResult or None
+        Groups at the same torques, and at others.
+    """
+
+    tables: ModuleTables
+    models: Mapping[str, PapersModel]
+    same: VerificationResult | None
+    others: VerificationResult | None
+
+    @property
+    def verified(self) -> VerificationResult | None:
+        """The verification at the same torques, else the other one."""
+        return self.same or self.others
+
+    def errors_nm(self, data: CalibrationData, name: str = "") -> NDArray[np.float64]:
+        """Return errors against the standard: of a model, or of the reading itself."""
+        if not name:
+            return data.reading_nm - data.standard_nm
+        torque = self.models[name].torque_nm(data.reading_nm, data.branch.astype(np.float64))
+        return torque - data.standard_nm
+
+
+def fit_module(tables: ModuleTables, names: tuple[str, ...] = tuple(CHOICES)) -> FittedModule:
+    """Fit models to a module's calibration and verify them.
+
+    Parameters
+    ----------
+    tables : ModuleTables
+    names : tuple of str
+        Of `CHOICES`.
+    """
+    models = {}
+    for name in names:
+        choice = CHOICES[name]
+        data = tables.rising if choice.rising_only else tables.calibration
+        model = MODELS[choice.kind](range_nm=data.range_nm, **choice.parameters)
+        started = time.perf_counter()
+        model.fit(data.features(feature_columns(model)), data.standard_nm)
+        models[name] = PapersModel(choice, model, time.perf_counter() - started)
+
+    def verified(data: CalibrationData | None) -> VerificationResult | None:
+        return None if data is None else verify(data, models)
+
+    return FittedModule(tables, models, verified(tables.same_points), verified(tables.other_points))

@@ -1,0 +1,869 @@
+"""The page: every item of the papers in their order, with its figure or table and its verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import RAW, CalibrationData, VerificationResult
+from torquebench.papers.items import ITEMS, Answer, Verdict
+from torquebench.papers.mechanics import (
+    DESIGNS,
+    Blocks,
+    additional_torque_blocks,
+    section_blocks,
+    sign_blocks,
+    support_blocks,
+)
+from torquebench.papers.models import (
+    BP_DIRECT,
+    BP_RESIDUAL,
+    CHOICES,
+    POLYNOMIAL,
+    RECOMMENDED_NAME,
+    FittedModule,
+)
+from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, Row
+from torquebench.papers.tables import BenchTables, FrictionTable
+from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.errors_table import number
+from torquebench.reports.figures import Curve
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+
+__all__ = ["BenchResult", "friction_blocks", "papers_page", "verification_tables"]
+
+LIMIT_PERCENT = 0.1
+"""Error and repeatability that the papers claim, % FS."""
+ALONE_PERCENT = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class BenchResult:
+    """One bench: its tables, and the models that were fitted to them.
+
+    Attributes
+    ----------
+    tables : BenchTables
+    modules : mapping of side to FittedModule
+    """
+
+    tables: BenchTables
+    modules: Mapping[Side, FittedModule]
+
+
+Items = dict[int, tuple[Answer, Blocks]]
+
+
+def papers_page(
+    benches: Sequence[BenchResult], study: Sequence[Row], seeds: int, *, mesh_m: float = 0.06
+) -> Page:
+    """Set the page from everything that was measured and computed.
+
+    Parameters
+    ----------
+    benches : sequence of BenchResult
+        The first gives the figures; several simulated ones show what the seed does.
+    study : sequence of Row
+        Of `study.run_study`.
+    seeds : int
+        Chains of each family in the study.
+    mesh_m : float
+        Size of the elements of the supports.
+    """
+    first = benches[0]
+    items: Items = {
+        **_bench_items(first),
+        **_mechanics_items(mesh_m),
+        **_calibration_items(first),
+        14: _groups(benches),
+        15: _study(study, seeds),
+        16: _alone(benches),
+        17: _standard_reducer(benches),
+        **_interface_items(),
+    }
+    simulated = first.tables.simulated
+    heading = "The two source papers, item by item"
+    sections = [_summary(items, benches)]
+    for number_, (answer, blocks) in sorted(items.items()):
+        item = ITEMS[number_]
+        text = f"Papers: {item.theirs}. Here: {answer.ours}."
+        if answer.why:
+            text += f" {answer.why[0].upper()}{answer.why[1:]}."
+        sections.append(Section(f"{number_}. {item.title}: {answer.verdict}", text, blocks))
+    return Page(
+        heading,
+        "Yu and Zhang, Journal of Sensors, 2021 [J]; Yu, Zhang, Yu and Liu, Measurement and "
+        "Control, 2022 [M], doi 10.1177/00202940221103308. Bench: "
+        + "; ".join(bench.tables.name for bench in benches),
+        sections,
+        simulated=simulated,
+    )
+
+
+def _summary(items: Items, benches: Sequence[BenchResult]) -> Section:
+    rows = [
+        [
+            f"{number_}. {ITEMS[number_].title}",
+            ITEMS[number_].theirs,
+            answer.ours,
+            answer.verdict + (f": {answer.why}" if answer.why else ""),
+        ]
+        for number_, (answer, _) in sorted(items.items())
+    ]
+    verdicts = [answer.verdict for answer, _ in items.values()]
+    counted = ", ".join(f"{verdicts.count(each)} {each}" for each in dict.fromkeys(verdicts))
+    source = "simulated" if benches[0].tables.simulated else "measured"
+    return Section(
+        "Summary",
+        f"{len(items)} items: {counted}. Figures of benches are {source}; those of items 4 to 7 "
+        "and 15 are computed. The tables and pictures of the papers aren't available as text: "
+        "what is compared is what their text states.",
+        (Table(("item", "the papers", "here", "met or not, and why"), rows, words=True),),
+    )
+
+
+# -- items 1 to 3: the bench ------------------------------------------------------------------
+
+
+def _bench_items(bench: BenchResult) -> Items:
+    modules = bench.modules
+    systems = Table(
+        ("sub-system", "here"),
+        [
+            ["power supply", "not described yet"],
+            ["guide rail", "not described yet"],
+            ["input module", "described: transducer, drive, encoder, limits, modes"],
+            ["tested assembly", "described: clamp, mounting, reducer"],
+            ["output module", "described: transducer, drive, encoder, limits, modes"],
+            ["work bench", "described: name, temperatures"],
+        ],
+        words=True,
+    )
+    modes = Facts(
+        (
+            ("Modes", "free, driven, locked on each side, with interlocks"),
+            ("Clamp", "hydraulic, closed before torque is applied"),
+            (
+                "Record of a mounting",
+                "coaxiality, clamp pressure and time to mount aren't recorded yet",
+            ),
+        )
+    )
+    rows = [
+        ["transducers", "T40B, 0-50 and 0-2000 N·m, 0.1 %", _ranges(modules)],
+        ["acquisition", "PXIe-7961, 0.1 %", "edges of all channels by one clock"],
+        ["input drive", "servo SMS15-42P2C", "as the bench description names it"],
+        ["output drive", "torque motor MDD310 (Modrol)", "as the bench description names it"],
+    ]
+    loading = []
+    for side, module in modules.items():
+        worst = _loading_accuracy(module.tables.calibration)
+        if worst is not None:
+            rows.append([f"loading, {side}", "0.1 % of range", f"{number(worst)} % of range"])
+            loading.append(worst)
+    ours = "loading within " + number(max(loading)) + " % of range" if loading else "no targets"
+    return {
+        1: (Answer("four of six described", "partly", "rail and supply are missing"), [systems]),
+        2: (
+            Answer(
+                "modes and clamp with interlocks",
+                "partly",
+                "the record of a mounting has no coaxiality yet",
+            ),
+            [modes],
+        ),
+        3: (
+            Answer(
+                ours,
+                "met" if loading and max(loading) <= LIMIT_PERCENT else "partly",
+                "a FlexRIO card streams edges or frequency into a driver plugin or into files",
+            ),
+            [
+                Table(
+                    ("hardware", "the papers", "this bench"),
+                    rows,
+                    "Loading: largest difference of the standard from the torque that was asked "
+                    "for, over all steps of the calibration.",
+                    words=True,
+                )
+            ],
+        ),
+    }
+
+
+def _ranges(modules: Mapping[Side, FittedModule]) -> str:
+    return " and ".join(f"±{each.tables.calibration.range_nm:g} N·m" for each in modules.values())
+
+
+def _loading_accuracy(data: CalibrationData) -> float | None:
+    """Return the largest difference of the standard from what was asked for, % of range."""
+    if data.nominal_nm is None:
+        return None
+    return float(100.0 * np.max(np.abs(data.standard_nm - data.nominal_nm)) / data.range_nm)
+
+
+# -- items 4 to 7 -----------------------------------------------------------------------------
+
+
+def _mechanics_items(mesh_m: float) -> Items:
+    parts = [additional_torque_blocks(design) for design in DESIGNS.values()]
+    answer = Answer("; ".join(each.ours for each, _ in parts), parts[0][0].verdict, parts[0][0].why)
+    return {
+        4: (answer, [block for _, blocks in parts for block in blocks]),
+        5: sign_blocks(),
+        6: section_blocks(),
+        7: support_blocks(size_m=mesh_m),
+    }
+
+
+# -- items 8 to 13: calibration, models, errors -----------------------------------------------
+
+
+def _calibration_items(bench: BenchResult) -> Items:
+    curves, staircase = _error_curves(bench), _loading(bench)
+    before_after, answers = _before_after(bench)
+    trained = _training(bench)
+    points = {side: len(each.tables.rising) for side, each in bench.modules.items()}
+    steps = ", ".join(
+        f"{count} rising points of the {side} module" for side, count in points.items()
+    )
+    return {
+        8: (
+            Answer(
+                "calibrator with its own certificate, errors corrected at its points",
+                "shown",
+                "certificates are read from CSV; the simulated calibrator has 50 points",
+            ),
+            [],
+        ),
+        9: (Answer(steps, "shown", "0.5 s a step, mean of the settled part"), staircase),
+        10: trained,
+        11: (
+            Answer(_polynomial_words(bench), "shown", "fitted to the same rising points"),
+            [],
+        ),
+        12: (Answer(_raw_words(bench), "shown", ""), curves),
+        13: (answers, before_after),
+    }
+
+
+def _raw_words(bench: BenchResult) -> str:
+    words = []
+    for side, module in bench.modules.items():
+        data = module.tables.rising
+        worst = 100.0 * float(np.max(np.abs(module.errors_nm(data)))) / data.range_nm
+        words.append(f"{side}: up to {number(worst)} % FS before compensation")
+    return "; ".join(words)
+
+
+def _polynomial_words(bench: BenchResult) -> str:
+    return "; ".join(
+        f"{side}: {number(np.max(np.abs(each.errors_nm(each.tables.rising, POLYNOMIAL))))} N·m on "
+        "its own points"
+        for side, each in bench.modules.items()
+    )
+
+
+def _loading(bench: BenchResult) -> Blocks:
+    blocks: Blocks = []
+    for side, module in bench.modules.items():
+        data = module.tables.calibration
+        if data.time_s is None:
+            continue
+        blocks.append(
+            Figure(
+                panels_figure(
+                    [
+                        Panel(
+                            [Curve("", data.time_s - data.time_s[0], data.standard_nm)],
+                            "bench time in s",
+                            "standard in N·m",
+                            markers=True,
+                        )
+                    ],
+                    height=2.0,
+                ),
+                f"{side.capitalize()} module: the steps as the calibrator read them. The rising "
+                "points of each direction are the papers' series; the falling ones are measured "
+                "beside them, because a series that only rises can't show hysteresis.",
+            )
+        )
+    return blocks
+
+
+def _error_curves(bench: BenchResult) -> Blocks:
+    panels = []
+    for side, module in bench.modules.items():
+        data = module.tables.calibration
+        curves = []
+        for sign, direction in ((1, "clockwise"), (-1, "counter-clockwise")):
+            for branch, word in ((1, "rising"), (-1, "falling")):
+                chosen = (np.sign(data.standard_nm) == sign) & (data.branch == branch)
+                if chosen.any():
+                    part = data.subset(chosen)
+                    curves.append(
+                        Curve(
+                            f"{direction}, {word}",
+                            np.abs(part.standard_nm),
+                            part.reading_nm - part.standard_nm,
+                        )
+                    )
+        panels.append(
+            Panel(
+                curves,
+                "amount of torque in N·m",
+                "error in N·m",
+                range_nm=data.range_nm,
+                title=f"{side} module",
+            )
+        )
+    return [
+        Figure(
+            panels_figure(panels),
+            "Error curve of each module in both directions: reading minus standard at every step "
+            "of the calibration, without compensation.",
+        )
+    ]
+
+
+def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
+    panels, words, reached = [], [], []
+    for side, module in bench.modules.items():
+        curves = []
+        for name in (BP_RESIDUAL, BP_DIRECT):
+            fitted = module.models[name]
+            curve = fitted.model.training_curve_
+            curves.append(Curve(fitted.choice.title, curve[:, 0], curve[:, 1]))
+            reached.append(curve[-1, 1] / module.tables.calibration.range_nm)
+            words.append(f"{side}, {fitted.choice.title}: {number(curve[-1, 1])} N·m")
+        panels.append(
+            Panel(
+                curves,
+                "epoch",
+                "RMS of residuals in N·m",
+                logarithmic="xy",
+                title=f"{side} module",
+            )
+        )
+    parameters = Facts(
+        (
+            ("Layers", "1-50-1, tansig, purelin"),
+            ("Training", "batch gradient descent, learning rate 0.01, 50 000 epochs"),
+            ("Start", "weights even within ±0.5; the papers publish none"),
+            ("Target error", "none here; `target_error_nm` ends a training before"),
+        )
+    )
+    figure = Figure(
+        panels_figure(panels, columns=2),
+        "Training of the network in both mappings on the rising points: gradient descent reaches "
+        "less by the standard torque, because there the whole range is its output.",
+    )
+    return Answer(
+        "RMS of residuals after 50 000 epochs: " + "; ".join(words),
+        "partly",
+        "the mapping of [J] trains well, that of [M] doesn't by gradient descent; see item 15",
+    ), [parameters, figure]
+
+
+_SHOWN: tuple[tuple[str, Side], ...] = (
+    (BP_RESIDUAL, "input"),
+    (BP_RESIDUAL, "output"),
+    (POLYNOMIAL, "output"),
+)
+
+
+def _before_after(bench: BenchResult) -> tuple[Blocks, Answer]:
+    blocks: Blocks = []
+    words, met = [], []
+    for name, side in _SHOWN:
+        module = bench.modules.get(side)
+        data = None if module is None else module.tables.verification
+        if module is None or data is None:
+            continue
+        title = CHOICES[name].title
+        before, after = module.errors_nm(data), module.errors_nm(data, name)
+        worst = float(np.max(np.abs(after)))
+        percent = 100.0 * worst / data.range_nm
+        limit = LIMIT_PERCENT / 100.0 * data.range_nm
+        if name == BP_RESIDUAL:
+            met.append(percent <= LIMIT_PERCENT)
+        words.append(f"{title}, {side}: {number(worst)} N·m ({number(percent)} % FS)")
+        blocks.append(
+            Figure(
+                panels_figure(
+                    [
+                        Panel(
+                            [Curve("before", data.standard_nm, before, raw=True),
+                             Curve(f"after: {title}", data.standard_nm, after)],
+                            "torque in N·m",
+                            "error in N·m",
+                            markers=True,
+                            limits=(-limit, limit),
+                            range_nm=data.range_nm,
+                        )
+                    ]
+                ),
+                f"{side.capitalize()} module: errors of {len(data)} fresh readings before and "
+                f"after {title}, against the verification standard. Dashed: ±0.1 % FS.",
+            )
+        )  # fmt: skip
+    if not words:
+        return [], Answer("no verification", "not measured")
+    return blocks, Answer(
+        "; ".join(words),
+        "met" if met and all(met) else "not met",
+        "0.1 % FS for BP" if all(met) else "the network's worst reading exceeds 0.1 % FS",
+    )
+
+
+# -- item 14 ----------------------------------------------------------------------------------
+
+
+def verification_tables(
+    module: FittedModule, found: VerificationResult, data: CalibrationData, what: str
+) -> Blocks:
+    """Return a verification as tables: each group, and error and repeatability with verdicts.
+
+    Parameters
+    ----------
+    module : FittedModule
+    found : VerificationResult
+    data : CalibrationData
+        Its points.
+    what : str
+        Which points, in words.
+    """
+    shown = [RAW, *module.models]
+    titles = ["raw reading", *(each.choice.title for each in module.models.values())]
+    groups = np.unique(data.series)
+    rows = []
+    for number_ in groups:
+        part = data.subset(data.series == number_)
+        cells = [str(int(number_))]
+        for name in shown:
+            error = np.abs(module.errors_nm(part, "" if name == RAW else name))
+            cells.append(f"{number(error.max())} / {number(error.mean())}")
+        rows.append(cells)
+    verdicts = []
+    for name, title in zip(shown, titles, strict=True):
+        error = module.errors_nm(data, "" if name == RAW else name)
+        worst = 100.0 * float(np.max(np.abs(error))) / data.range_nm
+        spread = _repeatability_percent(error, data, found)
+        verdicts.append(
+            [
+                title,
+                number(worst * data.range_nm / 100.0),
+                number(worst),
+                _kept(worst),
+                number(None if spread is None else spread * data.range_nm / 100.0),
+                number(spread),
+                "–" if spread is None else _kept(spread),
+            ]
+        )
+    return [
+        Table(
+            ("group", *(f"{title}, N·m" for title in titles)),
+            rows,
+            f"{what}: worst / mean amount of the error in each group of {len(data) // len(groups)} "
+            "readings, against the standard.",
+        ),
+        Table(
+            (
+                "",
+                "worst, N·m",
+                "% FS",
+                "error ≤ 0.1 %",
+                "repeatability, N·m",
+                "% FS",
+                "repeatability ≤ 0.1 %",
+            ),
+            verdicts,
+            f"{what}: worst single reading of all groups, and the largest standard deviation over "
+            "the groups at one place.",
+        ),
+    ]
+
+
+def _kept(percent: float) -> str:
+    return "met" if percent <= LIMIT_PERCENT else "not met"
+
+
+def _repeatability_percent(
+    error: np.ndarray, data: CalibrationData, found: VerificationResult
+) -> float | None:
+    """Return the largest standard deviation of the error over the groups at one place, % FS."""
+    groups = [error[data.series == each] for each in np.unique(data.series)]
+    if found.groups < 2 or len({group.size for group in groups}) != 1:
+        return None
+    return float(100.0 * np.max(np.std(np.stack(groups), axis=0, ddof=1)) / data.range_nm)
+
+
+def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
+    blocks: Blocks = []
+    for side, module in benches[0].modules.items():
+        for found, data, what in (
+            (module.same, module.tables.same_points, "groups at the same torques"),
+            (module.others, module.tables.other_points, "groups at other torques"),
+        ):
+            if found is not None and data is not None:
+                words = f"{side.capitalize()} module, {found.groups} {what}"
+                blocks += verification_tables(module, found, data, words)
+    rows, kept, counted = [], 0, 0
+    for bench in benches:
+        for side, module in bench.modules.items():
+            found, data = module.verified, module.tables.verification
+            if found is None or data is None:
+                continue
+            cells = [bench.tables.name, side]
+            for name in (BP_RESIDUAL, POLYNOMIAL, RECOMMENDED_NAME):
+                error = module.errors_nm(data, name)
+                worst = 100.0 * float(np.max(np.abs(error))) / data.range_nm
+                spread = _repeatability_percent(error, data, found)
+                cells.append(f"{number(worst)} / {number(spread)}")
+                if name == BP_RESIDUAL:
+                    counted += 1
+                    kept += worst <= LIMIT_PERCENT and (spread or 0.0) <= LIMIT_PERCENT
+            rows.append(cells)
+    if not rows:
+        return Answer("no verification", "not measured"), []
+    if len(benches) > 1:
+        titles = [CHOICES[n].title for n in (BP_RESIDUAL, POLYNOMIAL, RECOMMENDED_NAME)]
+        blocks.append(
+            Table(
+                ("bench", "module", *titles),
+                rows,
+                "Worst error / repeatability in % FS on every bench, groups at the same torques.",
+            )
+        )
+    return Answer(
+        f"BP keeps 0.1 % error and 0.1 % repeatability on {kept} of {counted} modules",
+        "met" if kept == counted else "not met" if kept == 0 else "partly",
+        "the verification loads up and down, the papers' calibration only up",
+    ), blocks
+
+
+# -- item 15 ----------------------------------------------------------------------------------
+
+
+def _study(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
+    if not rows:
+        return Answer("not run", "not measured", "leave --no-study out"), []
+    cells = [
+        [
+            f"{row.family}, {row.series}: {row.title}",
+            number(row.worst_nm),
+            number(row.alone_nm),
+            number(row.ratio),
+            f"{row.beats} of {row.chains}",
+            f"{row.below} of {row.chains}",
+        ]
+        for row in rows
+    ]
+    networks = [row for row in rows if row.title.startswith("BP")]
+    holds = [row for row in networks if row.beats > row.chains / 2]
+    named = sorted({row.title for row in holds})
+    words = (
+        "the ratio of 2.2 holds on most chains for: " + "; ".join(named)
+        if named
+        else "the ratio of 2.2 holds on most chains for no variant"
+    )
+    fails = sum(1 for row in networks if row.ratio < 1.0)
+    return Answer(
+        f"{words}; {fails} of {len(networks)} variants are worse than the polynomial",
+        "partly" if named else "not met",
+        "start, mapping and epochs decide, and the papers publish neither start nor epochs",
+    ), [
+        Table(
+            (
+                "chain, points: model",
+                "worst, N·m",
+                "model alone, N·m",
+                "polynomial / this",
+                f"ratio ≥ {CLAIMED_RATIO:.1f}",
+                f"below {NETWORK_NM:g} N·m",
+            ),
+            cells,
+            f"{seeds} chains of each family on which the best quadratic leaves "
+            f"{POLYNOMIAL_NM:g} N·m of 2000, repeatability 0.2 N·m. Medians over the chains of the "
+            "worst of 500 fresh single readings, of the model alone, and of the ratio. A wider "
+            "table is in docs/papers-study.md.",
+        )
+    ]
+
+
+# -- item 16 ----------------------------------------------------------------------------------
+
+
+def _alone(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
+    blocks: Blocks = []
+    rows, worst = [], []
+    for bench in benches:
+        for side, module in bench.modules.items():
+            found = alone_row(module)
+            if found is None:
+                continue
+            data = module.tables.verification
+            assert data is not None
+            worst.append(found[1])
+            rows.append([f"{bench.tables.name}: {side}", *(number(each) for each in found)])
+            if bench is benches[0]:
+                blocks.append(_alone_figure(side, module))
+    if not rows:
+        return Answer("no transducer calibrated alone", "not measured", "give alone-SIDE.csv"), []
+    blocks.append(
+        Table(
+            (
+                "module",
+                "raw, % FS",
+                "calibrated alone, % FS",
+                "calibrated in place, % FS",
+                "in place, rising only (BP), % FS",
+            ),
+            rows,
+            "Worst error of fresh readings in the chain: with the transducer's own calibration "
+            "(alone), and with the calibration of the whole chain in place.",
+        )
+    )
+    return Answer(
+        f"calibrated alone: {number(min(worst))} to {number(max(worst))} % FS in the chain",
+        "shown",
+        "what the chain adds is not seen by a calibration of the transducer alone",
+    ), blocks
+
+
+def alone_model(module: FittedModule) -> tuple[np.ndarray, np.ndarray]:
+    """Return readings and standard of the calibration alone, at rising readings."""
+    data = module.tables.alone
+    assert data is not None
+    order = np.argsort(data.reading_nm)
+    return data.reading_nm[order], data.standard_nm[order]
+
+
+def alone_row(module: FittedModule) -> tuple[float, float, float, float] | None:
+    """Return worst errors in % FS: raw, calibrated alone, in place, and by BP in place."""
+    data = module.tables.verification
+    if module.tables.alone is None or data is None:
+        return None
+    errors = [
+        module.errors_nm(data),
+        _by_alone(module, data),
+        module.errors_nm(data, RECOMMENDED_NAME),
+        module.errors_nm(data, BP_RESIDUAL),
+    ]
+    raw, alone, place, network = (
+        100.0 * float(np.max(np.abs(error))) / data.range_nm for error in errors
+    )
+    return raw, alone, place, network
+
+
+def _by_alone(module: FittedModule, data: CalibrationData) -> np.ndarray:
+    """Return errors of a straight cubic through the calibration alone, on fresh readings, N·m."""
+    reading, standard = alone_model(module)
+    x = reading / data.range_nm
+    powers = np.column_stack([x, x**2, x**3])
+    weights = np.linalg.lstsq(powers, standard, rcond=None)[0]
+    fresh = data.reading_nm / data.range_nm
+    return np.asarray(np.column_stack([fresh, fresh**2, fresh**3]) @ weights - data.standard_nm)
+
+
+def _alone_figure(side: Side, module: FittedModule) -> Figure:
+    data = module.tables.verification
+    assert data is not None
+    limit = LIMIT_PERCENT / 100.0 * data.range_nm
+    panel = Panel(
+        [
+            Curve("calibrated alone", data.standard_nm, _by_alone(module, data)),
+            Curve(
+                "calibrated in place",
+                data.standard_nm,
+                module.errors_nm(data, RECOMMENDED_NAME),
+            ),
+        ],
+        "torque in N·m",
+        "error in N·m",
+        markers=True,
+        limits=(-limit, limit),
+        range_nm=data.range_nm,
+    )
+    return Figure(
+        panels_figure([panel]),
+        f"{side.capitalize()} module: errors of fresh readings in the chain by either calibration. "
+        "Dashed: ±0.1 % FS.",
+    )
+
+
+# -- item 17 ----------------------------------------------------------------------------------
+
+
+def friction_blocks(
+    friction: FrictionTable, module: FittedModule, name: str = RECOMMENDED_NAME
+) -> tuple[Answer, Blocks]:
+    """Return known against measured friction, with error and repeatability and their verdicts.
+
+    Parameters
+    ----------
+    friction : FrictionTable
+    module : FittedModule
+        The input module, whose model compensates the readings.
+    name : str
+        Of that model.
+    """
+    range_nm = module.tables.calibration.range_nm
+    direction = np.sign(friction.speed_rpm)
+    torque = {
+        each: direction
+        * module.models[each].torque_nm(friction.reading_nm, friction.branch.astype(np.float64))
+        for each in (BP_RESIDUAL, name)
+    }
+    torque[""] = direction * friction.reading_nm
+    speeds = np.unique(np.abs(friction.speed_rpm))
+    repeats = np.unique(friction.repeat)
+    rows = []
+    error_percent, spread_percent = dict.fromkeys(torque, 0.0), dict.fromkeys(torque, 0.0)
+    for speed in speeds:
+        cells = [f"{speed:g}"]
+        for each, values in torque.items():
+            means = []
+            for repeat in repeats:
+                chosen = (np.abs(friction.speed_rpm) == speed) & (friction.repeat == repeat)
+                if chosen.any():
+                    means.append(float(values[chosen].mean()))
+            at = np.abs(friction.speed_rpm) == speed
+            known, stated = float(friction.known_nm[at][0]), float(friction.known_u_nm[at][0])
+            mean = float(np.mean(means))
+            error = 100.0 * abs(mean - known) / range_nm
+            spread = 100.0 * (max(means) - min(means)) / range_nm
+            error_percent[each] = max(error_percent[each], error)
+            spread_percent[each] = max(spread_percent[each], spread)
+            if each == name:
+                cells += [number(known, 4), number(stated, 2)]
+                cells += [number(value, 4) for value in means]
+                cells += ["–"] * (len(repeats) - len(means))
+                cells += [number(mean - known, 2), number(error, 2), number(spread, 2)]
+        rows.append(cells)
+    title = module.models[name].choice.title
+    verdicts = [
+        [
+            words,
+            number(error_percent[each]),
+            _kept(error_percent[each]),
+            number(spread_percent[each]),
+            _kept(spread_percent[each]),
+        ]
+        for each, words in (
+            ("", "raw reading"),
+            (BP_RESIDUAL, module.models[BP_RESIDUAL].choice.title),
+            (name, title),
+        )
+    ]
+    points = [
+        Curve(f"repeat {r:g}", np.abs(friction.speed_rpm[c]), torque[name][c])
+        for r in repeats
+        for c in (friction.repeat == r,)
+    ]
+    order = np.argsort(np.abs(friction.speed_rpm))
+    known_curve = Curve(
+        "known", np.abs(friction.speed_rpm)[order], friction.known_nm[order], raw=True
+    )
+    figure = panels_figure(
+        [
+            Panel(
+                [known_curve, *points],
+                "input speed in rpm",
+                "no-load torque in N·m",
+                markers=True,
+            )
+        ]
+    )
+    kept = error_percent[name] <= LIMIT_PERCENT and spread_percent[name] <= LIMIT_PERCENT
+    answer = Answer(
+        f"error {number(error_percent[name])} % FS, repeatability {number(spread_percent[name])} "
+        f"% FS of {range_nm:g} N·m",
+        "met" if kept else "not met",
+        f"compensated by {title}; against {LIMIT_PERCENT:g} % FS",
+    )
+    return answer, [
+        Figure(figure, f"Known friction of the standard reducer and each repeat, by {title}."),
+        Table(
+            (
+                "rpm",
+                "known, N·m",
+                "U, N·m",
+                *(f"run {r:g}, N·m" for r in repeats),
+                "error, N·m",
+                "% FS",
+                "repeatability, % FS",
+            ),
+            rows,
+            "Mean over rising and falling speed of each repeat; repeatability is largest minus "
+            "smallest of the repeats.",
+        ),
+        Table(
+            ("", "error, % FS", "≤ 0.1 %", "repeatability, % FS", "≤ 0.1 %"),
+            verdicts,
+            "Largest over all speeds.",
+        ),
+    ]
+
+
+def _standard_reducer(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
+    found = [
+        (bench, friction_blocks(bench.tables.friction, bench.modules["input"]))
+        for bench in benches
+        if bench.tables.friction is not None and "input" in bench.modules
+    ]
+    if not found:
+        return Answer("no standard reducer", "not measured", "give its certified friction"), []
+    answer, blocks = found[0][1]
+    if len(found) > 1:
+        rows = [[bench.tables.name, each.ours, each.verdict] for bench, (each, _) in found]
+        blocks = [*blocks, Table(("bench", "error and repeatability", "0.1 %"), rows, words=True)]
+        met = sum(each.verdict == "met" for _, (each, _) in found)
+        verdict: Verdict = "met" if met == len(found) else "partly" if met else "not met"
+        ours = f"{answer.ours}; within 0.1 % on {met} of {len(found)} benches"
+        return Answer(ours, verdict, answer.why), blocks
+    return answer, blocks
+
+
+# -- items 18 to 21 ---------------------------------------------------------------------------
+
+
+def _interface_items() -> Items:
+    return {
+        18: (
+            Answer(
+                "panel and API: loading, acquisition, compensation, display, parameters, status, "
+                "faults, operation",
+                "partly",
+                "parameters and curve of the network's training aren't in the panel yet",
+            ),
+            [],
+        ),
+        19: (
+            Answer(
+                "live torque with U; calibration in rest",
+                "partly",
+                "dynamics of the shaft aren't identified by this page",
+            ),
+            [],
+        ),
+        20: (
+            Answer(
+                "U widens with temperature and speed",
+                "partly",
+                "lubrication isn't recorded yet",
+            ),
+            [],
+        ),
+        21: (
+            Answer(
+                "stiffness, backlash, lost motion, transmission error, efficiency, friction",
+                "shown",
+                "by `torquebench test full`, with U and verdicts",
+            ),
+            [],
+        ),
+    }

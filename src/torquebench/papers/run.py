@@ -1,0 +1,58 @@
+"""From benches or recorded folders to the page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torquebench.bench.description import BenchDescription
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.papers.models import fit_module
+from torquebench.papers.page import BenchResult
+from torquebench.papers.study import FAMILIES, Contender, Row, Series, contenders, run_study
+from torquebench.papers.tables import BenchTables
+
+__all__ = ["STUDY_SEEDS", "page_study", "results_of", "seeded"]
+
+STUDY_SEEDS = range(20)
+
+
+def seeded(description: BenchDescription, seed: int) -> BenchDescription:
+    """Return a simulated bench's description with another seed."""
+    driver = {**description.driver, "seed": seed}
+    return description.model_copy(update={"driver": driver})
+
+
+def results_of(
+    tables: Sequence[BenchTables], progress: Progress = NO_PROGRESS
+) -> list[BenchResult]:
+    """Fit all models to all modules of all benches."""
+    progress.start("Fitting the models", sum(len(each.modules) for each in tables))
+    results = []
+    for bench in tables:
+        modules = {}
+        for side, module in bench.modules.items():
+            modules[side] = fit_module(module)
+            progress.advance(1, side)
+        results.append(BenchResult(bench, modules))
+    progress.finish()
+    return results
+
+
+def page_study(progress: Progress = NO_PROGRESS, *, quick: bool = False) -> tuple[list[Row], int]:
+    """Run the part of the study that the page shows; returns rows, and chains of each family.
+
+    All families with the papers' 50 rising points, and one family loaded up and down as well.
+    """
+    seeds: Sequence[int] = range(2) if quick else STUDY_SEEDS
+    wanted: tuple[Contender, ...] = contenders((2_000,) if quick else (10_000, 50_000))
+    parts: list[tuple[Sequence[str], Sequence[Series]]] = [
+        (tuple(FAMILIES), ("50 rising",)),
+        (("reversing",), ("50 up and down",)),
+    ]
+    total = len(seeds) * sum(len(families) * len(series) for families, series in parts)
+    progress.start("Studying when BP beats the polynomial", total)
+    rows: list[Row] = []
+    for families, series in parts:
+        rows += run_study(seeds, families, series, wanted, progress.advance)
+    progress.finish()
+    return rows, len(seeds)

@@ -1,0 +1,370 @@
+"""When the network beats the polynomial by 2.2: a study over synthetic chains.
+
+The papers report 1.8 N·m after the network and up to 4 N·m after a polynomial, on 2000 N·m. Points,
+start weights, mapping, epochs and target error decide whether that comes out, and so does the
+chain. Every chain here is scaled so that the best quadratic leaves exactly 4 N·m on it.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.compensation import MODELS, features
+
+__all__ = [
+    "CLAIMED_RATIO",
+    "FAMILIES",
+    "NETWORK_NM",
+    "POLYNOMIAL_NM",
+    "RANGE_NM",
+    "SERIES",
+    "Contender",
+    "Finding",
+    "Row",
+    "StudiedChain",
+    "best_quadratic_nm",
+    "contenders",
+    "errors_of",
+    "run_study",
+    "studied_chain",
+]
+
+FloatArray = NDArray[np.float64]
+Series = Literal["50 rising", "50 up and down", "100 rising", "200 up and down"]
+
+RANGE_NM = 2000.0
+NETWORK_NM, POLYNOMIAL_NM = 1.8, 4.0
+"""What the papers report after the network and after the polynomial, N·m."""
+CLAIMED_RATIO = POLYNOMIAL_NM / NETWORK_NM
+REPEATABILITY = 1e-4
+"""Standard deviation of a steady reading, as a share of the range: 0.2 N·m."""
+SERIES: tuple[Series, ...] = ("50 rising", "50 up and down", "100 rising", "200 up and down")
+GROUPS, POINTS = 10, 50
+_DENSE = np.linspace(-1.0, 1.0, 801)
+
+
+@dataclass(frozen=True)
+class StudiedChain:
+    """A chain whose additional torque is known: ``reading = torque − A(torque, branch)``.
+
+    Attributes
+    ----------
+    family : str
+        A key of `FAMILIES`.
+    seed : int
+    scale_nm : float
+        Factor of the shape, so that the best quadratic leaves 4 N·m.
+    shape : callable
+        Additional torque by relative torque and branch, before scaling.
+    """
+
+    family: str
+    seed: int
+    scale_nm: float
+    shape: Callable[[FloatArray, FloatArray], FloatArray]
+
+    def additional_nm(self, torque_nm: FloatArray, branch: FloatArray) -> FloatArray:
+        """Return A at true torques on their branches, N·m."""
+        return self.scale_nm * self.shape(torque_nm / RANGE_NM, branch)
+
+    def reading_nm(
+        self, torque_nm: FloatArray, branch: FloatArray, rng: np.random.Generator | None = None
+    ) -> FloatArray:
+        """Return readings, with their repeatability where a generator draws it."""
+        reading = torque_nm - self.additional_nm(torque_nm, branch)
+        if rng is None:
+            return reading
+        return reading + REPEATABILITY * RANGE_NM * rng.standard_normal(torque_nm.size)
+
+
+Shape = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def _smooth(rng: np.random.Generator) -> Shape:
+    """Another quadratic in each direction: the papers' own form for a torque that reverses."""
+    bent = rng.uniform(0.8, 1.2, 2)
+    linear = rng.uniform(-1.0, 1.0)
+
+    def shape(x: FloatArray, _branch: FloatArray) -> FloatArray:
+        return np.asarray(np.where(x > 0, bent[0], bent[1]) * np.abs(x) * x + linear * x)
+
+    return shape
+
+
+def _reversing(rng: np.random.Generator) -> Shape:
+    """Add a step where the torque reverses, and a loop between the branches."""
+    smooth = _smooth(rng)
+    step, width = rng.uniform(0.05, 0.15), rng.uniform(0.005, 0.02)
+    loop = rng.choice([-1.0, 1.0]) * rng.uniform(0.02, 0.05)
+
+    def shape(x: FloatArray, branch: FloatArray) -> FloatArray:
+        open_by = loop * branch * np.abs(x) * (1.0 - np.abs(x))
+        return np.asarray(smooth(x, branch) + step * np.tanh(x / width) + open_by)
+
+    return shape
+
+
+def _rippled(rng: np.random.Generator) -> Shape:
+    """Add the ripple of spline teeth and two local errors."""
+    reversing = _reversing(rng)
+    period, phase = rng.uniform(0.12, 0.4), rng.uniform(0.0, 2.0 * np.pi)
+    ripple = rng.uniform(0.02, 0.05)
+    bumps = [
+        (rng.choice([-1.0, 1.0]) * rng.uniform(0.04, 0.08), rng.uniform(-0.9, 0.9), 0.06)
+        for _ in range(2)
+    ]
+
+    def shape(x: FloatArray, branch: FloatArray) -> FloatArray:
+        result = reversing(x, branch) + ripple * np.sin(2.0 * np.pi * x / period + phase)
+        for size, centre, width in bumps:
+            result = result + size * np.exp(-0.5 * ((x - centre) / width) ** 2)
+        return np.asarray(result)
+
+    return shape
+
+
+FAMILIES: Mapping[str, Callable[[np.random.Generator], Shape]] = MappingProxyType(
+    {"smooth": _smooth, "reversing": _reversing, "rippled": _rippled}
+)
+"""How a chain's additional torque is shaped; each holds the one before."""
+
+
+def best_quadratic_nm(chain: StudiedChain) -> float:
+    """Return the worst error of the best quadratic over ±range on both branches, N·m."""
+    torque = RANGE_NM * np.concatenate([_DENSE, _DENSE])
+    branch = np.repeat([1.0, -1.0], _DENSE.size)
+    reading = chain.reading_nm(torque, branch)
+    x = reading / RANGE_NM
+    powers = np.column_stack([np.ones(x.size), x, x**2])
+    rest = torque - powers @ np.linalg.lstsq(powers, torque, rcond=None)[0]
+    return float(np.max(np.abs(rest)))
+
+
+def studied_chain(family: str, seed: int) -> StudiedChain:
+    """Draw a chain of a family on which the best quadratic leaves 4 N·m.
+
+    Examples
+    --------
+    >>> round(best_quadratic_nm(studied_chain("rippled", 3)), 3)
+    4.0
+    """
+    rng = np.random.default_rng([zlib.crc32(family.encode()), seed])
+    shape = FAMILIES[family](rng)
+    chain = StudiedChain(family, seed, rng.choice([-1.0, 1.0]), shape)
+    for _ in range(4):  # nearly linear in the scale
+        factor = POLYNOMIAL_NM / best_quadratic_nm(chain)
+        chain = StudiedChain(family, seed, chain.scale_nm * factor, shape)
+    return chain
+
+
+def _path(series: Series) -> tuple[FloatArray, FloatArray]:
+    """Return the relative torques of a calibration and their branches, in measuring order."""
+    count = int(series.split()[0])
+    if series.endswith("rising"):
+        rising = np.arange(1, count // 2 + 1) / (count // 2)
+        return np.concatenate([rising, -rising]), np.ones(count)
+    legs = np.full(4, count // 4)
+    legs[: count % 4] += 1
+    torque = np.concatenate(
+        [
+            np.arange(1, legs[0] + 1) / legs[0],
+            np.arange(legs[1] - 1, -1, -1) / legs[1],
+            -np.arange(1, legs[2] + 1) / legs[2],
+            -np.arange(legs[3] - 1, -1, -1) / legs[3],
+        ]
+    )
+    return torque, np.repeat([1.0, -1.0, 1.0, -1.0], legs)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way to fit a calibration.
+
+    Attributes
+    ----------
+    kind : str
+        Of the model.
+    parameters : mapping
+        Of that model.
+    title : str
+        In words.
+    """
+
+    kind: str
+    title: str
+    parameters: Mapping[str, object] = field(default_factory=dict)
+
+
+def contenders(
+    epochs: Iterable[int] = (1_000, 10_000, 50_000), *, others: bool = True
+) -> tuple[Contender, ...]:
+    """Return the quadratic, the papers' network in its variants, and two other models.
+
+    The variant with a target error trains on until the residuals fall below 0.5 N·m, at most
+    200 000 epochs.
+    """
+    found = [Contender("polynomial", "polynomial, degree 2", {"degree": 2})]
+    for start, named in (("small-uniform", "small start"), ("nguyen-widrow", "Nguyen-Widrow")):
+        for mapping, what in (("residual", "additional torque"), ("direct", "standard torque")):
+            found += [
+                Contender(
+                    "published-network",
+                    f"BP, {what}, {named}, {count} epochs",
+                    {"start": start, "mapping": mapping, "epochs": count},
+                )
+                for count in epochs
+            ]
+    if others:
+        found += [
+            Contender(
+                "published-network",
+                "BP, additional torque, small start, until 0.5 N·m",
+                {"start": "small-uniform", "epochs": 200_000, "target_error_nm": 0.5},
+            ),
+            Contender("bayesian-network", "same network, Levenberg-Marquardt, Bayesian"),
+            Contender("hybrid", "physics + Gaussian process"),
+        ]
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One model on one chain with one series.
+
+    Attributes
+    ----------
+    family, series, title : str
+    seed : int
+    worst_nm : float
+        Largest error of 500 fresh single readings, N·m.
+    alone_nm : float
+        Largest error of the model alone, without noise, N·m.
+    """
+
+    family: str
+    series: str
+    title: str
+    seed: int
+    worst_nm: float
+    alone_nm: float
+
+
+def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) -> list[Finding]:
+    """Fit every model to one calibration of a chain, and find their errors on fresh readings."""
+    return list(_errors(chain, series, wanted))
+
+
+def _errors(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) -> Iterator[Finding]:
+    share, branch = _path(series)
+    rng = np.random.default_rng([chain.seed, zlib.crc32(series.encode())])
+    torque = RANGE_NM * share
+    X = features(chain.reading_nm(torque, branch, rng), branch)
+    rising = series.endswith("rising")
+    fresh = RANGE_NM * rng.uniform(-1.0, 1.0, GROUPS * POINTS)
+    loaded = np.ones(fresh.size) if rising else rng.choice([-1.0, 1.0], fresh.size)
+    read = features(chain.reading_nm(fresh, loaded, rng), loaded)
+    sides = (1.0,) if rising else (1.0, -1.0)
+    dense = RANGE_NM * np.tile(_DENSE, len(sides))
+    on = np.repeat(sides, _DENSE.size)
+    quiet = features(chain.reading_nm(dense, on), on)
+    for contender in wanted:
+        model = MODELS[contender.kind](range_nm=RANGE_NM, **contender.parameters)
+        columns = 2 if "branch" in model.used_features else 1
+        model.fit(X[:, :columns], torque)
+        yield Finding(
+            chain.family,
+            series,
+            contender.title,
+            chain.seed,
+            float(np.max(np.abs(model.predict(read[:, :columns]) - fresh))),
+            float(np.max(np.abs(model.predict(quiet[:, :columns]) - dense))),
+        )
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came out for one model over all chains.
+
+    Attributes
+    ----------
+    family, series, title : str
+    worst_nm, alone_nm : float
+        Median over the chains.
+    ratio : float
+        Median of the polynomial's worst error by this one's.
+    beats : int
+        Chains on which it beats the polynomial by 2.2.
+    below : int
+        Chains on which its worst reading is below 1.8 N·m.
+    chains : int
+    """
+
+    family: str
+    series: str
+    title: str
+    worst_nm: float
+    alone_nm: float
+    ratio: float
+    beats: int
+    below: int
+    chains: int
+
+
+def summarised(found: Iterable[Finding]) -> list[Row]:
+    """Put the findings of all chains together, in their order."""
+    groups: dict[tuple[str, str, str], dict[int, Finding]] = {}
+    for each in found:
+        groups.setdefault((each.family, each.series, each.title), {})[each.seed] = each
+    rows = []
+    for (family, series, title), by_seed in groups.items():
+        polynomial = groups[(family, series, "polynomial, degree 2")]
+        ratios = np.array([polynomial[s].worst_nm / f.worst_nm for s, f in by_seed.items()])
+        worst = np.array([f.worst_nm for f in by_seed.values()])
+        alone = np.array([f.alone_nm for f in by_seed.values()])
+        rows.append(
+            Row(
+                family,
+                series,
+                title,
+                float(np.median(worst)),
+                float(np.median(alone)),
+                float(np.median(ratios)),
+                int(np.sum(ratios >= CLAIMED_RATIO)),
+                int(np.sum(worst < NETWORK_NM)),
+                len(by_seed),
+            )
+        )
+    return rows
+
+
+def run_study(
+    seeds: Iterable[int],
+    families: Iterable[str],
+    series: Iterable[Series],
+    wanted: Iterable[Contender],
+    advance: Callable[[], None] = lambda: None,
+) -> list[Row]:
+    """Fit every model to every series of every chain.
+
+    Parameters
+    ----------
+    seeds, families, series, wanted
+        What is combined.
+    advance : callable
+        Told after every chain and series.
+    """
+    found: list[Finding] = []
+    models, series, seeds = tuple(wanted), tuple(series), tuple(seeds)
+    for family in families:
+        for each in series:
+            for seed in seeds:
+                found += errors_of(studied_chain(family, seed), each, models)
+                advance()
+    return summarised(found)

@@ -1,0 +1,375 @@
+"""The tables that the page is made of: measured on a bench, or read from a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.calibration import CalibrationData, load_profile
+from torquebench.calibration.profile import Profile
+from torquebench.campaign.measuring import (
+    measure_calibration,
+    measure_friction,
+    measure_verification,
+)
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import InputError
+from torquebench.procedures import FrictionSettings
+from torquebench.records.csv_text import read_csv
+from torquebench.records.tables import read_calibration_csv, write_calibration_csv
+from torquebench.reducers import CertifiedFriction
+from torquebench.station import Station
+
+__all__ = [
+    "BenchTables",
+    "FrictionTable",
+    "ModuleTables",
+    "PapersSettings",
+    "measure_tables",
+    "read_tables",
+    "write_tables",
+]
+
+FloatArray = NDArray[np.float64]
+SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
+_KINDS = ("calibration", "same-points", "other-points", "alone")
+
+
+@dataclass(frozen=True)
+class ModuleTables:
+    """What was measured of one module.
+
+    Attributes
+    ----------
+    calibration : CalibrationData
+        In place, against the calibrator; rising in each direction, and falling where measured.
+    same_points, other_points : CalibrationData or None
+        Groups against the verification standard: all at the same torques, each at its own.
+    alone : CalibrationData or None
+        The transducer by itself.
+    """
+
+    calibration: CalibrationData
+    same_points: CalibrationData | None = None
+    other_points: CalibrationData | None = None
+    alone: CalibrationData | None = None
+
+    @property
+    def rising(self) -> CalibrationData:
+        """The rising points of the calibration: what the papers load."""
+        return self.calibration.subset(self.calibration.branch > 0)
+
+    @property
+    def verification(self) -> CalibrationData | None:
+        """Fresh points: those at the same torques first."""
+        return self.same_points if self.same_points is not None else self.other_points
+
+
+@dataclass(frozen=True)
+class FrictionTable:
+    """No-load torque of the standard reducer as the input module reads it, and as it is known.
+
+    Attributes
+    ----------
+    speed_rpm, reading_nm : float64[n]
+        Nominal input speed and reading without compensation, N·m.
+    repeat, branch : int64[n]
+    known_nm, known_u_nm : float64[n]
+        Certified torque and its U (k = 2), N·m.
+    """
+
+    speed_rpm: FloatArray
+    reading_nm: FloatArray
+    repeat: NDArray[np.int64]
+    branch: NDArray[np.int64]
+    known_nm: FloatArray
+    known_u_nm: FloatArray
+
+
+@dataclass(frozen=True)
+class BenchTables:
+    """Everything that was measured on one bench.
+
+    Attributes
+    ----------
+    name : str
+        Of the bench, with preset and seed where it is simulated.
+    simulated : bool
+    modules : mapping of side to ModuleTables
+    friction : FrictionTable or None
+    """
+
+    name: str
+    simulated: bool
+    modules: Mapping[Side, ModuleTables]
+    friction: FrictionTable | None = None
+
+
+@dataclass(frozen=True)
+class PapersSettings:
+    """What is measured on a bench.
+
+    Attributes
+    ----------
+    calibration, verification : Profile
+    others : bool
+        Whether ten more groups at other torques follow those at the same torques.
+    friction : FrictionSettings or None
+    seed : int
+        Draws the points of the verifications.
+    """
+
+    calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
+    verification: Profile = field(default_factory=lambda: load_profile("verification"))
+    others: bool = True
+    friction: FrictionSettings | None = field(
+        default_factory=lambda: FrictionSettings(SPEEDS_RPM, counter_clockwise=False)
+    )
+    seed: int = 1
+
+    @classmethod
+    def quick(cls, seed: int = 1) -> PapersSettings:
+        """Return settings for a look: few points, groups and speeds."""
+        return cls(
+            calibration=load_profile("rapid-in-situ").with_options(step_percent=10.0),
+            verification=load_profile("verification").with_options(groups=2, points=8),
+            others=False,
+            friction=FrictionSettings((100.0, 1200.0), repeats=2, counter_clockwise=False),
+            seed=seed,
+        )
+
+
+def measure_tables(
+    station: Station,
+    settings: PapersSettings,
+    certified: tuple[CertifiedFriction, ...] = (),
+    progress: Progress = NO_PROGRESS,
+) -> BenchTables:
+    """Measure both modules against calibrator and standard, and the standard reducer's friction.
+
+    No model is put into use: the tables hold readings, which the page compensates.
+
+    Parameters
+    ----------
+    station : Station
+    settings : PapersSettings
+    certified : tuple of CertifiedFriction
+        Of the standard reducer that will be mounted; without it, what the bench brings along.
+        Without either, no friction is measured.
+    progress : Progress
+
+    Raises
+    ------
+    LimitError, InterlockError, BenchError, SignalFault, RunAbortedError
+        As every procedure.
+    """
+    calibrations = {
+        side: measure_calibration(station, side, settings.calibration, progress=progress)
+        for side in SIDES
+    }
+    same = settings.verification.with_options(same_points=True)
+    modules: dict[Side, ModuleTables] = {}
+    for side in SIDES:
+        parts = [
+            measure_verification(station, side, profile, settings.seed, progress=progress)
+            for profile in ((same, settings.verification) if settings.others else (same,))
+        ]
+        modules[side] = ModuleTables(
+            calibrations[side].result.data,
+            parts[0].result.data,
+            parts[1].result.data if settings.others else None,
+            _alone(station, side, calibrations[side].result.data),
+        )
+    certified = certified or station.drivers.reducer_certificate
+    friction = None
+    if settings.friction is not None and certified:
+        friction = _friction(station, settings.friction, certified, progress)
+    description = station.description
+    name = description.name
+    if description.simulated:
+        drawn = description.simulation
+        name += f", preset {drawn.get('preset', 'nominal')}, seed {drawn.get('seed', 1)}"
+    return BenchTables(name, description.simulated, modules, friction)
+
+
+def _alone(station: Station, side: Side, calibration: CalibrationData) -> CalibrationData | None:
+    """Return what a laboratory finds at the same steps; only a simulated transducer comes off."""
+    truth = station.drivers.truth
+    if truth is None or calibration.nominal_nm is None:
+        return None
+    steps = calibration.nominal_nm
+    reading, _branch = truth.dense_sweep(side, steps, alone=True)
+    return CalibrationData(
+        reading,
+        steps,
+        calibration.series,
+        calibration.branch,
+        calibration.range_nm,
+        side=side,
+        nominal_nm=steps,
+        simulated=True,
+    )
+
+
+def _friction(
+    station: Station,
+    settings: FrictionSettings,
+    certified: tuple[CertifiedFriction, ...],
+    progress: Progress,
+) -> FrictionTable:
+    speeds = [point.speed_rpm for point in certified]
+    wanted = tuple(speed for speed in settings.speeds_rpm if speeds[0] <= speed <= speeds[-1])
+    if not wanted:
+        raise InputError(
+            f"a sweep over {settings.speeds_rpm[0]:g} to {settings.speeds_rpm[-1]:g} rpm",
+            f"speeds within the certificate's {speeds[0]:g} to {speeds[-1]:g} rpm",
+        )
+    settings = FrictionSettings(
+        wanted, settings.repeats, settings.clockwise, settings.counter_clockwise
+    )
+    found = measure_friction(station, settings, progress=progress).result
+    speed = np.abs(found.nominal_rpm)
+    return FrictionTable(
+        found.nominal_rpm,
+        found.torque_nm,
+        found.repeat,
+        found.branch.astype(np.int64),
+        np.interp(speed, speeds, [point.torque_nm for point in certified]),
+        np.interp(speed, speeds, [point.expanded_uncertainty_nm for point in certified]),
+    )
+
+
+# -- folders --------------------------------------------------------------------------------
+
+
+def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
+    """Write all tables as CSV files into a folder, from which `read_tables` reads them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    remarks = {"bench": tables.name}
+    for side, module in tables.modules.items():
+        for kind in _KINDS:
+            data = getattr(module, kind.replace("-", "_"))
+            if data is not None:
+                path = folder / f"{kind}-{side}.csv"
+                write_calibration_csv(path, data, remarks)
+                written.append(path)
+    if tables.friction is not None:
+        path = folder / "friction-standard-reducer.csv"
+        path.write_text(_friction_csv(tables), encoding="utf-8")
+        written.append(path)
+    return written
+
+
+_FRICTION = ("speed_rpm", "reading_nm", "repeat", "branch", "known_nm", "known_u_nm")
+
+
+def _friction_csv(tables: BenchTables) -> str:
+    friction = tables.friction
+    assert friction is not None
+    lines = [f"# bench = {tables.name}", f"# simulated = {str(tables.simulated).lower()}"]
+    lines.append(",".join(_FRICTION))
+    columns = [getattr(friction, name) for name in _FRICTION]
+    lines += [",".join(repr(value.item()) for value in row) for row in zip(*columns, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def read_tables(folder: Path) -> BenchTables:
+    """Read a folder of recorded tables.
+
+    `calibration-SIDE.csv` (or `.tdms`) is needed of one side at least; `same-points-SIDE`,
+    `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read where they are.
+    Columns are those of `fit`, the friction's `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and
+    `known_u_nm`.
+
+    Raises
+    ------
+    InputError
+        There is no calibration, or a table can't be used.
+    """
+    if not folder.is_dir():
+        raise InputError(f"no folder {folder}", "a folder of recorded tables")
+    modules: dict[Side, ModuleTables] = {}
+    names: list[str] = []
+    for side in SIDES:
+        found = {
+            kind.replace("-", "_"): _read(path, side)
+            for kind in _KINDS
+            if (path := _table_file(folder, f"{kind}-{side}")) is not None
+        }
+        if "calibration" in found:
+            modules[side] = ModuleTables(**found)
+        elif found:
+            raise InputError(
+                f"{folder}: tables of the {side} module without calibration-{side}",
+                "the calibration that the models are fitted to",
+            )
+    if not modules:
+        raise InputError(
+            f"{folder}: no calibration",
+            "calibration-input or calibration-output, as .csv or .tdms",
+            "name the tables so; `torquebench papers --save FOLDER` writes such a folder",
+        )
+    friction = None
+    path = _table_file(folder, "friction-standard-reducer")
+    if path is not None:
+        friction, name = _read_friction(path)
+        names.append(name)
+    simulated = any(module.calibration.simulated for module in modules.values())
+    return BenchTables(_bench_name(folder) or folder.name, simulated, modules, friction)
+
+
+def _table_file(folder: Path, stem: str) -> Path | None:
+    return next((p for e in (".csv", ".tdms") if (p := folder / f"{stem}{e}").is_file()), None)
+
+
+def _bench_name(folder: Path) -> str:
+    for path in sorted(folder.glob("*.csv")):
+        if name := read_csv(path).remarks.get("bench"):
+            return name
+    return ""
+
+
+def _read(path: Path, side: Side) -> CalibrationData:
+    if path.suffix == ".csv":
+        return read_calibration_csv(path, side=side)
+    from torquebench.papers.tdms import tdms_as_csv
+    from torquebench.records.tables import parse_calibration_csv
+
+    return parse_calibration_csv(tdms_as_csv(path), str(path))
+
+
+def _read_friction(path: Path) -> tuple[FrictionTable, str]:
+    if path.suffix == ".csv":
+        table = read_csv(path)
+    else:
+        from torquebench.papers.tdms import tdms_as_csv
+        from torquebench.records.csv_text import parse_csv
+
+        table = parse_csv(tdms_as_csv(path), str(path))
+    for name in ("speed_rpm", "reading_nm", "known_nm"):
+        if name not in table.header:
+            raise InputError(f"{path}: no column {name}", ", ".join(_FRICTION))
+    n = len(table.rows)
+
+    def column(name: str, default: float) -> FloatArray:
+        if name not in table.header:
+            return np.full(n, default)
+        return table.numbers(name)
+
+    return (
+        FrictionTable(
+            column("speed_rpm", 0.0),
+            column("reading_nm", 0.0),
+            column("repeat", 1.0).astype(np.int64),
+            column("branch", 1.0).astype(np.int64),
+            column("known_nm", 0.0),
+            column("known_u_nm", 0.0),
+        ),
+        table.remarks.get("bench", ""),
+    )

@@ -1,0 +1,70 @@
+"""The chains of the study, and what it says of models on them."""
+
+from dataclasses import replace
+
+import pytest
+
+from torquebench.papers.study import (
+    CLAIMED_RATIO,
+    FAMILIES,
+    Contender,
+    Finding,
+    best_quadratic_nm,
+    contenders,
+    errors_of,
+    run_study,
+    studied_chain,
+    summarised,
+)
+
+HYBRID = Contender("hybrid", "physics + Gaussian process")
+POLYNOMIAL = contenders(())[0]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("seed", [0, 7])
+def test_the_best_quadratic_leaves_four_newton_metres(family: str, seed: int) -> None:
+    assert best_quadratic_nm(studied_chain(family, seed)) == pytest.approx(4.0, abs=0.01)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_chain_of_either_sign_is_compensated_equally_well(family: str) -> None:
+    chain = studied_chain(family, 2)
+    turned = replace(chain, scale_nm=-chain.scale_nm)
+    models = (POLYNOMIAL, HYBRID)
+    for one, other in zip(
+        errors_of(chain, "200 up and down", models),
+        errors_of(turned, "200 up and down", models),
+        strict=True,
+    ):
+        assert one.worst_nm / other.worst_nm == pytest.approx(1.0, abs=0.35), one.title
+    assert errors_of(turned, "200 up and down", [HYBRID])[0].worst_nm < 1.0
+
+
+def test_mapping_and_start_decide_whether_the_network_beats_the_polynomial() -> None:
+    names = {each.title: each for each in contenders((50_000,), others=False)}
+    rows = {row.title: row for row in run_study((0,), ("smooth",), ("50 rising",), names.values())}
+    good = rows["BP, additional torque, small start, 50000 epochs"]
+    assert good.beats == good.chains == 1
+    assert good.worst_nm < 1.8
+    for title in (
+        "BP, standard torque, small start, 50000 epochs",
+        "BP, additional torque, Nguyen-Widrow, 50000 epochs",
+        "BP, standard torque, Nguyen-Widrow, 50000 epochs",
+    ):
+        assert rows[title].beats == 0, title
+        assert rows[title].ratio < 1.0, title
+
+
+def test_rows_count_chains_and_take_medians() -> None:
+    def found(title: str, seed: int, worst: float) -> Finding:
+        return Finding("smooth", "50 rising", title, seed, worst, worst)
+
+    rows = summarised(
+        [found("polynomial, degree 2", seed, 4.0) for seed in range(3)]
+        + [found("BP", seed, worst) for seed, worst in enumerate((1.0, 2.0, 1.7))]
+    )
+    assert rows[0].ratio == 1.0
+    assert rows[1].worst_nm == 1.7
+    assert rows[1].beats == rows[1].below == 2
+    assert CLAIMED_RATIO == 4.0 / 1.8

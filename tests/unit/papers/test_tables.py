@@ -1,0 +1,103 @@
+"""Folders of recorded tables: what is written is read back, and what can't be used is named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nptdms import ChannelObject, RootObject, TdmsWriter
+
+from torquebench.calibration import CalibrationData
+from torquebench.errors import InputError
+from torquebench.papers.tables import (
+    BenchTables,
+    FrictionTable,
+    ModuleTables,
+    read_tables,
+    write_tables,
+)
+
+
+def calibration(scale: float = 2000.0, groups: int = 1) -> CalibrationData:
+    torque = np.tile(np.linspace(-1.0, 1.0, 21) * scale, groups)
+    return CalibrationData(
+        torque * (1.0 + 2e-3) + 1e-6 * torque**2 / scale,
+        torque,
+        np.repeat(np.arange(1, groups + 1), 21),
+        np.where(np.tile(np.arange(21), groups) < 10, -1, 1),
+        scale,
+        side="output",
+        nominal_nm=torque,
+    )
+
+
+def tables() -> BenchTables:
+    module = ModuleTables(calibration(), calibration(groups=2), None, calibration())
+    speed = np.array([100.0, 200.0, 100.0, 200.0])
+    friction = FrictionTable(
+        speed,
+        0.3 + 1e-4 * speed,
+        np.array([1, 1, 2, 2]),
+        np.array([1, 1, 1, 1]),
+        0.3 + 1e-4 * speed,
+        np.full(4, 0.005),
+    )
+    return BenchTables("a bench", False, {"output": module}, friction)
+
+
+def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
+    written = write_tables(tmp_path / "saved", tables())
+    assert [path.name for path in written] == [
+        "calibration-output.csv",
+        "same-points-output.csv",
+        "alone-output.csv",
+        "friction-standard-reducer.csv",
+    ]
+    found = read_tables(tmp_path / "saved")
+    assert (found.name, found.simulated) == ("a bench", False)
+    module, expected = found.modules["output"], tables().modules["output"]
+    assert module.other_points is None
+    for name in ("calibration", "same_points", "alone"):
+        np.testing.assert_array_equal(
+            getattr(module, name).reading_nm, getattr(expected, name).reading_nm
+        )
+    assert found.friction is not None
+    np.testing.assert_array_equal(found.friction.known_nm, tables().friction.known_nm)
+
+
+def test_tdms_is_read_as_csv_is(tmp_path: Path) -> None:
+    data = calibration()
+    channels = {
+        "reading_nm": data.reading_nm,
+        "standard_nm": data.standard_nm,
+        "series": data.series,
+        "branch": data.branch.astype(np.int64),
+    }
+    with TdmsWriter(tmp_path / "calibration-output.tdms") as writer:
+        root = RootObject({"range_nm": 2000.0})
+        writer.write_segment([root, *(ChannelObject("points", n, v) for n, v in channels.items())])
+    found = read_tables(tmp_path).modules["output"].calibration
+    assert found.range_nm == 2000.0
+    np.testing.assert_array_equal(found.reading_nm, data.reading_nm)
+    np.testing.assert_array_equal(found.branch, data.branch)
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({}, "no calibration"),
+        ({"same-points-input.csv": "reading_nm,standard_nm\n1,1\n2,2\n"}, "without calibration-in"),
+        ({"calibration-input.tdms": "no TDMS"}, "no channels"),
+        (
+            {
+                "calibration-input.csv": "reading_nm,standard_nm\n1,1\n2,2\n3,3\n",
+                "friction-standard-reducer.csv": "speed_rpm,reading_nm\n100,0.3\n",
+            },
+            "no column known_nm",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_named(tmp_path: Path, files: dict[str, str], message: str) -> None:
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_tables(tmp_path)
