@@ -117,7 +117,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `standard_uncertainty_nm`    N·m     standard error of that mean, likewise
     `standard_drift_nm_per_s`    N·m/s   its slope, likewise
     `standard_frequency_hz`      Hz      mean frequency of its transducer, likewise
-    `true_torque_nm`             N·m     true mean torque, on the simulated bench only
+    `true_torque_nm`             N·m     its true mean over what was settled, simulated bench only
     ===========================  ======  =====================================================
 
     A fault of the signal raises `SignalFault`: there is never a number without pulses. The
@@ -218,7 +218,10 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             values["settled"] = reading.steady.settled and standard.steady.settled
         truth = context.drivers.truth
         if truth is not None:
-            values["true_torque_nm"] = truth.true_torque(side, start_s, stop_s)
+            used, half_s = reading.steady, context.description.counter.window_s / 2.0
+            values["true_torque_nm"] = truth.true_torque(
+                side, used.start_s - half_s, used.stop_s + half_s
+            )
         return values
 
     def _steady(self, channel: str, start_s: float, stop_s: float) -> _Evaluated:
