@@ -174,7 +174,7 @@ def test_a_read_out_states_every_sample_once() -> None:
             for block in range(1, 9):
                 time.sleep(0.05)
                 for side in ("input", "output"):
-                    parts[side].append(readout.read(side, 0.05 * block))
+                    parts[side].append(readout.read(side, 0.05 * block, 0.05 * block))
             passed = (time.monotonic() - begun) / 0.01
         finally:
             readout.close()

@@ -138,10 +138,12 @@ class Acquisition:
         """
         behind_s: list[float] = []
         for _ in range(round(CATCHING_UP_S / self._block_s)):
-            self._step()
+            waiting_s = self._step()
             behind_s.append(time.monotonic() - self._clock.now())
             before_s = behind_s[:-CAUGHT_UP_BLOCKS]
-            if before_s and min(before_s) - min(behind_s) < self._description.counter.window_s:
+            if waiting_s > self._block_s or not before_s:
+                continue
+            if min(before_s) - min(behind_s) < self._description.counter.window_s:
                 return
 
     def close(self) -> None:
@@ -204,7 +206,8 @@ class Acquisition:
             self._wall_start -= ahead_s
         return True
 
-    def _step(self) -> None:
+    def _step(self) -> float:
+        """Acquire a block; return how much more the counter has timed already, s."""
         raw = self._read()
         with self._lock:
             channels = list(self._channels.values())
@@ -215,7 +218,8 @@ class Acquisition:
         self._keep(block)
         for viewer in self._viewers:
             viewer.put(block)
-        self._clock.advance_to(raw.stop_s)
+        self._clock.advance_to(raw.stop_s, raw.waiting_s)
+        return raw.waiting_s
 
     def _read(self) -> CounterBlock:
         """Return the next block, of which the supervisor has seen every slice."""

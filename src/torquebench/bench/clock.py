@@ -214,11 +214,18 @@ class BenchClock:
         thinking = any(activity.busy for activity in self._loops.values())
         return bool(self._sleepers) and not thinking
 
-    def advance_to(self, time_s: float) -> None:
-        """Set bench time and wake everybody whose time has come."""
+    def advance_to(self, time_s: float, waiting_s: float = 0.0) -> None:
+        """Set bench time and wake everybody whose time has come.
+
+        Parameters
+        ----------
+        time_s : float
+        waiting_s : float
+            How much more the counter had timed already when this was read, s.
+        """
         with self._condition:
             drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)
-            self._behind_s = min(time.monotonic() - time_s, drifted_s)
+            self._behind_s = min(time.monotonic() - time_s - waiting_s, drifted_s)
             self._now_s = time_s
             due = [sleeper for sleeper in self._sleepers if sleeper.until_s <= time_s + _TICK_S]
             for sleeper in due:

@@ -75,7 +75,8 @@ class BlockEvaluator:
         readout = self._drivers.reference
         for channel in channels:
             if channel.standard and readout is not None:
-                samples[channel.name] = channel.take(readout.read(channel.side, raw.stop_s))
+                read = readout.read(channel.side, raw.stop_s, raw.timed_s)
+                samples[channel.name] = channel.take(read)
             elif channel.name in raw.frequencies:
                 samples[channel.name] = channel.push_frequency(raw.frequencies[channel.name])
             elif channel.name in raw.edges:  # else selected after this block was timed

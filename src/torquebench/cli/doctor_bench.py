@@ -273,7 +273,8 @@ def _standard(station: Station) -> Iterator[Finding]:
             read = []
             for _ in range(round(STANDARD_S / block_s)):  # its clock settles by repeated answers
                 station.clock.wait(block_s)
-                read.append(reference.read(side, station.clock.now()).torque_nm)
+                now_s = station.clock.now()
+                read.append(reference.read(side, now_s, now_s).torque_nm)
             torque = np.concatenate(read)
         except TorquebenchError as error:
             yield _problem(what, error)

@@ -35,13 +35,28 @@ def test_samples_have_their_times_although_a_computer_catches_up(behind_s: float
         made = int(asked_s / PERIOD_S)  # each states the middle of its own period
         values = PERIOD_S * (np.arange(handed, made) + 0.5)
         handed = made
-        samples = clock.take(values, until_s)
+        samples = clock.take(values, until_s, until_s)
         assert (samples.time_s <= until_s + 1e-9).all(), "none later than asked for"
         found.append(samples)
     time_s = np.concatenate([each.time_s for each in found])
     stated_s = np.concatenate([each.torque_nm for each in found])
     assert stated_s.size > 0.9 * handed
     np.testing.assert_array_equal(np.diff(stated_s).round(9), PERIOD_S)
+    np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
+
+
+def test_samples_have_their_times_although_a_computer_is_behind_for_good() -> None:
+    clock, handed, found = SampleClock(PERIOD_S), 0, []
+    for number in range(1, 40):
+        until_s = number * BLOCK_S
+        timed_s = until_s + 0.19 + 0.01 * (number % 3)  # of which the counter tells
+        made = int(timed_s / PERIOD_S + 1e-9)
+        values = PERIOD_S * (np.arange(handed, made) + 0.5)
+        handed = made
+        found.append(clock.take(values, until_s, timed_s))
+    time_s = np.concatenate([each.time_s for each in found])
+    stated_s = np.concatenate([each.torque_nm for each in found])
+    assert stated_s.size > 100
     np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
 
 
@@ -82,6 +97,8 @@ def test_the_present_lies_after_what_was_acquired_last() -> None:
     time.sleep(0.1)
     clock.advance_to(1.05)  # late
     assert 1.09 <= clock.present() <= 1.0 + time.monotonic() - soonest + 0.01
+    clock.advance_to(1.1, waiting_s=0.5)  # the counter had timed so much more
+    assert 1.6 <= clock.present() <= 1.7
     fast = BenchClock(fast=True)
     fast.advance_to(1.0)
     time.sleep(0.02)
@@ -94,7 +111,7 @@ class Readout:
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
 
-    def read(self, side: str, until_s: float) -> ReferenceSamples:
+    def read(self, side: str, until_s: float, timed_s: float) -> ReferenceSamples:
         raise NotImplementedError
 
 
@@ -178,13 +195,13 @@ class Slow:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._readout, name)
 
-    def read(self, side: str, until_s: float) -> ReferenceSamples:
+    def read(self, side: str, until_s: float, timed_s: float) -> ReferenceSamples:
         waiting = self._waiting.setdefault(side, [])
-        waiting += self._readout.read(side, until_s).torque_nm.tolist()
+        waiting += self._readout.read(side, until_s, timed_s).torque_nm.tolist()
         count = len(waiting) // 10
         means = np.array(waiting[: 10 * count]).reshape(count, 10).mean(axis=1)
         del waiting[: 10 * count]
-        return self._clocks.setdefault(side, SampleClock(0.1)).take(means, until_s)
+        return self._clocks.setdefault(side, SampleClock(0.1)).take(means, until_s, timed_s)
 
 
 def test_a_read_out_every_100_ms_is_neither_lost_nor_disagrees(open_bench: OpenBench) -> None:

@@ -106,7 +106,7 @@ def test_whatever_a_modbus_drive_states_is_finite_or_an_error(words: list[int]) 
 def test_whatever_a_modbus_amplifier_states_has_a_time_for_each_sample(words: list[int]) -> None:
     readout = ModbusReadout(link_with(words))
     try:
-        first, second = readout.read("input", 1.0), readout.read("input", 1.05)
+        first, second = readout.read("input", 1.0, 1.0), readout.read("input", 1.05, 1.05)
     except BenchError as error:
         assert error.remedy  # noqa: PT017
         return

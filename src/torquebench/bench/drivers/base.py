@@ -111,7 +111,8 @@ class CounterBlock:
 
     A channel that is selected but silent is present with no edges: silence is a fault that the
     signal path names, never a missing key. An instrument that counts by itself delivers
-    `frequencies` instead of `edges`, one sample a window and without gaps.
+    `frequencies` instead of `edges`, one sample a window and without gaps. `waiting_s` is how much
+    more the counter had timed already, s, where it tells: so far the computer is behind.
     """
 
     start_s: float
@@ -119,6 +120,12 @@ class CounterBlock:
     edges: Mapping[str, EdgeBlock]
     angles: Mapping[Side, AngleSamples]
     frequencies: Mapping[str, FrequencySamples] = field(default_factory=dict)
+    waiting_s: float = 0.0
+
+    @property
+    def timed_s(self) -> float:
+        """Bench time that had passed at least when the block was read, s."""
+        return self.stop_s + self.waiting_s
 
     @classmethod
     def joined(cls, parts: Sequence[CounterBlock]) -> CounterBlock:
@@ -133,6 +140,7 @@ class CounterBlock:
                 name: FrequencySamples.concatenate([part.frequencies[name] for part in parts])
                 for name in names
             },
+            parts[-1].waiting_s,
         )
 
 
@@ -235,10 +243,11 @@ class ReferenceReadout(Protocol):
     def identity(self) -> Identity:
         """Ask the read-out who it is."""
 
-    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
         """Return the samples since the last call up to bench time `until_s`, none later.
 
-        A sample whose time isn't known yet may come with a later call.
+        A sample whose time isn't known yet may come with a later call. `timed_s` is the bench time
+        that has passed at least: later than `until_s` where the computer is behind the counter.
         """
 
     def close(self) -> None:

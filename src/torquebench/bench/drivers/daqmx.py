@@ -285,9 +285,13 @@ class DaqmxCounter(LibraryCounter):
         count = max(1, round(duration_s * rate))
         stop_sample = self._start_sample + count
         wanted = stop_sample + int(np.ceil(self._options.latency_s * rate)) - self._samples
+        asked = time.monotonic()
         for side in SIDES:
             self._read_encoder(side, wanted, duration_s)
         self._samples += wanted
+        waiting_s = (self._samples - stop_sample) / rate
+        if time.monotonic() - asked < duration_s / 2.0:  # it hadn't to be waited for
+            waiting_s += self._waiting() / rate
         start_tick = self._start_sample * self._ticks_a_sample
         stop_tick = stop_sample * self._ticks_a_sample
         edges: dict[str, EdgeBlock] = {}
@@ -306,7 +310,12 @@ class DaqmxCounter(LibraryCounter):
         angles = {side: self._angles(side, count) for side in SIDES}
         start_s, stop_s = self._start_sample / rate, stop_sample / rate
         self._start_sample = stop_sample
-        return CounterBlock(start_s, stop_s, edges, angles)
+        return CounterBlock(start_s, stop_s, edges, angles, waiting_s=waiting_s)
+
+    def _waiting(self) -> int:
+        """Return how many samples more the sample clock has passed already."""
+        stream = self._tasks[f"{SIDES[0]}_encoder"].in_stream
+        return int(self._ask(lambda: stream.avail_samp_per_chan, "samples that wait"))
 
     def _read_encoder(self, side: Side, wanted: int, duration_s: float) -> None:
         raw = np.empty(max(wanted, 0), dtype=np.uint32)

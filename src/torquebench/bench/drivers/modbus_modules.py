@@ -105,7 +105,7 @@ class ModbusReadout:
         """As it states itself."""
         return max((clock.period_s for clock in self._clocks.values()), default=0.0)
 
-    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
         """Return the samples since the last call, those that the ring has lost left out."""
         base = SIDES.index(side) * registers.READOUT_STRIDE
         length = registers.READOUT_HEADER + 2 * registers.READOUT_SAMPLES
@@ -129,7 +129,7 @@ class ModbusReadout:
         if clock is None or clock.period_s != period_s:
             clock = self._clocks[side] = SampleClock(period_s)
         lost = 0 if before is None else max(0, count - before - new)
-        return clock.take(torque, until_s, lost)
+        return clock.take(torque, until_s, timed_s, lost)
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""

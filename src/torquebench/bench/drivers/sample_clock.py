@@ -23,8 +23,9 @@ class SampleClock:
     """Spreads samples evenly, a period apart, by the quickest answer that there was.
 
     A question is asked when the counter's block has come, so an answer is never older than the
-    block's end; on a busy computer it is younger by as much as the computer is behind. The answer
-    that was least behind tells best how the two clocks lie, and holds until they may have drifted.
+    block's end, nor than what the counter had timed then; on a busy computer it is younger by as
+    much as the computer is behind. The answer that was least behind tells best how the two clocks
+    lie, and holds until they may have drifted.
     While answers still become quicker, as when a computer catches up after a start, nobody knows
     the times yet: samples are kept until they are known. A sample that is later than the block
     is kept for the block that it belongs to.
@@ -36,13 +37,13 @@ class SampleClock:
     Examples
     --------
     >>> clock = SampleClock(0.01)
-    >>> [clock.take(np.zeros(2), 1.0 + 0.02 * k).time_s.size for k in range(5)]
+    >>> [clock.take(np.zeros(2), t, t).time_s.size for t in (1.0, 1.02, 1.04, 1.06, 1.08)]
     [0, 0, 0, 0, 0]
-    >>> clock.take(np.zeros(2), until_s=1.1).time_s[[0, -1]].round(3)
+    >>> clock.take(np.zeros(2), until_s=1.1, timed_s=1.1).time_s[[0, -1]].round(3)
     array([0.985, 1.095])
-    >>> clock.take(np.zeros(3), until_s=1.12).time_s.round(3)  # asked late, so it brings more
+    >>> clock.take(np.zeros(3), 1.12, 1.12).time_s.round(3)  # asked late, so it brings more
     array([1.105, 1.115])
-    >>> clock.take(np.zeros(1), until_s=1.14).time_s.round(3)
+    >>> clock.take(np.zeros(1), until_s=1.14, timed_s=1.14).time_s.round(3)
     array([1.125, 1.135])
     """
 
@@ -61,7 +62,7 @@ class SampleClock:
         self._numbers: NDArray[np.int64] = np.empty(0, dtype=np.int64)
 
     def take(
-        self, torque_nm: NDArray[np.float64], until_s: float, lost: int = 0
+        self, torque_nm: NDArray[np.float64], until_s: float, timed_s: float, lost: int = 0
     ) -> ReferenceSamples:
         """Take an answer; return the samples up to a bench time whose times are known.
 
@@ -71,6 +72,8 @@ class SampleClock:
             What came, the newest last.
         until_s : float
             End of the block for which they were asked, bench time.
+        timed_s : float
+            What the counter had timed when they were asked, bench time.
         lost : int
             How many the instrument has lost before them, where it tells.
         """
@@ -83,7 +86,7 @@ class SampleClock:
             self._number = first + count
             self._torque = np.concatenate((self._torque, torque_nm))
             self._numbers = np.concatenate((self._numbers, first + np.arange(count)))
-            begun_s = until_s - self._number * self.period_s
+            begun_s = max(until_s, timed_s) - self._number * self.period_s
             self._begun_s = max(begun_s, self._begun_s - LARGEST_DRIFT * passed_s)
             if abs(self._begun_s - self._quiet_since_s) > self.period_s:
                 self._quiet, self._quiet_since_s = 0, self._begun_s

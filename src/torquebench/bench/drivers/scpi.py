@@ -201,9 +201,9 @@ class ScpiReadout:
         line = self._options.fetch.format(channel=self._channels[side])
         return np.array(numbers(self._link.query(line), self._link.name), dtype=np.float64)
 
-    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
         """Return the samples since the last call; NaN where it has no signal."""
-        return self._clocks[side].take(self._options.scale * self._fetch(side), until_s)
+        return self._clocks[side].take(self._options.scale * self._fetch(side), until_s, timed_s)
 
     def close(self) -> None:
         """Release the amplifier. A second call does nothing."""

@@ -63,9 +63,9 @@ class SimulatedReadout:
         """A window of its counter."""
         return self._counting.window_s
 
-    def read(self, side: Side, until_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
         """Return the samples since the last call; NaN where it has no signal."""
-        del until_s  # what is later has not been simulated yet
+        del until_s, timed_s  # what is later has not been simulated yet
         samples, self._samples[side] = self._samples[side], []
         return ReferenceSamples(
             np.concatenate([part.time_s for part in samples] or [np.empty(0)]),
