@@ -33,12 +33,13 @@ from benchmarks.fault_judging import (
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.faults import TRIES
+from benchmarks.served import Served, moves, served
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducers.results import ReducerTestRecord
 from torquebench.procedures.reducers.turning import TransmissionRecording
-from torquebench.simulators import MisbehaviourKind, Simulators
+from torquebench.simulators import MisbehaviourKind
 from torquebench.station import Station
 from torquebench.validation import validated
 
@@ -91,6 +92,8 @@ AT_REST_S = 15.0
 SAFE_S: dict[Time, float] = {"on-demand": 2.0, "real": 5.0}
 """Longest time until both drives are off, s of bench time: the drive's own watchdog included, and
 in real time every time-out."""
+POLL_S = 0.002
+"""How often it looks what the drives do, s of wall time."""
 LASTING_S = 120.0
 """Until an instrument is itself again, s of wall time."""
 PROBES_S = 5.0
@@ -175,13 +178,13 @@ def networked(seed: int, time: Time = "on-demand") -> BenchDescription:
 
 
 @contextlib.contextmanager
-def opened(seed: int, data: Path, time: Time) -> Iterator[tuple[Station, Simulators]]:
+def opened(seed: int, data: Path, time: Time) -> Iterator[tuple[Station, Served]]:
     """Serve all instruments and open a station on them."""
     with (
-        Simulators(networked(seed, time)) as simulators,
-        Station.open(simulators.description, data) as station,
+        served(networked(seed, time)) as instruments,
+        Station.open(instruments.description, data) as station,
     ):
-        yield station, simulators
+        yield station, instruments
 
 
 class Breaker:
@@ -189,7 +192,7 @@ class Breaker:
 
     Parameters
     ----------
-    simulators : Simulators
+    bench : Served
     fault : WireFault
     side : {"input", "output"}
         The side that the procedure drives.
@@ -201,14 +204,14 @@ class Breaker:
 
     def __init__(
         self,
-        simulators: Simulators,
+        bench: Served,
         fault: WireFault,
         side: Side,
         due_s: float,
         *,
         powered: bool = True,
     ) -> None:
-        self._simulators = simulators
+        self._bench = bench
         self._fault = fault
         self._side: Side = side
         self._due_s = due_s
@@ -222,8 +225,7 @@ class Breaker:
 
     def at_rest(self) -> bool:
         """Whether both drives are off without torque and speed, whatever they say."""
-        states = [drive.state() for drive in self._simulators.plant.bench.drives.values()]
-        return not any(state.enabled or state.torque_nm or state.speed_rad_s for state in states)
+        return not moves(self._bench.status())
 
     def __enter__(self) -> Breaker:
         self._thread.start()
@@ -232,7 +234,7 @@ class Breaker:
     def __exit__(self, *_: object) -> None:
         self._over.set()
         self._thread.join()
-        self._simulators.misbehaviour.heal()
+        self._bench.heal()
 
     def await_rest(self) -> None:
         """Wait until both drives are off."""
@@ -241,28 +243,26 @@ class Breaker:
             time.sleep(0.01)
 
     def _watch(self) -> None:
-        plant = self._simulators.plant
         began = 0.0
-        while not self._over.wait(0.001):
+        while not self._over.wait(POLL_S):
+            status = self._bench.status()
+            now_s, is_on = float(status["time_s"]), status["drives"][self._side]["enabled"]
             if self.broken_s is None:
-                if plant.now_s < self._due_s or (self._powered and not self._is_on()):
+                if now_s < self._due_s or (self._powered and not is_on):
                     continue
-                self.was_on = self._is_on()
-                self.broken_s, began = plant.now_s, time.monotonic()
+                self.was_on = is_on
+                self.broken_s, began = now_s, time.monotonic()
                 for order in KINDS[self._fault.kind][1]:
-                    self._simulators.misbehaviour.start(
+                    self._bench.misbehave(
                         self._fault.endpoint,
                         order.kind,
                         amount=order.amount,
                         replies=order.replies,
                         duration_s=LASTING_S,
                     )
-            elif self.at_rest():
-                self.safe_s, self.wall_s = plant.now_s, time.monotonic() - began
+            elif not moves(status):
+                self.safe_s, self.wall_s = now_s, time.monotonic() - began
                 return
-
-    def _is_on(self) -> bool:
-        return self._simulators.plant.bench.drives[self._side].state().enabled
 
 
 def moment(fault: WireFault, start_s: float, lasts_s: float, draw: np.random.Generator) -> float:
@@ -281,12 +281,12 @@ def one_wire_fault(
     time: Time = "on-demand",
 ) -> Outcome:
     """Run a procedure over the sockets, spoil the answers meanwhile, and look what is left."""
-    with opened(seed, data, time) as (station, simulators):
-        due_s = moment(fault, simulators.plant.now_s, procedure.lasts_s(station), draw)
+    with opened(seed, data, time) as (station, bench):
+        due_s = moment(fault, bench.now_s, procedure.lasts_s(station), draw)
         powered = procedure.loads and not fault.from_the_start
         error: BaseException | None = None
         result: object = None
-        with Breaker(simulators, fault, procedure.side, due_s, powered=powered) as breaker:
+        with Breaker(bench, fault, procedure.side, due_s, powered=powered) as breaker:
             try:
                 result = procedure.go(station)
             except Exception as raised:

@@ -22,8 +22,8 @@ from benchmarks.fault_judging import (
 from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.fault_report import Kept
 from benchmarks.network_faults import LONG, opened
+from benchmarks.served import Served, powered
 from torquebench.procedures.reducers.turning import TransmissionRecording
-from torquebench.simulators import Simulators
 from torquebench.station import Station
 
 __all__ = ["TITLE", "one_undisturbed", "undisturbed"]
@@ -38,9 +38,9 @@ class _Bench:
 
     seed: int
     open_: ExitStack
-    bench: tuple[Station, Simulators] | None = None
+    bench: tuple[Station, Served] | None = None
 
-    def get(self) -> tuple[Station, Simulators]:
+    def get(self) -> tuple[Station, Served]:
         """Return it, opened anew after a problem."""
         if self.bench is None:
             folder = Path(self.open_.enter_context(tempfile.TemporaryDirectory()))
@@ -89,7 +89,7 @@ def undisturbed(minutes: float, seed: int, kept: Kept, *, tell: bool = False) ->
 
 
 def one_undisturbed(
-    station: Station, simulators: Simulators, procedure: Procedure, index: int, seed: int
+    station: Station, bench: Served, procedure: Procedure, index: int, seed: int
 ) -> Outcome:
     """Run a procedure while nothing is broken, and say what is wrong nevertheless."""
     before, began = len(station.supervisor.history), time.monotonic()
@@ -106,8 +106,7 @@ def one_undisturbed(
     if error is not None and not alarms:
         problems.append(f"false alarm: {type(error).__name__}: {error}")
     problems += ended_badly(error, alarms, disk=False)
-    states = [drive.state() for drive in simulators.plant.bench.drives.values()]
-    problems += unsafe_end(station, not any(state.enabled for state in states))
+    problems += unsafe_end(station, not powered(bench.status()))
     points, wrong = record_of(station, error)
     if isinstance(result, TransmissionRecording):
         problems += slipped(result)
