@@ -33,6 +33,7 @@ from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, SignalFault, TorquebenchError
+from torquebench.signals import EdgeBlock
 
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
 
@@ -124,11 +125,21 @@ class Acquisition:
         BenchError
             An instrument fails, or is another one than described.
         """
+        self._warm_up()
         self._step()  # also compiles what has to be compiled, before anything can be loaded
         if not self._clock.fast and not self._drivers.simulated_time:
             self._catch_up()
         self._wall_start = time.monotonic() - self._block_s
         self._thread.start()
+
+    def _warm_up(self) -> None:
+        """Have compiled what counts edges before the counter begins: its buffer doesn't wait."""
+        name, timebase_hz = torque_channel(SIDES[0]), self._drivers.counter.timebase_hz
+        channel = open_channel(name, self._description, self._drivers, self._mounted)
+        stop_tick = round(self._block_s * timebase_hz)
+        period = round(timebase_hz / channel.transducer.scale().nominal_zero_hz)
+        ticks = np.arange(period, stop_tick, period, dtype=np.int64)
+        channel.push(EdgeBlock(ticks, 0, stop_tick, timebase_hz))
 
     def _catch_up(self) -> None:
         """Acquire what the counter has buffered since it began, until blocks have to be waited for.

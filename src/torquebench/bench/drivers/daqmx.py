@@ -35,7 +35,8 @@ from torquebench.signals import EdgeBlock
 
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
-BUFFER_S = 2.0
+BUFFER_S = 10.0
+"""As much as may be caught up at the start; the supervisor acts long before it is full."""
 HIGHEST_HZ = 400e3
 """240 ± 120 kHz, and room."""
 COUNTS_A_PULSE = 4
