@@ -150,9 +150,11 @@ class Acquisition:
         behind_s: list[float] = []
         for _ in range(round(CATCHING_UP_S / self._block_s)):
             waiting_s = self._step()
+            if waiting_s is not None and waiting_s < self._block_s:
+                return
             behind_s.append(time.monotonic() - self._clock.now())
             before_s = behind_s[:-CAUGHT_UP_BLOCKS]
-            if waiting_s > self._block_s or not before_s:
+            if waiting_s is not None or not before_s:
                 continue
             if min(before_s) - min(behind_s) < self._description.counter.window_s:
                 return
@@ -217,9 +219,10 @@ class Acquisition:
             self._wall_start -= ahead_s
         return True
 
-    def _step(self) -> float:
-        """Acquire a block; return how much more the counter has timed already, s."""
+    def _step(self) -> float | None:
+        """Acquire a block; return how much more the counter has timed already, s, if it tells."""
         raw = self._read()
+        behind_s = None if raw.waiting_s is None else time.monotonic() - raw.timed_s
         with self._lock:
             channels = list(self._channels.values())
         block = self._evaluator.block(self._index, raw, channels, self._compensations)
@@ -229,7 +232,7 @@ class Acquisition:
         self._keep(block)
         for viewer in self._viewers:
             viewer.put(block)
-        self._clock.advance_to(raw.stop_s, raw.waiting_s)
+        self._clock.advance_to(raw.stop_s, behind_s)
         return raw.waiting_s
 
     def _read(self) -> CounterBlock:

@@ -70,7 +70,7 @@ class BenchClock:
         return self._now_s
 
     def present(self) -> float:
-        """Bench time of this moment, s, by the block that came soonest after its end.
+        """Bench time of this moment, s: as the counter tells, or by the block that came soonest.
 
         What was acquired last ends before it: a block takes its time, more on a busy computer.
         """
@@ -214,18 +214,20 @@ class BenchClock:
         thinking = any(activity.busy for activity in self._loops.values())
         return bool(self._sleepers) and not thinking
 
-    def advance_to(self, time_s: float, waiting_s: float = 0.0) -> None:
+    def advance_to(self, time_s: float, behind_s: float | None = None) -> None:
         """Set bench time and wake everybody whose time has come.
 
         Parameters
         ----------
         time_s : float
-        waiting_s : float
-            How much more the counter had timed already when this was read, s.
+        behind_s : float, optional
+            How far bench time is behind the wall's (`time.monotonic`), s, where the counter has
+            told; else the block that came soonest tells it.
         """
         with self._condition:
             drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)
-            self._behind_s = min(time.monotonic() - time_s - waiting_s, drifted_s)
+            soonest_s = min(time.monotonic() - time_s, drifted_s)
+            self._behind_s = soonest_s if behind_s is None else behind_s
             self._now_s = time_s
             due = [sleeper for sleeper in self._sleepers if sleeper.until_s <= time_s + _TICK_S]
             for sleeper in due:

@@ -48,9 +48,7 @@ def joined(parts: Sequence[CounterBlock]) -> CounterBlock:
             np.concatenate([sample.counts for sample in samples]),
             angle.counts_per_revolution,
         )
-    return CounterBlock(
-        first.start_s, last.stop_s, edges, angles, waiting_s=last.waiting_s
-    )
+    return CounterBlock(first.start_s, last.stop_s, edges, angles, waiting_s=last.waiting_s)
 
 
 def _joined_edges(name: str, parts: Sequence[CounterBlock]) -> EdgeBlock:

@@ -134,6 +134,35 @@ def test_a_steady_value_states_reading_standard_and_truth_of_one_window(bench: A
     play(bench, scene)
 
 
+def test_the_truth_of_a_steady_value_is_that_of_what_was_settled(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            steady = devices.output.steady
+            await steady.prepare(SteadySettings(settle_s=0.0, window_s=0.6, reference=True))
+            bench.command_torque(800.0, 4000.0)  # takes the first third of the window
+            await steady.trigger()
+            reading = await steady.read()
+            value = {key.removeprefix("output-steady-"): r["value"] for key, r in reading.items()}
+            assert value["standard_nm"] == pytest.approx(800.0, abs=5.0)
+            assert value["true_torque_nm"] == pytest.approx(value["standard_nm"], abs=3.0)
+
+    play(bench, scene)
+
+
+def test_a_ramp_has_its_time_although_the_computer_is_behind(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            behind_s, now = 0.2, bench.clock.now
+            bench.clock.present = lambda: now() + behind_s
+            before_s = now()
+            await devices.output.drive.torque.set(400.0)  # takes 0.1 s
+            assert now() == pytest.approx(before_s + behind_s + 0.1, abs=0.06)
+            to_zero_s = bench.supervisor.unload(("output",))
+            assert to_zero_s > behind_s + 0.1
+
+    play(bench, scene)
+
+
 def test_a_step_of_a_rapid_staircase_lasts_what_its_settings_say(bench: Any) -> None:
     async def scene() -> None:
         async with ready(bench) as devices:

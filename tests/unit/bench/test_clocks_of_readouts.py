@@ -15,6 +15,7 @@ from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.signals import SignalJudge
 from torquebench.errors import SignalFault
+from torquebench.signals import EdgeBlock, FrequencyCounter, FrequencySamples
 
 OpenBench = Callable[..., Any]
 PERIOD_S, BLOCK_S = 0.01, 0.05
@@ -90,6 +91,31 @@ def test_a_bench_opens_when_it_has_caught_up_with_its_counter(open_bench: OpenBe
         assert behind_s < 1.5, "3 s were buffered"
 
 
+def test_nothing_is_compiled_while_the_counter_already_counts(
+    open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    push = FrequencyCounter.push
+
+    def pushing(counter: FrequencyCounter, edges: EdgeBlock) -> FrequencySamples:
+        order.append("evaluate")
+        return push(counter, edges)
+
+    def wrap(drivers: DriverSet) -> DriverSet:
+        read_block = drivers.counter.read_block
+
+        def reading(duration_s: float) -> CounterBlock:
+            order.append("read")
+            return read_block(duration_s)
+
+        monkeypatch.setattr(drivers.counter, "read_block", reading)
+        return drivers
+
+    monkeypatch.setattr(FrequencyCounter, "push", pushing)
+    with open_bench(wrap=wrap):
+        assert order[:2] == ["evaluate", "read"]
+
+
 def test_the_present_lies_after_what_was_acquired_last() -> None:
     clock = BenchClock(fast=False)
     clock.advance_to(1.0)
@@ -97,8 +123,10 @@ def test_the_present_lies_after_what_was_acquired_last() -> None:
     time.sleep(0.1)
     clock.advance_to(1.05)  # late
     assert 1.09 <= clock.present() <= 1.0 + time.monotonic() - soonest + 0.01
-    clock.advance_to(1.1, waiting_s=0.5)  # the counter had timed so much more
+    clock.advance_to(1.1, time.monotonic() - 1.6)  # the counter had timed half a second more
     assert 1.6 <= clock.present() <= 1.7
+    clock.advance_to(1.7, time.monotonic() - 1.72)
+    assert 1.72 <= clock.present() <= 1.8, "what it tells counts, also where it fell behind"
     fast = BenchClock(fast=True)
     fast.advance_to(1.0)
     time.sleep(0.02)

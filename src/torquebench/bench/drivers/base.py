@@ -112,7 +112,8 @@ class CounterBlock:
     A channel that is selected but silent is present with no edges: silence is a fault that the
     signal path names, never a missing key. An instrument that counts by itself delivers
     `frequencies` instead of `edges`, one sample a window and without gaps. `waiting_s` is how much
-    more the counter had timed already, s, where it tells: so far the computer is behind.
+    more the counter had timed already, s: so far the computer is behind. None where it doesn't
+    tell.
     """
 
     start_s: float
@@ -120,12 +121,12 @@ class CounterBlock:
     edges: Mapping[str, EdgeBlock]
     angles: Mapping[Side, AngleSamples]
     frequencies: Mapping[str, FrequencySamples] = field(default_factory=dict)
-    waiting_s: float = 0.0
+    waiting_s: float | None = None
 
     @property
     def timed_s(self) -> float:
         """Bench time that had passed at least when the block was read, s."""
-        return self.stop_s + self.waiting_s
+        return self.stop_s + (self.waiting_s or 0.0)
 
     @classmethod
     def joined(cls, parts: Sequence[CounterBlock]) -> CounterBlock:

@@ -286,13 +286,10 @@ class DaqmxCounter(LibraryCounter):
         count = max(1, round(duration_s * rate))
         stop_sample = self._start_sample + count
         wanted = stop_sample + int(np.ceil(self._options.latency_s * rate)) - self._samples
-        asked = time.monotonic()
         for side in SIDES:
             self._read_encoder(side, wanted, duration_s)
         self._samples += wanted
-        waiting_s = (self._samples - stop_sample) / rate
-        if time.monotonic() - asked < duration_s / 2.0:  # it hadn't to be waited for
-            waiting_s += self._waiting() / rate
+        waiting_s = (self._samples + self._waiting() - stop_sample) / rate
         start_tick = self._start_sample * self._ticks_a_sample
         stop_tick = stop_sample * self._ticks_a_sample
         edges: dict[str, EdgeBlock] = {}
