@@ -465,3 +465,15 @@ def test_a_travel_that_does_not_end_is_an_error(simulated: dict[str, Simulators]
         simulated["a"].misbehaviour.heal()
         modes.set_mode("input", "free")
         modes.close()
+
+
+def test_a_counter_tells_how_far_the_computer_is_behind(simulated: dict[str, Simulators]) -> None:
+    simulators = simulated["b"]
+    counter = open_role(simulators.description, "counter")
+    try:
+        assert _read_block(counter).waiting_s == pytest.approx(0.002, abs=0.002)
+        simulators.plant.require(simulators.plant.now_s + 0.3, 10.0)
+        late = _read_block(counter)
+        assert late.timed_s == pytest.approx(late.stop_s + 0.25, abs=0.01)
+    finally:
+        counter.close()
