@@ -59,15 +59,16 @@ def undisturbed(minutes: float, seed: int, kept: Kept, *, tell: bool = False) ->
     Parameters
     ----------
     minutes : float
-        Together with what is kept from before.
+        Together with what is kept from before, of other seeds too.
     seed : int
     kept : Kept
     tell : bool
         Say each one.
     """
     chosen = [procedure for procedure in PROCEDURES if procedure.name not in LONG]
-    outcomes: list[Outcome] = []
-    passed_s = 0.0
+    outcomes = [each for (part, other, _), each in kept.outcomes.items()
+                if part == NAME and other != seed]  # fmt: skip
+    passed_s = sum(outcome.lasted_s for outcome in outcomes)
     with ExitStack() as open_:
         bench = _Bench(seed, open_)
         for index in count():

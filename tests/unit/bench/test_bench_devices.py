@@ -149,19 +149,16 @@ def test_the_truth_of_a_steady_value_is_that_of_what_was_settled(bench: Any) -> 
     play(bench, scene)
 
 
-def test_a_steady_value_begins_when_it_is_asked_for_although_the_computer_is_behind(
-    bench: Any,
-) -> None:
+def test_a_ramp_has_its_time_although_the_computer_is_behind(bench: Any) -> None:
     async def scene() -> None:
         async with ready(bench) as devices:
-            steady = devices.output.steady
-            await steady.prepare(SteadySettings(settle_s=0.0, window_s=0.2))
-            behind_s, now = 0.3, bench.clock.now
+            behind_s, now = 0.2, bench.clock.now
             bench.clock.present = lambda: now() + behind_s
-            asked_s = bench.clock.present()
-            await steady.trigger()
-            reading = await steady.read()
-            assert reading["output-steady-time_s"]["value"] == pytest.approx(asked_s + 0.1)
+            before_s = now()
+            await devices.output.drive.torque.set(400.0)  # takes 0.1 s
+            assert now() == pytest.approx(before_s + behind_s + 0.1, abs=0.06)
+            to_zero_s = bench.supervisor.unload(("output",))
+            assert to_zero_s > behind_s + 0.1
 
     play(bench, scene)
 

@@ -66,8 +66,9 @@ async def go_to(
     commands.ask(quantity, target, rate, context.clock.now())
     if commands.enabled:
         await context.tell_drive(side, f"go to {target:g} {unit}", tell, target, rate)
-    commands.told(quantity, target, context.clock.present())
-    await context.clock.sleep(abs(target - before) / rate)
+    told_s = context.clock.present()  # what was acquired so far ends before
+    commands.told(quantity, target, told_s)
+    await context.clock.sleep_until(told_s + abs(target - before) / rate)
 
 
 @dataclass(frozen=True)

@@ -164,8 +164,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         if settings.reference:
             context.acquisition.use_reference(self.side)
         commanded_s = context.commands.side(self.side).changed_s
-        # What was acquired last lies before this moment: a ramp was still going on then.
-        start_s = max(context.clock.present(), commanded_s + settings.settle_s)
+        start_s = max(context.clock.now(), commanded_s + settings.settle_s)
         last_s = start_s + settings.limit_s
         while True:
             stop_s = start_s + settings.window_s

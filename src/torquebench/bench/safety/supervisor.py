@@ -562,7 +562,7 @@ class SafetySupervisor:
             Bench time until they are there and have settled, s; 0 where they are already.
         """
         with self._lock:
-            now = self._clock.now()
+            now, present = self._clock.now(), self._clock.present()
             for side in sides:
                 commands, rates = self._commands.side(side), self._description.module(side).drive
                 ramp_s = max(
@@ -572,7 +572,7 @@ class SafetySupervisor:
                 )
                 if commands.enabled and ramp_s > 0.0:  # else it is there, or on its way
                     self._ramp_to_zero(side, ramp_s)
-                    self._unloaded_s = max(self._unloaded_s, now + ramp_s + UNLOAD_SETTLING_S)
+                    self._unloaded_s = max(self._unloaded_s, present + ramp_s + UNLOAD_SETTLING_S)
             return max(0.0, self._unloaded_s - now)
 
     def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:

@@ -297,7 +297,12 @@ def turn_output(
     speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
     yield from power_on(devices, "input")
     yield from move(axis, float(np.copysign(speed, output_deg * limits.ratio)))
-    yield from bps.sleep(path / speed - speed / rate)
+    wait_s = path / speed - speed / rate
+    if before is not None:  # it turns since it was told, also while acquisition comes after
+        context = devices.context
+        told_s = context.commands.input.changed_s
+        wait_s = max(0.0, told_s + path / speed - context.clock.present())
+    yield from bps.sleep(wait_s)
     yield from move(axis, 0.0)
     yield from bps.sleep(REST_S)
     after = yield from _angles(devices)
