@@ -43,6 +43,18 @@ PATIENCE_S = 300.0
 """On a slow machine everything comes in the end; where it comes at once, patience costs nothing."""
 ENGLISH = re.compile(r"[a-z]{3,} [a-z]{2,}")
 """Two words beside each other: names of pictures and columns are single ones."""
+STILL = """
+const [button, done] = arguments;
+button.scrollIntoView({block: 'center'});
+const place = () => JSON.stringify(button.getBoundingClientRect());
+const before = place();
+requestAnimationFrame(() => requestAnimationFrame(() => {
+  const {x, y, width, height} = button.getBoundingClientRect();
+  const above = document.elementFromPoint(x + width / 2, y + height / 2);
+  const ready = !button.matches('.unready [data-press]') && button.ariaBusy !== 'true';
+  done(ready && place() === before && button.contains(above));
+}));
+"""
 
 
 def people(data: Path) -> None:
@@ -196,11 +208,12 @@ class Visitor:
         return found
 
     def press(self, label: str) -> None:
-        """Press a button."""
+        """Press a button that stands still and says that it is ready, as people do."""
 
         def press() -> bool:
             button = self.button(label)
-            self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+            if not self.driver.execute_async_script(STILL, button):
+                return False
             button.click()
             return True
 

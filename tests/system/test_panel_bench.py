@@ -1,12 +1,15 @@
 """A person at the panel: live values, stop, alarms, settings, keyboard, phone, a lost server."""
 
 import signal
+import time
 from collections.abc import Iterator
 
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from tests.system.panel_browser import SLOW, Panel, Visitor, browser, running_panel
+
+from torquebench.panel.pages.frame import REFRESH_S
 
 pytestmark = SLOW
 PATHS = ("/", "/calibrate", "/reducer", "/records", "/settings", "/alarms")
@@ -42,9 +45,11 @@ def stranger(_second: Visitor) -> Iterator[Visitor]:
 
 @pytest.fixture(autouse=True)
 def ordinary_screen(person: Visitor) -> Iterator[None]:
-    person.size(1440, 900)
+    """Whatever a test leaves behind, the next one begins with the usual screen and language."""
     yield
     person.size(1440, 900)
+    for cookie in ("torquebench_language", "torquebench_look"):
+        person.driver.delete_cookie(cookie)
 
 
 def painted(person: Visitor) -> int:
@@ -176,7 +181,109 @@ def test_chinese_and_dark_are_chosen_in_the_menu(person: Visitor) -> None:
     person.driver.find_element(By.CSS_SELECTOR, "[aria-label='菜单']").click()
     person.press("English")
     person.sees("No alarm stands")
-    person.driver.delete_cookie("torquebench_look")
+
+
+def test_a_dialog_is_in_its_place_from_the_first_moment(person: Visitor) -> None:
+    person.open("/alarms")
+    places = person.driver.execute_async_script(
+        """
+        const [done] = arguments, seen = [];
+        const look = () => {
+          const button = document.querySelector('.sheet [lang=zh]');
+          if (button) seen.push(JSON.stringify(button.getBoundingClientRect()));
+          if (seen.length < 30) requestAnimationFrame(look); else done([...new Set(seen)]);
+        };
+        document.querySelector("[aria-label='Menu']").click();
+        look();
+        """
+    )
+    assert len(places) == 1
+
+
+def test_no_press_is_lost_by_a_slow_browser(person: Visitor) -> None:
+    """Aimed at where the button is seen first, without waiting for anything to settle."""
+    person.open("/alarms")
+    person.driver.execute_cdp_cmd("Emulation.setCPUThrottlingRate", {"rate": 8})
+    try:
+        for _ in range(8):
+            point(person, "[aria-label='Menu']", "mousePressed", "mouseReleased")
+            point(person, ".sheet .end button", "mousePressed", "mouseReleased")
+            person.wait(
+                lambda: not person.driver.find_elements(By.CLASS_NAME, "sheet"), "a closed menu", 20
+            )
+    finally:
+        person.driver.execute_cdp_cmd("Emulation.setCPUThrottlingRate", {"rate": 1})
+
+
+def point(person: Visitor, selector: str, *events: str) -> None:
+    """Aim at a button as soon as it is there, and press or let go."""
+    place = person.wait(
+        lambda: person.driver.execute_script(
+            "const found = document.querySelector(arguments[0])?.getBoundingClientRect();"
+            "return found?.width ? [found.x + found.width / 2, found.y + found.height / 2] : null",
+            selector,
+        ),
+        f"{selector} to aim at",
+    )
+    for event in events:
+        person.driver.execute_cdp_cmd(
+            "Input.dispatchMouseEvent",
+            {
+                "type": event,
+                "x": place[0],
+                "y": place[1],
+                "button": "left",
+                "buttons": int(event == "mousePressed"),
+                "clickCount": 1,
+            },
+        )
+
+
+def test_a_press_of_what_changes_while_the_mouse_is_down_is_answered(
+    person: Visitor, stranger: Visitor
+) -> None:
+    stop, acknowledge = "[data-stop]", ".panel .spread button.primary"
+    stranger.open("/sign-in")
+    person.open("/alarms")
+    point(person, stop, "mousePressed", "mouseReleased")
+    person.sees("Acknowledge as Admin")
+    point(person, acknowledge, "mousePressed")
+    point(stranger, stop, "mousePressed", "mouseReleased")  # a second alarm: the page is rebuilt
+    answered = "return window.torquebench.stopMilliseconds !== null"
+    stranger.wait(lambda: stranger.driver.execute_script(answered), "a stop that is answered")
+    time.sleep(2 * REFRESH_S)
+    assert "somebody not signed in" not in person.text  # what is aimed at stays
+    point(person, acknowledge, "mouseReleased")
+    person.sees("The page changed while “Acknowledge as Admin” was pressed: nothing was done.")
+    person.sees("somebody not signed in")
+    person.press("Acknowledge as Admin")
+    person.sees("No alarm stands")
+
+
+def test_a_button_that_needs_the_server_says_when_it_is_not_ready(person: Visitor) -> None:
+    driver, menu = person.driver, "[aria-label='Menu']"
+    look = "return getComputedStyle(document.querySelector(arguments[0])).borderTopStyle"
+    added = driver.execute_cdp_cmd(
+        "Page.addScriptToEvaluateOnNewDocument",
+        {
+            "source": "const Real = WebSocket; window.blocked = true;"
+            "window.WebSocket = function (...given) { return window.blocked ?"
+            " { readyState: 0, send() {}, close() {} } : new Real(...given); };"
+        },
+    )
+    try:
+        driver.get(person.panel.url + "/alarms")
+        person.wait(lambda: driver.execute_script(look, menu) == "dashed", "a button that waits")
+        point(person, menu, "mousePressed", "mouseReleased")
+        person.sees("Not connected yet: nothing was done.")
+    finally:
+        driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+    driver.execute_script("window.blocked = false; socket.disconnect(); socket.connect();")
+    person.wait(lambda: driver.execute_script(look, menu) == "solid", "a button that is ready")
+    assert "Not connected yet" not in person.text
+    assert not driver.find_elements(By.CLASS_NAME, "sheet")
+    point(person, menu, "mousePressed", "mouseReleased")
+    person.sees("F8: stop the bench")
 
 
 def test_two_people_one_commands_and_the_other_watches(person: Visitor, stranger: Visitor) -> None:
@@ -203,7 +310,14 @@ def test_a_lost_server_is_unmistakable_and_the_page_comes_back(
     person.open("/")
     before = painted(person)
     person.wait(lambda: painted(person) > before + 5, "live values")
+    felt = person.driver.execute_script(
+        "window.torquebench.done = () => {};"  # the answer is lost with the server
+        "const menu = document.querySelector('[aria-label=Menu]');"
+        "menu.click(); return menu.ariaBusy;"
+    )
+    assert felt == "true"
     panel.end(signal.SIGKILL)
+    person.sees("The connection broke while “Menu” was pressed.")
     popup = person.driver.find_element(By.ID, "popup")
     person.wait(lambda: popup.is_displayed(), "the notice of a lost connection")
     person.wait(

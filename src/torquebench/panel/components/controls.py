@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from torquebench.panel.components.elements import box, icon, words
+from torquebench.panel.components.elements import box, icon, on_press, words
 
 __all__ = ["Choice", "Field", "button", "link_button", "set_disabled"]
 
@@ -30,7 +30,7 @@ def button(
         if picture:
             icon(picture)
         words("span", label)
-    made.on("click", lambda: on_click(), [])
+    on_press(made, on_click)
     return made
 
 

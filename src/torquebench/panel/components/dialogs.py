@@ -15,16 +15,19 @@ __all__ = ["ask", "sheet"]
 
 
 @contextmanager
-def sheet(title: str, close: str) -> Iterator[Any]:
-    """Open a dialog around what is made inside; it deletes itself when it closes."""
+def sheet(title: str) -> Iterator[Any]:
+    """Open a dialog around what is made inside; it deletes itself when it closes.
+
+    It is in its place from the first moment: a button that still moves is missed.
+    """
     dialog = ui.dialog()
     dialog.props["aria-label"] = title
+    dialog.props["transition-show"] = dialog.props["transition-hide"] = "none"
+    dialog.props["transition-duration"] = 0
     dialog.on_value_change(lambda event: None if event.value else dialog.delete())
     with dialog, box("div", "sheet"):
         words("h2", title)
         yield dialog
-        with box("div", "line end"):
-            button(close, dialog.close, "quiet")
     dialog.open()
 
 
@@ -44,20 +47,15 @@ def ask(
 
     `on_confirm` gets the value; the dialog stays open where it returns False.
     """
-    dialog = ui.dialog()
-    dialog.props["aria-label"] = title
-    dialog.on_value_change(lambda event: None if event.value else dialog.delete())
 
     def act() -> None:
         if on_confirm(entry.value if entry is not None else "") is not False:
             dialog.close()
 
-    with dialog, box("div", "sheet"):
-        words("h2", title)
+    with sheet(title) as dialog:
         words("p", said)
         entry = Field(field, kind=kind, on_enter=act, autocomplete=autocomplete) if field else None
         with box("div", "line end"):
             button(cancel, dialog.close, "quiet")
             button(confirm, act, "danger" if danger else "primary")
-    dialog.open()
     return dialog

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from inspect import iscoroutine
 from typing import Any
 
 from nicegui import ui
@@ -14,6 +15,7 @@ __all__ = [
     "empty",
     "icon",
     "note",
+    "on_press",
     "pairs",
     "panel",
     "scrolling",
@@ -51,6 +53,36 @@ def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
 def words(tag: str, text: str, classes: str = "", **attributes: Any) -> Any:
     """Make an element of text."""
     return _dress(Words(tag, text), classes, attributes)
+
+
+def on_press(element: Any, action: Callable[[], Any]) -> None:
+    """Do something when a button is pressed, and tell the browser once it is done.
+
+    The browser shows at once that the press was felt, refuses one while it isn't connected, and
+    says so where the answer never comes (`panel.js`).
+    """
+
+    def tell(what: str) -> None:
+        element.client.run_javascript(f'torquebench.{what}("{element.html_id}")')
+
+    async def finish(work: Coroutine[Any, Any, Any]) -> None:
+        try:
+            tell("heard")
+            await work
+        finally:
+            tell("done")
+
+    def pressed() -> Coroutine[Any, Any, None] | None:
+        work = None
+        try:
+            work = action()
+        finally:
+            if not iscoroutine(work):
+                tell("done")
+        return finish(work) if iscoroutine(work) else None
+
+    element.props["data-press"] = "1"
+    element.on("click", pressed, [])
 
 
 def icon(name: str) -> Any:
@@ -173,4 +205,4 @@ def _row_button(label: str, name: str, place: int, on_row: Callable[[int], Any])
         button = words(
             "button", label, "control small", type="button", aria_label=f"{label}: {name}"
         )
-        button.on("click", lambda: on_row(place), [])
+        on_press(button, lambda: on_row(place))

@@ -7,7 +7,7 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.elements import NOTE_ICONS, box, icon, words
+from torquebench.panel.components.elements import NOTE_ICONS, box, icon, on_press, words
 from torquebench.panel.text import Text
 
 __all__ = ["Messages"]
@@ -53,7 +53,7 @@ class Messages:
                 close = box("button", type="button", aria_label=self._text("frame.dismiss"))
                 with close:
                     icon("close")
-                close.on("click", lambda: self._take(shown), [])
+                on_press(close, lambda: self._take(shown))
         self._shown.append(shown)
         return shown
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
-from torquebench.panel.components.elements import box, words
+from torquebench.panel.components.elements import box, on_press, words
 
 __all__ = ["Tabs"]
 
@@ -30,7 +31,7 @@ class Tabs:
         with box("div", "tabs", role="group", aria_label=label):
             for name, title in titles.items():
                 made = words("button", title, "control", type="button", aria_pressed="false")
-                made.on("click", lambda name=name: self.show(name), [])
+                on_press(made, partial(self.show, name))
                 self._buttons[name] = made
         self._content = box("div", "stack")
         self.show(next(iter(titles)))

@@ -23,6 +23,7 @@ class _AlarmsPage:
     def __init__(self, visitor: Visitor) -> None:
         self.visitor, self.text = visitor, visitor.text
         self._shown: Any = None
+        self._stood: list[AlarmView] | None = None
 
     def build(self) -> None:
         with box("div", "stack"):
@@ -36,6 +37,14 @@ class _AlarmsPage:
             return
         self._shown = alarms
         standing = [alarm for alarm in alarms if alarm.stands]
+        if standing != self._stood:  # a button that is about to be pressed stays
+            self._stood = standing
+            self._show(standing)
+        self._history.clear()
+        with self._history:
+            self._list([alarm for alarm in alarms if not alarm.stands])
+
+    def _show(self, standing: list[AlarmView]) -> None:
         self._standing.clear()
         with self._standing:
             if standing:
@@ -44,9 +53,6 @@ class _AlarmsPage:
                     self._card(alarm)
             else:
                 note(self.text("alarms.none"), "good")
-        self._history.clear()
-        with self._history:
-            self._list([alarm for alarm in alarms if not alarm.stands])
 
     def _acknowledging(self, standing: list[AlarmView]) -> None:
         text = self.text

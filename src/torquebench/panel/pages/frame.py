@@ -12,7 +12,7 @@ from nicegui import ui
 
 from torquebench.panel.components.controls import button, link_button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, icon, words
+from torquebench.panel.components.elements import box, icon, on_press, words
 from torquebench.panel.components.messages import Messages
 from torquebench.panel.pages.menu import Menu
 from torquebench.panel.pages.visitor import Visitor
@@ -49,10 +49,14 @@ def head(text: Text, look: str, title: str) -> None:
         "stopFailed": text("stop.failed"),
         "lost": text("frame.lost"),
         "reconnecting": text("frame.reconnecting"),
+        "unready": text("frame.unready"),
+        "unheard": text("frame.unheard", what="{what}"),
+        "changed": text("frame.changed", what="{what}"),
     }
     said = json.dumps(texts).replace("<", "\\u003c")
     language = LANGUAGE_TAGS[text.language]
     chosen = f'document.documentElement.lang = "{language}";'
+    chosen += 'document.documentElement.classList.add("unready");'
     chosen += f'document.documentElement.dataset.theme = "{look}";' if look else FOLLOW_DEVICE
     ui.add_head_html(
         '<link rel="stylesheet" href="/panel/static/panel.css">'
@@ -114,7 +118,7 @@ class _Frame:
             opener = box("button", "control quiet", type="button", aria_label=text("frame.menu"))
             with opener:
                 icon("menu")
-            opener.on("click", menu.open, [])
+            on_press(opener, menu.open)
             stop_button(text)
 
     def _rail(self, current: str) -> None:
@@ -139,6 +143,7 @@ class _Frame:
     def strips(self) -> None:
         """Make the places for what must not be overlooked, above the page's own content."""
         words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
+        words("div", "", "note warn", id="press-result", role="alert", hidden="hidden")
         self._alarm = box("div", "alarm-strip", role="alert")
         with self._alarm:
             icon("warning")
@@ -146,7 +151,7 @@ class _Frame:
             if self._path != "/alarms":
                 link_button(self.text("frame.to_alarms"), "/alarms")
         self._alarm.set_visibility(False)
-        self._lost = words("div", "", "note bad", role="alert")
+        self._lost = words("div", "", "note bad no-readings", role="alert")
         self._lost.set_visibility(False)
         self._presence = box("div", "note spread presence")
         with self._presence:

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.fitting import model_title
-from torquebench.panel.components.elements import box, panel, tag, words
+from torquebench.panel.components.elements import box, on_press, panel, tag, words
 from torquebench.panel.components.trend import Band, Trace, Trend
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.visitor import Visitor
@@ -189,7 +189,7 @@ class _LivePage:
     def _pressed(self, label: str, pressed: bool, action: Any) -> Any:
         made = words("button", label, "control small", type="button",
                      aria_pressed="true" if pressed else "false")  # fmt: skip
-        made.on("click", lambda: action(), [])
+        on_press(made, action)
         return made
 
     def choose(self, key: str) -> None:

@@ -43,7 +43,7 @@ class Menu:
         """Show the menu."""
         visitor, text = self._visitor, self._visitor.text
         actor = visitor.actor
-        with ui.context.client.content, sheet(text("menu.title"), text("frame.close")) as dialog:
+        with ui.context.client.content, sheet(text("menu.title")) as dialog:
             role = text(f"role.{actor.role}")
             words("p", text("menu.signed_in", who=actor.name, role=role))
             with box("div", "line"):
@@ -72,6 +72,8 @@ class Menu:
             with box("ul"):
                 for key in ("key_stop", "key_pages", "key_tab"):
                     words("li", text(f"menu.{key}"))
+            with box("div", "line end"):
+                button(text("frame.close"), dialog.close, "quiet")
 
     def _and_close(self, action: Callable[[], Any], dialog: Any) -> Callable[[], None]:
         def act() -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from nicegui import ui
-
 from torquebench.panel.components.controls import Choice, button
+from torquebench.panel.components.dialogs import sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import Visitor
 
@@ -31,9 +30,6 @@ def clear_choice(visitor: Visitor) -> Choice | None:
 
 def _dialog(visitor: Visitor, kind: str) -> None:
     text = visitor.text
-    dialog = ui.dialog()
-    dialog.props["aria-label"] = text(f"quick.{kind}")
-    dialog.on_value_change(lambda event: None if event.value else dialog.delete())
 
     def start() -> None:
         request: dict[str, Any] = {} if side is None else {"side": side.value}
@@ -42,8 +38,7 @@ def _dialog(visitor: Visitor, kind: str) -> None:
         if visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, kind, request)):
             dialog.close()
 
-    with dialog, box("div", "sheet"):
-        words("h2", text(f"quick.{kind}"))
+    with sheet(text(f"quick.{kind}")) as dialog:
         words("p", text(f"quick.{kind}_explained"))
         sides = {name: text(f"side.{name}") for name in ("output", "input")}
         side = Choice(text("prepare.side"), sides, "output") if kind == "check" else None
@@ -51,4 +46,3 @@ def _dialog(visitor: Visitor, kind: str) -> None:
         with box("div", "line end"):
             button(text("frame.close"), dialog.close, "quiet")
             button(text("job.start"), start, "primary", picture="play_arrow")
-    dialog.open()

@@ -3,6 +3,7 @@
 
 (() => {
   const texts = () => JSON.parse(document.getElementById("panel-texts")?.textContent ?? "{}");
+  const root = document.documentElement;
   const statistics = (window.torquebench ??= { painted: 0, stopMilliseconds: null });
 
   // For charts, which can't read the style sheet by themselves.
@@ -27,12 +28,13 @@
     }
   }, 500);
 
-  function alarm(text) {
-    const region = document.getElementById("stop-result");
+  function say(place, text) {
+    const region = document.getElementById(place);
     if (!region) return;
     region.textContent = text;
     region.hidden = text === "";
   }
+  const alarm = (text) => say("stop-result", text);
 
   let stopping = false;
   async function stop(button) {
@@ -80,6 +82,97 @@
     }
   });
 
+  // A press of a button that needs the server shows at once, is done or refused, and never both
+  // late and unseen: while the page isn't connected such buttons say so, and a press does nothing.
+  const UNHEARD = "torquebench-unheard";
+  const connected = () => window.did_handshake === true && window.socket?.connected === true;
+  const said = (button) => (button.ariaLabel ?? button.querySelector("span")?.textContent ?? button.textContent).trim();
+  const pressed = new Map(); // by id: what was pressed and not answered yet
+  const done = (id) => {
+    pressed.delete(id);
+    document.getElementById(id)?.removeAttribute("aria-busy");
+  };
+  statistics.heard = (id) => pressed.delete(id); // it takes longer, but it isn't lost
+  statistics.done = done;
+  const unanswered = (kind, { what }) => (texts()[kind] ?? "").replace("{what}", what);
+
+  document.addEventListener("click", (event) => {
+    const button = event.target.closest?.("[data-press]");
+    if (!button) return;
+    const ready = connected();
+    if (ready && !button.hasAttribute("aria-busy")) {
+      say("press-result", "");
+      button.setAttribute("aria-busy", "true");
+      pressed.set(button.id, { what: said(button), goneAt: Infinity });
+      return;
+    }
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (!ready) say("press-result", texts().unready ?? "");
+  }, true);
+
+  function watchConnection() {
+    const ready = connected();
+    if (ready === !root.classList.contains("unready")) return;
+    root.classList.toggle("unready", !ready);
+    if (ready) {
+      const unheard = sessionStorage.getItem(UNHEARD);
+      say("press-result", unheard ?? "");
+      sessionStorage.removeItem(UNHEARD);
+      return;
+    }
+    for (const [id, press] of pressed) {
+      const unheard = unanswered("unheard", press);
+      sessionStorage.setItem(UNHEARD, unheard); // the page may be loaded anew before it is read
+      say("press-result", unheard);
+      done(id);
+    }
+  }
+
+  // The server ignores a press of what it has replaced already, so that nothing else is meant by it.
+  const ANSWER_MS = 1000; // behind the change that a press has brought about
+  function watchPresses() {
+    for (const [id, press] of pressed) {
+      if (document.getElementById(id)) continue;
+      press.goneAt = Math.min(press.goneAt, performance.now());
+      if (performance.now() - press.goneAt < ANSWER_MS) continue;
+      say("press-result", unanswered("changed", press));
+      pressed.delete(id);
+    }
+  }
+  setInterval(() => {
+    watchConnection();
+    watchPresses();
+  }, 100);
+
+  // Nothing is rebuilt or moved beneath a finger: what comes between pressing and letting go waits.
+  const HELD_MS = 10000; // where letting go is never heard of
+  let held = null;
+  function letGo() {
+    const packets = held?.packets ?? [];
+    clearTimeout(held?.timer);
+    held = null;
+    for (const packet of packets) window.socket.onevent(packet);
+  }
+  function holdMessages() {
+    const socket = window.socket;
+    if (!socket || socket.holds) return;
+    socket.holds = true;
+    const pass = socket.onevent.bind(socket);
+    socket.onevent = (packet) => (held ? held.packets.push(packet) : pass(packet));
+  }
+  document.addEventListener("pointerdown", (event) => {
+    if (held || !event.target.closest?.("button, a, label, summary")) return;
+    holdMessages();
+    held = { packets: [], timer: setTimeout(letGo, HELD_MS) };
+  }, true);
+  for (const kind of ["pointerup", "pointercancel"]) {
+    document.addEventListener(kind, () => setTimeout(letGo), true); // once the click is through
+  }
+  document.addEventListener("pointermove", (event) => {
+    if (held && event.buttons === 0) setTimeout(letGo);
+  }, true);
+
   function remember(name, value) {
     const secure = window.location.protocol === "https:" ? "; Secure" : "";
     document.cookie = `${name}=${value}; Path=/; Max-Age=31536000; SameSite=Strict${secure}`;
@@ -87,6 +180,7 @@
   document.addEventListener("click", (event) => {
     const chosen = event.target.closest?.("[data-choose]");
     if (!chosen) return;
+    chosen.setAttribute("aria-busy", "true"); // until the page is there anew
     remember(chosen.dataset.choose, chosen.dataset.value);
     window.location.reload();
   });
@@ -94,7 +188,7 @@
   // Unlike a page of text, a page of a machine must never look alive when nobody feeds it.
   const markLost = () => {
     const lost = document.getElementById("popup")?.getAttribute("aria-hidden") === "false";
-    document.documentElement.classList.toggle("lost", lost);
+    root.classList.toggle("lost", lost);
   };
   window.addEventListener("load", () => {
     const popup = document.getElementById("popup");

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.dialogs import ask
+from torquebench.panel.components.dialogs import ask, sheet
 from torquebench.panel.components.elements import box, note, words
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.visitor import Visitor
@@ -92,9 +92,6 @@ def resume_button(visitor: Visitor, found: InterruptedView) -> Any:
 
 def _ask(visitor: Visitor, found: InterruptedView) -> None:
     text = visitor.text
-    dialog = ui.dialog()
-    dialog.props["aria-label"] = text("resume.button")
-    dialog.on_value_change(lambda event: None if event.value else dialog.delete())
 
     def start() -> None:
         request: dict[str, Any] = {"run_id": found.run_id}
@@ -106,12 +103,10 @@ def _ask(visitor: Visitor, found: InterruptedView) -> None:
             dialog.close()
             ui.navigate.to("/calibrate")
 
-    with ui.context.client.content, dialog, box("div", "sheet"):
-        words("h2", text("resume.button"))
+    with ui.context.client.content, sheet(text("resume.button")) as dialog:
         words("p", text.core(found.profile), "muted")
         words("p", text("resume.explained", kept=found.kept, total=found.total))
         clear = clear_choice(visitor)
         with box("div", "line end"):
             button(text("frame.close"), dialog.close, "quiet")
             button(text("prepare.start"), start, "primary", picture="play_arrow")
-    dialog.open()
