@@ -48,16 +48,18 @@ REDUCER = reducer_limits(SPECIMEN)
 FRICTION = FrictionSettings(speeds_rpm=(200.0, 600.0), repeats=1, zero_s=0.5)
 COLD = WarmUp(longest_s=0.0)
 SETTINGS = ReducerTestSettings(
-    no_load=NoLoadSettings(
-        FrictionSettings(speeds_rpm=(200.0, 400.0, 600.0, 900.0), repeats=1, zero_s=0.5), COLD
-    ),
-    starting=BreakawaySettings(2, ramp_s=3.0, zero_s=0.5),
-    back_driving=BreakawaySettings(2, ramp_s=3.0, zero_s=0.5),
-    hysteresis=HysteresisSettings(1, (0.0,), 1.0, 12.0, zero_s=0.5),
-    transmission=TransmissionSettings(output_rpm=10.0, settle_s=0.5),
-    efficiency=EfficiencySettings(
-        torque_shares=(0.5,), speeds_rpm=(300.0, 600.0), zero_s=0.5, warm_up=COLD
-    ),
+    plans={
+        "no-load": NoLoadSettings(
+            FrictionSettings(speeds_rpm=(200.0, 400.0, 600.0, 900.0), repeats=1, zero_s=0.5), COLD
+        ),
+        "starting": BreakawaySettings(2, ramp_s=3.0, zero_s=0.5),
+        "back-driving": BreakawaySettings(2, ramp_s=3.0, zero_s=0.5),
+        "hysteresis": HysteresisSettings(1, (0.0,), 1.0, 12.0, zero_s=0.5),
+        "transmission-error": TransmissionSettings(output_rpm=10.0, settle_s=0.5),
+        "efficiency": EfficiencySettings(
+            torque_shares=(0.5,), speeds_rpm=(300.0, 600.0), zero_s=0.5, warm_up=COLD
+        ),
+    },
     bench_twist=BenchTwistSettings(cycles=1, cycle_s=6.0),
 )
 QUICKER = 60.0
@@ -188,35 +190,40 @@ PROCEDURES: tuple[Procedure, ...] = (
     _planned("friction sweep", _of(friction_sweep, FRICTION), "input", angles=False),
     _planned(
         "no-load running",
-        _of(no_load_running, REDUCER, SETTINGS.no_load),
+        _of(no_load_running, REDUCER, SETTINGS.plans["no-load"]),
         "input",
         angles=False,
     ),
     _planned(
         "hysteresis loops",
-        _of(hysteresis_loops, REDUCER, SETTINGS.hysteresis),
+        _of(hysteresis_loops, REDUCER, SETTINGS.plans["hysteresis"]),
         "output",
         waits_for_motion=True,
     ),
     _planned(
         "starting torque",
-        _of(breakaway, REDUCER, "input", SETTINGS.starting),
+        _of(breakaway, REDUCER, "input", SETTINGS.plans["starting"]),
         "input",
         SOONER,
         waits_for_motion=True,
     ),
     _planned(
         "back-driving torque",
-        _of(breakaway, REDUCER, "output", SETTINGS.back_driving),
+        _of(breakaway, REDUCER, "output", SETTINGS.plans["back-driving"]),
         "output",
         SOONER,
         waits_for_motion=True,
     ),
     _planned(
-        "transmission error", _of(transmission_error, REDUCER, SETTINGS.transmission), "input"
+        "transmission error",
+        _of(transmission_error, REDUCER, SETTINGS.plans["transmission-error"]),
+        "input",
     ),
     _planned(
-        "efficiency map", _of(efficiency_map, REDUCER, SETTINGS.efficiency), "input", angles=False
+        "efficiency map",
+        _of(efficiency_map, REDUCER, SETTINGS.plans["efficiency"]),
+        "input",
+        angles=False,
     ),
     _planned(
         "bench twist",

@@ -18,7 +18,7 @@ import time
 from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -67,16 +67,20 @@ TESTS = (
     "no-load",
     "efficiency",
 )
-SETTINGS = ReducerTestSettings(
-    no_load=NoLoadSettings(
-        FrictionSettings(speeds_rpm=(100.0, 400.0, 1000.0), settle_s=1.0, window_s=1.0), COLD
-    ),
-    starting=BreakawaySettings(positions=3),
-    back_driving=BreakawaySettings(positions=3),
-    efficiency=EfficiencySettings(
-        torque_shares=(0.2, 1.0), speeds_rpm=(300.0, 900.0), counter_clockwise=True, warm_up=COLD
-    ),
-    bench_twist=BenchTwistSettings(cycles=1),
+SETTINGS = ReducerTestSettings(bench_twist=BenchTwistSettings(cycles=1)).with_plans(
+    {
+        "no-load": NoLoadSettings(
+            FrictionSettings(speeds_rpm=(100.0, 400.0, 1000.0), settle_s=1.0, window_s=1.0), COLD
+        ),
+        "starting": BreakawaySettings(positions=3),
+        "back-driving": BreakawaySettings(positions=3),
+        "efficiency": EfficiencySettings(
+            torque_shares=(0.2, 1.0),
+            speeds_rpm=(300.0, 900.0),
+            counter_clockwise=True,
+            warm_up=COLD,
+        ),
+    }
 )
 
 
@@ -207,7 +211,7 @@ class Work:
 
     def settings(self) -> ReducerTestSettings:
         """Return how the tests are driven."""
-        settings = replace(SETTINGS, hysteresis=HysteresisSettings(loops=self.loops))
+        settings = SETTINGS.with_plans({"hysteresis": HysteresisSettings(loops=self.loops)})
         return settings if self.repeats is None else settings.with_repeats(self.repeats)
 
     def calibration(self, side: Side) -> Profile:

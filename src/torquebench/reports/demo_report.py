@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from torquebench.campaign.results import DemoResult
+from torquebench.figures import Curve, friction_figure
 from torquebench.procedures import FrictionSweep
 from torquebench.reports.errors_table import number
-from torquebench.reports.figures import Curve, friction_figure
 from torquebench.reports.module_report import module_sections
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 

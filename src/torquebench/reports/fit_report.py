@@ -6,8 +6,8 @@ import numpy as np
 
 from torquebench.campaign.results import FitResult
 from torquebench.compensation import Comparison
+from torquebench.figures import Curve, additional_torque_figure, error_figure
 from torquebench.reports.errors_table import errors_table, number
-from torquebench.reports.figures import Curve, additional_torque_figure, error_figure
 from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 

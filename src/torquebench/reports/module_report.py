@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from torquebench.calibration import ErrorSummary
 from torquebench.campaign.results import CompensationResult, ModuleResult
 from torquebench.compensation import CompensationModel, features
-from torquebench.reports.errors_table import errors_table, number
-from torquebench.reports.figures import (
+from torquebench.figures import (
     Curve,
     additional_torque_figure,
     error_figure,
     group_figure,
     staircase_figure,
 )
+from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.page import Facts, Figure, Section, Table
 
 __all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections"]

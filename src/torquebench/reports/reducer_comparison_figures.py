@@ -13,8 +13,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from torquebench.campaign.reducers.comparison import ReducerComparison
+from torquebench.figures import COLOURS, RAW_COLOUR, STYLE, legend_above, new_figure, svg_text
 from torquebench.reducers import change_between
-from torquebench.reports.figures import _COLOURS, _RAW_COLOUR, _STYLE, _legend_above, _new, _svg
 
 __all__ = ["difference_figure", "values_figure"]
 
@@ -38,7 +38,7 @@ def values_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
     """
     columns = min(COLUMNS, len(keys))
     rows = -(-len(keys) // columns)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 1.95 * rows), layout="constrained")
         FigureCanvasSVG(figure)
         panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
@@ -46,7 +46,7 @@ def values_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
             _panel(axes, found, key)
         for axes in panels[len(keys) :]:
             axes.set_axis_off()
-        return _svg(figure)
+        return svg_text(figure)
 
 
 def _panel(axes: Axes, found: ReducerComparison, key: str) -> None:
@@ -58,9 +58,9 @@ def _panel(axes: Axes, found: ReducerComparison, key: str) -> None:
         mean = found.values[key].mean
         half = mean.expanded_uncertainty()
         axes.axhspan(mean.value - half, mean.value + half, color="#E3E6EA", zorder=0)
-        axes.axhline(mean.value, color=_RAW_COLOUR, lw=0.8, zorder=1)
+        axes.axhline(mean.value, color=RAW_COLOUR, lw=0.8, zorder=1)
     for place in range(value.size):
-        colour = _COLOURS[place % len(_COLOURS)]
+        colour = COLOURS[place % len(COLOURS)]
         axes.errorbar(
             place, value[place], expanded[place], fmt="o", color=colour, markersize=4, capsize=3
         )
@@ -87,10 +87,10 @@ def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
     found : ReducerComparison
     keys : sequence of str
     """
-    with mpl.rc_context(_STYLE):
-        figure, (axes,) = _new(0.9 + 0.24 * len(keys))
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = new_figure(0.9 + 0.24 * len(keys))
         places = -np.arange(len(keys), dtype=np.float64)
-        axes.axvline(0.0, color=_RAW_COLOUR, lw=0.9)
+        axes.axvline(0.0, color=RAW_COLOUR, lw=0.9)
         if found.changes:
             changes = [found.changes[key] for key in keys]
             for place, each in zip(places, changes, strict=True):
@@ -99,7 +99,7 @@ def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
                     place,
                     xerr=each.change.expanded_uncertainty(),
                     fmt="o",
-                    color=_COLOURS[1] if each.significant else _COLOURS[0],
+                    color=COLOURS[1] if each.significant else COLOURS[0],
                     markersize=4,
                     capsize=2.5,
                 )
@@ -107,12 +107,12 @@ def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
         else:
             _specimens(axes, found, keys, places)
             unit = found.values[keys[0]].mean.unit
-            _legend_above(axes)
+            legend_above(axes)
         titles = [found.title(key).removesuffix(", mean of both directions") for key in keys]
         axes.set_yticks(places, titles, fontsize=7.5)
         axes.set_ylim(places[-1] - 0.6, 0.6)
         axes.set_xlabel(f"difference in {unit}")
-        return _svg(figure)
+        return svg_text(figure)
 
 
 def _specimens(
@@ -138,7 +138,7 @@ def _specimens(
             places + shift,
             xerr=expanded,
             fmt="o",
-            color=_COLOURS[number % len(_COLOURS)],
+            color=COLOURS[number % len(COLOURS)],
             label=each.name,
             markersize=3.5,
             capsize=2.0,

@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
+from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.results import (
     SHORT_TEST,
     ReducerTestFailure,
     ReducerTestOutcome,
     ReducerTestRecord,
 )
-from torquebench.reducers import (
-    BreakawayResult,
-    EfficiencyMap,
-    HysteresisResult,
-    NoLoadResult,
-    TransmissionErrorResult,
-)
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
-from torquebench.reports.reducer_figures import (
-    breakaway_figure,
-    efficiency_figure,
-    loop_figure,
-    no_load_figure,
-    polar_error_figure,
-    transmission_error_figure,
-)
 from torquebench.uncertainty import stated
 
 __all__ = ["reducer_page"]
@@ -127,38 +113,5 @@ def _section(outcome: ReducerTestOutcome) -> Section:
     remarks = tuple(("Remark", remark) for remark in outcome.remarks)
     findings = tuple((f"Finding: {each.name}", each.sentence) for each in outcome.findings)
     facts = Facts((*findings, *remarks, ("Record", outcome.run.run_id)))
-    return Section(outcome.title, "", (*_figures(outcome), table, facts))
-
-
-def _figures(outcome: ReducerTestOutcome) -> tuple[Figure, ...]:
-    result = outcome.result
-    if isinstance(result, HysteresisResult):
-        caption = (
-            "Output angle against the locked input over output torque, less the bench's own twist "
-            "where it is known; each loop about its middle at zero. Below: the first loop's key "
-            f"points; lost motion: {result.rule.words()}."
-        )
-        return (Figure(loop_figure(result), caption),)
-    if isinstance(result, NoLoadResult):
-        caption = "No-load running torque at the input, every repeat, and the fitted friction."
-        return (Figure(no_load_figure(result), caption),)
-    if isinstance(result, BreakawayResult):
-        caption = "Torque at the first motion of every ramp; bars: U of the moment of motion alone."
-        return (Figure(breakaway_figure(result), caption),)
-    if isinstance(result, TransmissionErrorResult):
-        caption = (
-            "Output angle less input angle by the ratio over one output revolution, mean removed, "
-            f"orders up to {result.highest_order:g}; below its orders."
-        )
-        polar = "The same as a polar plot: the dark circle is an error of 0."
-        return (
-            Figure(transmission_error_figure(result), caption),
-            Figure(polar_error_figure(result), polar),
-        )
-    if isinstance(result, EfficiencyMap):
-        caption = (
-            "Efficiency over input speed and output torque: measured points, and iso-lines by "
-            "interpolation of the input torque."
-        )
-        return (Figure(efficiency_figure(result), caption),)
-    return ()
+    figures = TESTS[outcome.name].work().figures(outcome.result)
+    return Section(outcome.title, "", (*(Figure(*each) for each in figures), table, facts))

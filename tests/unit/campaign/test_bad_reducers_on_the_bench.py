@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from torquebench.bench.description import default_bench
-from torquebench.campaign.reducers.evaluation import evaluate_loops
+from torquebench.campaign.reducers.kinds.hysteresis import WORK as HYSTERESIS
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import run_reducer_test
 from torquebench.campaign.reducers.uncertainty import Bench
@@ -17,11 +17,11 @@ from torquebench.reducers import load_reducer
 from torquebench.station import Station
 
 REDUCER = load_reducer("rv-40e")
-SHORT = replace(
-    ReducerTestSettings.short(),
-    hysteresis=HysteresisSettings(loops=1, positions_deg=(0.0,), loop_s=10.0),
-    bench_twist=None,
-    transmission=TransmissionSettings(output_rpm=6.0, counter_clockwise=False),
+SHORT = replace(ReducerTestSettings.short(), bench_twist=None).with_plans(
+    {
+        "hysteresis": HysteresisSettings(loops=1, positions_deg=(0.0,), loop_s=10.0),
+        "transmission-error": TransmissionSettings(output_rpm=6.0, counter_clockwise=False),
+    }
 )
 
 
@@ -98,7 +98,7 @@ def test_a_preload_that_hides_backlash_is_named_beside_the_loops(tmp_path):
         for loop in loops.loops
     )
     lower = REDUCER.model_copy(update={"rated_torque_nm": 330.0})
-    result = evaluate_loops(known, lower, replace(loops, loops=moved)).result
+    result = HYSTERESIS.evaluate(known, lower, replace(loops, loops=moved)).result
     hidden = [each for each in result.findings if each.name == "backlash hidden by preload"]
     assert hidden, [each.name for each in result.findings]
     assert hidden[0].severe

@@ -8,7 +8,7 @@ import pytest
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import SynchronousRecording
-from torquebench.campaign.reducers.evaluation import evaluate_loops
+from torquebench.campaign.reducers.kinds.hysteresis import WORK as HYSTERESIS
 from torquebench.campaign.reducers.twist import twist_compliances
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.procedures.reducers.loop import BenchTwistRecording, Loop, LoopRecording
@@ -67,7 +67,7 @@ def measured(generator, sides):
     found = twist_compliances(twisted(generator))
     bench = Bench(default_bench(), {side: found[side] for side in sides}, {})
     loops = LoopRecording((loop,), RATED, {"input": False, "output": False}, 23.0)
-    return evaluate_loops(bench, REDUCER, loops)
+    return HYSTERESIS.evaluate(bench, REDUCER, loops)
 
 
 def test_a_bent_twist_and_the_inputs_wind_up_are_taken_off():

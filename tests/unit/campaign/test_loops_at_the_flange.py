@@ -6,7 +6,7 @@ from tests.swinging_flange import RATED_NM, swinging_loop
 
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import SynchronousRecording
-from torquebench.campaign.reducers.evaluation import evaluate_loops
+from torquebench.campaign.reducers.kinds.hysteresis import WORK as HYSTERESIS
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.procedures.reducers.loop import Loop, LoopRecording
 from torquebench.reducers import load_reducer
@@ -33,7 +33,7 @@ def loops(ripple_nm):
 def test_the_described_flange_is_taken_off_and_said():
     measured = loops(0.02 * RATED_NM)
     taken, left = (
-        evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, measured)
+        HYSTERESIS.evaluate(Bench(described(inertia), {}, {}), REDUCER, measured)
         for inertia in (0.25, None)
     )
     assert taken.result.backlash.value > 1.05 * left.result.backlash.value
@@ -47,5 +47,5 @@ def test_the_described_flange_is_taken_off_and_said():
 
 @pytest.mark.parametrize("inertia", [0.25, None])
 def test_nothing_is_said_of_a_flange_that_does_not_swing(inertia):
-    found = evaluate_loops(Bench(described(inertia), {}, {}), REDUCER, loops(0.0))
+    found = HYSTERESIS.evaluate(Bench(described(inertia), {}, {}), REDUCER, loops(0.0))
     assert not any("flange takes to move" in each for each in found.remarks)

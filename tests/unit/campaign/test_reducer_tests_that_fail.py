@@ -25,7 +25,7 @@ from torquebench.station import Station
 
 REDUCER = load_reducer("rv-40e")
 ONE = BreakawaySettings(positions=1)
-SHORT = replace(ReducerTestSettings.short(), starting=ONE, back_driving=ONE)
+SHORT = ReducerTestSettings.short().with_plans({"starting": ONE, "back-driving": ONE})
 SWEEP = FrictionSettings(speeds_rpm=(300.0,), repeats=1, counter_clockwise=False)
 
 
@@ -46,7 +46,7 @@ def test_a_part_that_fails_leaves_the_others_their_results(
     monkeypatch.setattr(reducer_tests, "chosen_tests", lambda _name: parts)
     too_little = replace(ONE, expected_nm=0.01, largest_nm=0.02)
     record = run_reducer_test(
-        station, "full", REDUCER, replace(SHORT, starting=too_little), serial="F1"
+        station, "full", REDUCER, SHORT.with_plans({"starting": too_little}), serial="F1"
     )
     assert [each.name for each in record.outcomes] == ["back-driving"]
     (failure,) = record.failures
@@ -73,7 +73,7 @@ def test_a_drive_that_saturates_is_named(tmp_path: Path, monkeypatch: pytest.Mon
     settings = described.bench.model_copy(update={"reducer_ratio": REDUCER.ratio})
     driver = {**described.driver, "reducer": "rv-40e"}
     bench = described.model_copy(update={"driver": driver, "bench": settings})
-    cold = replace(SHORT, no_load=NoLoadSettings(SWEEP, WarmUp(longest_s=0.0)))
+    cold = SHORT.with_plans({"no-load": NoLoadSettings(SWEEP, WarmUp(longest_s=0.0))})
     with (
         Station.open(bench, tmp_path) as station,
         pytest.raises(TorquebenchError, match="saturat"),
@@ -83,7 +83,7 @@ def test_a_drive_that_saturates_is_named(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_a_temperature_that_does_not_settle_is_named(station: Station) -> None:
     never = WarmUp(rate_k_per_min=1e-6, window_s=4.0, interval_s=2.0, longest_s=8.0)
-    warming = replace(SHORT, no_load=NoLoadSettings(SWEEP, never))
+    warming = SHORT.with_plans({"no-load": NoLoadSettings(SWEEP, never)})
     with pytest.raises(BenchError, match="still changes by"):
         run_reducer_test(station, "no-load", REDUCER, warming)
 
@@ -91,7 +91,7 @@ def test_a_temperature_that_does_not_settle_is_named(station: Station) -> None:
 def test_an_empty_run_is_taken_off_and_kept(station: Station) -> None:
     cold = NoLoadSettings(replace(SWEEP, counter_clockwise=True), WarmUp(longest_s=0.0))
     empty = EmptyRunSettings(speeds_rpm=(100.0, 300.0), repeats=2, window_s=0.4)
-    settings = replace(SHORT, no_load=cold, empty_run=empty)
+    settings = replace(SHORT.with_plans({"no-load": cold}), empty_run=empty)
     record = run_reducer_test(station, "no-load", REDUCER, settings)
     kinds = {line.kind for line in station.registry.runs()}
     assert kinds == {"empty-run", "test-no-load-short"}

@@ -75,8 +75,8 @@ def test_efficiency_is_repeated_only_at_the_torques_that_scatter():
 
 
 def test_settings_say_how_long_a_test_may_get():
-    assert ReducerTestSettings().longest().no_load.sweep.repeats == 12
-    assert ReducerTestSettings().longest().efficiency.repeats == 12
+    assert ReducerTestSettings().longest().plans["no-load"].sweep.repeats == 12
+    assert ReducerTestSettings().longest().plans["efficiency"].repeats == 12
     short = ReducerTestSettings.short()
     assert short.longest() == short
     with pytest.raises(InputError, match="target_percent"):
@@ -98,8 +98,8 @@ def test_what_repeats_share_counts_and_what_points_share_does_not(shift, width):
 
 def test_loops_and_positions_are_as_many_as_asked_for():
     settings = ReducerTestSettings()
-    assert len(settings.hysteresis.positions_deg) == 5
-    more = settings.with_loops(10, 4).hysteresis
+    assert len(settings.plans["hysteresis"].positions_deg) == 5
+    more = settings.with_loops(10, 4).plans["hysteresis"]
     assert (more.loops, more.positions_deg) == (10, (0.0, 90.0, 180.0, 270.0))
     assert settings.with_loops() == settings
     with pytest.raises(InputError):
@@ -108,12 +108,17 @@ def test_loops_and_positions_are_as_many_as_asked_for():
 
 def test_more_repeats_are_those_of_the_empty_run_too():
     settings = ReducerTestSettings().with_repeats(60)
-    assert settings.no_load.most_repeats == settings.efficiency.most_repeats == 60
-    assert settings.no_load.sweep.repeats == settings.efficiency.repeats == 3
+    assert settings.plans["no-load"].most_repeats == settings.plans["efficiency"].most_repeats == 60
+    assert settings.plans["no-load"].sweep.repeats == settings.plans["efficiency"].repeats == 3
     assert settings.empty_run.repeats == 60
-    assert settings.longest().no_load.sweep.repeats == 60
+    assert settings.longest().plans["no-load"].sweep.repeats == 60
     one = ReducerTestSettings().with_repeats(1)
-    assert one.no_load.sweep.repeats == one.efficiency.repeats == one.empty_run.repeats == 1
+    assert (
+        one.plans["no-load"].sweep.repeats
+        == one.plans["efficiency"].repeats
+        == one.empty_run.repeats
+        == 1
+    )
     assert replace(ReducerTestSettings(), empty_run=None).with_repeats(5).empty_run is None
     with pytest.raises(InputError):
         ReducerTestSettings().with_repeats(0)

@@ -30,10 +30,9 @@ def bench() -> BenchDescription:
 
 def test_short_loops_are_marked_and_less_certain_than_full_ones(tmp_path: Path) -> None:
     short = replace(ReducerTestSettings.short(), twist_arcmin_per_nm=KNOWN_TWIST)
+    loops = HysteresisSettings(loops=1, positions_deg=even_positions(3), loop_s=20.0)
     full = replace(
-        ReducerTestSettings(),
-        hysteresis=HysteresisSettings(loops=1, positions_deg=even_positions(3), loop_s=20.0),
-        twist_arcmin_per_nm=KNOWN_TWIST,
+        ReducerTestSettings().with_plans({"hysteresis": loops}), twist_arcmin_per_nm=KNOWN_TWIST
     )
     with Station.open(bench(), tmp_path) as station:
         look = run_reducer_test(station, "hysteresis", REDUCER, short, serial="S1")

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from torquebench.calibration import summarise_errors
-from torquebench.reports.errors_table import errors_table, number
-from torquebench.reports.figures import (
+from torquebench.figures import (
     Curve,
     additional_torque_figure,
     error_figure,
@@ -14,6 +13,7 @@ from torquebench.reports.figures import (
     group_figure,
     staircase_figure,
 )
+from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table, render_page, write_page
 
 

@@ -78,7 +78,7 @@ def preparations(
     """
     found = []
     twist = settings.bench_twist
-    largest_nm = settings.hysteresis.torque_share * limits.rated_torque_nm
+    largest_nm = settings.plans["hysteresis"].torque_share * limits.rated_torque_nm
     loops_nm: dict[Side, float] = {
         "output": largest_nm,
         "input": largest_nm / abs(limits.ratio),

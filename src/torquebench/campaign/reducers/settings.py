@@ -1,22 +1,17 @@
-"""How each reducer test is driven: defaults by the reducer's size, and a short form."""
+"""How the reducer tests are driven: defaults by the reducer's size, and a short form."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
+from torquebench.campaign.reducers.catalogue import PARTS
+from torquebench.campaign.reducers.work import RepeatedSettings
 from torquebench.errors import InputError
 from torquebench.procedures.reducers.empty_run import EmptyRunSettings
-from torquebench.procedures.reducers.first_motion import BreakawaySettings
-from torquebench.procedures.reducers.friction import FrictionSettings
-from torquebench.procedures.reducers.loop import (
-    BenchTwistSettings,
-    HysteresisSettings,
-    even_positions,
-)
-from torquebench.procedures.reducers.running import EfficiencySettings, NoLoadSettings
-from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
-from torquebench.procedures.reducers.turning import TransmissionSettings
+from torquebench.procedures.reducers.loop import BenchTwistSettings, even_positions
+from torquebench.procedures.reducers.setup import ReducerLimits
 from torquebench.reducers import ReducerDescription
 
 __all__ = ["ReducerTestSettings", "reducer_limits"]
@@ -38,14 +33,14 @@ class ReducerTestSettings:
 
     Parameters
     ----------
-    no_load, starting, back_driving, hysteresis, transmission, efficiency
-        Of each test's plan.
+    plans : mapping of str to object
+        Settings of each test's plan, by the test's name.
     bench_twist : BenchTwistSettings or None
         How the bench's own twist is measured against the calibrator before torque-angle loops;
         None leaves it out.
     empty_run : EmptyRunSettings or None
         How both shafts are turned alone before no-load torque and efficiency, so that what they
-        read then is taken off; None leaves it out.
+        read then is subtracted; None leaves it out.
     twist_arcmin_per_nm : float or None
         The bench's own twist where it is known already, arcmin/(N·m); then it isn't measured.
     is_short : bool
@@ -53,26 +48,33 @@ class ReducerTestSettings:
         without condition.
     """
 
-    no_load: NoLoadSettings = field(default_factory=NoLoadSettings)
-    starting: BreakawaySettings = field(default_factory=BreakawaySettings)
-    back_driving: BreakawaySettings = field(default_factory=BreakawaySettings)
-    hysteresis: HysteresisSettings = field(default_factory=HysteresisSettings)
-    transmission: TransmissionSettings = field(default_factory=TransmissionSettings)
-    efficiency: EfficiencySettings = field(default_factory=EfficiencySettings)
+    plans: Mapping[str, Any] = field(
+        default_factory=lambda: {test.name: test.work().settings for test in PARTS}
+    )
     bench_twist: BenchTwistSettings | None = field(default_factory=BenchTwistSettings)
     empty_run: EmptyRunSettings | None = field(default_factory=EmptyRunSettings)
     twist_arcmin_per_nm: float | None = None
     is_short: bool = False
 
+    def repeated(self, name: str) -> RepeatedSettings | None:
+        """Return the settings of a test that repeats until its means are known; else None."""
+        plan = self.plans[name]
+        return plan if isinstance(plan, RepeatedSettings) else None
+
+    def with_plans(self, changed: Mapping[str, Any]) -> Self:
+        """Return the settings with others for some tests, by the tests' names."""
+        return replace(self, plans={**self.plans, **changed})
+
     def longest(self) -> Self:
         """Return the settings with all repeats that tests may add."""
-        return replace(self, no_load=self.no_load.longest(), efficiency=self.efficiency.longest())
+        repeated = {name: self.repeated(name) for name in self.plans}
+        return self.with_plans({name: each.longest() for name, each in repeated.items() if each})
 
     def with_repeats(self, most: int) -> Self:
         """Return the settings with so many repeats of running tests at most, and of the empty run.
 
         Small torques scatter with every change of speed as larger ones do: only repeats average
-        that, in the test and in what is taken off.
+        that, in the test and in what is subtracted.
 
         Raises
         ------
@@ -81,45 +83,28 @@ class ReducerTestSettings:
         """
         if most < 1:
             raise InputError(f"{most} repeats", "at least 1")
-        sweep = replace(self.no_load.sweep, repeats=min(self.no_load.sweep.repeats, most))
+        repeated = {name: self.repeated(name) for name in self.plans}
+        changed = {name: each.with_repeats(most) for name, each in repeated.items() if each}
         empty = self.empty_run
         return replace(
-            self,
-            no_load=replace(self.no_load, sweep=sweep, most_repeats=most),
-            efficiency=replace(
-                self.efficiency, repeats=min(self.efficiency.repeats, most), most_repeats=most
-            ),
+            self.with_plans(changed),
             empty_run=empty if empty is None else replace(empty, repeats=most),
         )
 
     def with_loops(self, loops: int | None = None, positions: int | None = None) -> Self:
         """Return the settings with other numbers of loops and output positions; None keeps one."""
-        settings = self.hysteresis
+        settings = self.plans["hysteresis"]
         if loops is not None:
             settings = replace(settings, loops=loops)
         if positions is not None:
             settings = replace(settings, positions_deg=even_positions(positions))
-        return replace(self, hysteresis=settings)
+        return self.with_plans({"hysteresis": settings})
 
     @classmethod
     def short(cls) -> Self:
         """Return settings for a first look: few points, no warming up, no empty run."""
-        cold = WarmUp(longest_s=0.0)
-        sweep = FrictionSettings(speeds_rpm=(100.0, 200.0, 300.0, 500.0, 700.0, 1000.0), repeats=2)
         return cls(
-            no_load=NoLoadSettings(sweep, cold, target_percent=None),
-            starting=BreakawaySettings(positions=2),
-            back_driving=BreakawaySettings(positions=2),
-            hysteresis=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
-            transmission=TransmissionSettings(output_rpm=4.0),
-            efficiency=EfficiencySettings(
-                torque_shares=(0.25, 0.5, 1.0),
-                speeds_rpm=(300.0, 900.0),
-                counter_clockwise=False,
-                repeats=1,
-                target_points=None,
-                warm_up=cold,
-            ),
+            plans={test.name: test.work().short for test in PARTS},
             bench_twist=BenchTwistSettings(cycles=1),
             empty_run=None,
             is_short=True,

@@ -10,7 +10,6 @@ from torquebench import __version__
 from torquebench.campaign.measuring import OnPause, measure, operator_name
 from torquebench.campaign.progress import Progress
 from torquebench.campaign.reducers.catalogue import ReducerTest
-from torquebench.campaign.reducers.evaluation import Evaluated
 from torquebench.campaign.reducers.preparation import Known, Preparation
 from torquebench.campaign.reducers.results import (
     ReducerTestOutcome,
@@ -20,6 +19,7 @@ from torquebench.campaign.reducers.results import (
 from torquebench.campaign.reducers.sampling import PartlySampled
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducers.uncertainty import Bench
+from torquebench.campaign.reducers.work import Evaluated
 from torquebench.procedures import Plan
 from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
 from torquebench.station import SPECIMEN, RunRecord, Station
@@ -55,18 +55,17 @@ class Specimen:
     def test(self, test: ReducerTest) -> ReducerTestOutcome:
         """Run a test and return what it found."""
         bench = Bench(self.station.description, self.known.twists, self.known.tares)
-        assert test.evaluate is not None
-        evaluate = test.evaluate
+        work, settings = test.work(), self.settings.plans[test.name]
         kept: list[tuple[Any, Evaluated, tuple[ReducerTestQuantity, ...]]] = []
 
         def plan() -> Plan[Any]:
             limits = reducer_limits(self.reducer)
-            return test.plan(self.station.devices, limits, self.settings)
+            return work.plan(self.station.devices, limits, settings)
 
         def evaluated() -> Plan[Any]:
             recording = yield from plan()
-            found = evaluate(bench, self.reducer, recording)
-            unsampled = test.unsampled(self.settings)
+            found = work.evaluate(bench, self.reducer, recording)
+            unsampled = work.unsampled(settings)
             found = replace(found, remarks=(*found.remarks, *(each.remark for each in unsampled)))
             whole = PartlySampled(found.result, unsampled)
             judged = _quantities(

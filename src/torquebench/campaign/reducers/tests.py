@@ -57,13 +57,13 @@ def rehearse_reducer_test(
         _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices))) for each in before
     ]
     for test in tests:
-        found = rehearse(devices, test.plan(devices, limits, settings))
-        longest = found
-        if test.until_known:
-            longest = rehearse(devices, test.plan(devices, limits, settings.longest()))
-        part = _rehearsed(
-            test.name, test.title, found, longest.duration_s, test.warm_up_s(settings)
-        )
+        plan, repeated = test.work().plan, settings.repeated(test.name)
+        found = rehearse(devices, plan(devices, limits, settings.plans[test.name]))
+        longest_s = warm_up_s = 0.0
+        if repeated is not None:
+            longest_s = rehearse(devices, plan(devices, limits, repeated.longest())).duration_s
+            warm_up_s = repeated.warm_up.longest_s
+        part = _rehearsed(test.name, test.title, found, longest_s, warm_up_s)
         if test.loads_output:
             _check_calibrated(station, part)
         parts.append(part)

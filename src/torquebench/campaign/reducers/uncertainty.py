@@ -18,9 +18,14 @@ __all__ = [
     "UNCOMPENSATED_SHARE",
     "Bench",
     "bench_remarks",
+    "drift_remarks",
+    "finite_temperature",
     "nominal_nm",
+    "resolution_rad",
     "root_mean_square",
+    "tare_remarks",
     "tares_of",
+    "temperature_remarks",
     "torque_uncertainty",
     "without_tare",
 ]
@@ -69,6 +74,38 @@ def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[S
         for side in sides
         if not compensated[side]
     ]
+
+
+def resolution_rad(bench: Bench, side: Side) -> float:
+    """Return the angle of one count of an encoder."""
+    return 2.0 * np.pi / bench.description.module(side).encoder.counts_per_revolution
+
+
+def temperature_remarks(temperature_c: float) -> list[str]:
+    """Say how warm the reducer was, where that was measured."""
+    return [f"reducer at {temperature_c:.1f} °C"] if np.isfinite(temperature_c) else []
+
+
+def finite_temperature(temperature_c: FloatArray) -> FloatArray | None:
+    """Return temperatures that were measured throughout; None for others."""
+    return temperature_c if np.isfinite(temperature_c).all() else None
+
+
+def tare_remarks(bench: Bench) -> list[str]:
+    """Say whether an empty run was subtracted."""
+    if bench.tares:
+        return ["what the shafts read in an empty run is taken off"]
+    return [
+        "no empty run: what speed does to the zero, and the drag of the bench's bearings, stand "
+        "in the torque and in its uncertainty"
+    ]
+
+
+def drift_remarks(running: RunningRecording) -> list[str]:
+    """Say how many points hadn't settled."""
+    if not running.unsettled:
+        return []
+    return [f"{running.unsettled} of {running.repeat.size} points still drifted"]
 
 
 def root_mean_square(values: FloatArray) -> float:

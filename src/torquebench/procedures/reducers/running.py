@@ -90,6 +90,11 @@ class NoLoadSettings:
         repeats = max(self.sweep.repeats, self.most_repeats)
         return replace(self, sweep=replace(self.sweep, repeats=repeats), target_percent=None)
 
+    def with_repeats(self, most: int) -> NoLoadSettings:
+        """Return the settings with so many repeats at most."""
+        sweep = replace(self.sweep, repeats=min(self.sweep.repeats, most))
+        return replace(self, sweep=sweep, most_repeats=most)
+
     def within(self, limits: ReducerLimits) -> NoLoadSettings:
         """Return the settings without the speeds that the reducer's data sheet doesn't allow."""
         speeds = tuple(s for s in self.sweep.speeds_rpm if s <= limits.largest_input_rpm)
@@ -158,6 +163,10 @@ class EfficiencySettings:
         if not _repeats_on(self.target_points, self.repeats):
             return self
         return replace(self, repeats=max(self.repeats, self.most_repeats), target_points=None)
+
+    def with_repeats(self, most: int) -> EfficiencySettings:
+        """Return the settings with so many repeats at most."""
+        return replace(self, repeats=min(self.repeats, most), most_repeats=most)
 
 
 def _repeats_on(target: float | None, repeats: int) -> bool:

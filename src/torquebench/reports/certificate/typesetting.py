@@ -14,11 +14,11 @@ import segno
 import typst
 
 from torquebench.errors import InputError
+from torquebench.figures import Curve, error_figure
 from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.fonts import fonts_for
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import CertificateRecord
-from torquebench.reports.figures import Curve, error_figure
 
 __all__ = ["certificate_pdf", "code_svg", "errors_svg"]
 

@@ -65,7 +65,7 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
     if details.get("short"):
         note(text("reducer.short"), "warn")
     for outcome in details["outcomes"]:
-        title = text.maybe(f"test.{outcome['name']}", outcome["title"])
+        title = text.core(outcome["title"])
         with panel(title), box("div", "stack"):
             if outcome["verdict"]:
                 with box("div", "line"):

@@ -57,7 +57,7 @@ class _ReducerPage:
                         text("reducer.serial"), maxlength="64", autocomplete="off",
                         hint=text("reducer.serial_hint"),
                     )  # fmt: skip
-                tests = {name: text(f"test.{name}") for name in TESTS}
+                tests = {name: text.core(test.title) for name, test in TESTS.items()}
                 self._test = Choice(
                     text("reducer.test"), tests, "hysteresis", on_change=self._preview
                 )
@@ -140,10 +140,8 @@ class _ReducerPage:
         names = {
             signal.name: f"{self.text.core(signal.title)}, {signal.unit}" for signal in SIGNALS
         }
-        lines = [
-            Line(self.text(f"test.{part}"), past.values[x].tolist(), past.values[y].tolist(),
-                 COLOURS[1])
-        ]  # fmt: skip
+        title = self.text.core(TESTS[part].title)
+        lines = [Line(title, past.values[x].tolist(), past.values[y].tolist(), COLOURS[1])]
         if self._chart is None or self._drawn != part:
             self._drawn = part
             self._place.clear()

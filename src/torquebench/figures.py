@@ -1,4 +1,4 @@
-"""Figures of calibration, compensation, verification and friction, as SVG text.
+"""Figures as SVG text, and the style that all of them have.
 
 Every function takes arrays in SI units and returns the text of an ``<svg>`` element. The text
 is reproducible: the same arrays give the same bytes.
@@ -17,18 +17,24 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "COLOURS",
+    "RAW_COLOUR",
+    "STYLE",
     "Curve",
     "additional_torque_figure",
     "error_figure",
     "friction_figure",
     "group_figure",
+    "legend_above",
+    "new_figure",
     "staircase_figure",
+    "svg_text",
 ]
 
 # Okabe and Ito's palette: told apart by colour-blind readers and in grey print.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-_RAW_COLOUR = "#8A8A8A"
-_STYLE: Any = {  # Matplotlib types its keys one by one
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+RAW_COLOUR = "#8A8A8A"
+STYLE: Any = {  # Matplotlib types its keys one by one
     "font.size": 9.0,
     "font.family": "DejaVu Sans",
     "axes.grid": True,
@@ -65,14 +71,16 @@ class Curve:
     raw: bool = False
 
 
-def _new(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
+def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
+    """Return a figure of the page's width, its height in inch, and its axes one below the other."""
     figure = Figure(figsize=(7.6, height), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
     return figure, list(axes)
 
 
-def _svg(figure: Figure) -> str:
+def svg_text(figure: Figure) -> str:
+    """Return the ``<svg>`` element of a figure."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
@@ -94,7 +102,7 @@ def _percent_axis(axes: Axes, range_nm: float) -> None:
     right.spines["right"].set_color("#B9BEC5")
 
 
-def _legend_above(axes: Axes) -> None:
+def legend_above(axes: Axes) -> None:
     """Put the legend above the axes, in as many columns as its longest label leaves room for."""
     _, labels = axes.get_legend_handles_labels()
     columns = max(1, min(5, _LEGEND_CHARACTERS // (max(map(len, labels)) + 7)))
@@ -127,8 +135,8 @@ def additional_torque_figure(
         An ``<svg>`` element.
     """
     reading, additional, sides = (np.asarray(a, float) for a in (reading_nm, additional_nm, branch))
-    with mpl.rc_context(_STYLE):
-        figure, (axes,) = _new()
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = new_figure()
         for value, marker, label in (
             (1, _UP, "measured, rising"),
             (-1, _DOWN, "measured, falling"),
@@ -146,13 +154,13 @@ def additional_torque_figure(
                     markeredgewidth=0.7,
                     label=label,
                 )
-        for colour, curve in zip(_COLOURS, curves, strict=False):
+        for colour, curve in zip(COLOURS, curves, strict=False):
             axes.plot(curve.x, curve.y, "-", color=colour, linewidth=1.3, label=curve.label)
         axes.set_xlabel("reading in N·m")
         axes.set_ylabel("additional torque in N·m")
         _percent_axis(axes, range_nm)
-        _legend_above(axes)
-        return _svg(figure)
+        legend_above(axes)
+        return svg_text(figure)
 
 
 def error_figure(
@@ -191,16 +199,16 @@ def error_figure(
         {"linestyle": "none", "marker": "o"} if markers else {"linestyle": "-", "marker": ""}
     )
     groups = [group for group in (raw, compensated) if group]
-    with mpl.rc_context(_STYLE):
-        figure, panels = _new(2.0 * len(groups) + 0.9, len(groups))
+    with mpl.rc_context(STYLE):
+        figure, panels = new_figure(2.0 * len(groups) + 0.9, len(groups))
         for axes, group in zip(panels, groups, strict=True):
-            for order, (colour, curve) in enumerate(zip(_COLOURS, group, strict=False)):
+            for order, (colour, curve) in enumerate(zip(COLOURS, group, strict=False)):
                 axes.plot(
                     curve.x,
                     curve.y,
                     **style,
                     zorder=3.0 - 0.1 * order,
-                    color=_RAW_COLOUR if curve.raw else colour,
+                    color=RAW_COLOUR if curve.raw else colour,
                     markersize=2.0,
                     linewidth=1.2,
                     alpha=0.75 if markers else 1.0,
@@ -213,9 +221,9 @@ def error_figure(
                     )
             axes.set_ylabel(ordinate)
             _percent_axis(axes, range_nm)
-            _legend_above(axes)
+            legend_above(axes)
         panels[-1].set_xlabel(abscissa)
-        return _svg(figure)
+        return svg_text(figure)
 
 
 def group_figure(
@@ -240,9 +248,9 @@ def group_figure(
     str
         An ``<svg>`` element.
     """
-    with mpl.rc_context(_STYLE):
-        figure, (axes,) = _new(2.7)
-        for colour, (label, worst) in zip(_COLOURS, group_errors_nm.items(), strict=False):
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = new_figure(2.7)
+        for colour, (label, worst) in zip(COLOURS, group_errors_nm.items(), strict=False):
             number = np.arange(1, len(worst) + 1)
             axes.plot(number, worst, "o-", color=colour, markersize=4, linewidth=1.0, label=label)
             axes.set_xticks(number)
@@ -252,8 +260,8 @@ def group_figure(
         axes.set_xlabel("verification group")
         axes.set_ylabel("worst error in N·m")
         _percent_axis(axes, range_nm)
-        _legend_above(axes)
-        return _svg(figure)
+        legend_above(axes)
+        return svg_text(figure)
 
 
 def staircase_figure(
@@ -276,16 +284,16 @@ def staircase_figure(
         An ``<svg>`` element.
     """
     time = np.asarray(time_s, float)
-    with mpl.rc_context(_STYLE):
-        figure, (upper, lower) = _new(3.8, 2)
-        upper.plot(time, standard_nm, ".-", color=_COLOURS[0], markersize=3, linewidth=0.8)
+    with mpl.rc_context(STYLE):
+        figure, (upper, lower) = new_figure(3.8, 2)
+        upper.plot(time, standard_nm, ".-", color=COLOURS[0], markersize=3, linewidth=0.8)
         upper.set_ylabel("standard in N·m")
         upper.tick_params(labelbottom=False)
-        lower.plot(time, additional_nm, ".", color=_COLOURS[1], markersize=3)
+        lower.plot(time, additional_nm, ".", color=COLOURS[1], markersize=3)
         lower.set_ylabel("additional\ntorque in N·m")
         lower.set_xlabel("bench time in s")
         _percent_axis(lower, range_nm)
-        return _svg(figure)
+        return svg_text(figure)
 
 
 def friction_figure(
@@ -315,9 +323,9 @@ def friction_figure(
         An ``<svg>`` element.
     """
     speed, torque, number = (np.asarray(a, float) for a in (speed_rpm, torque_nm, repeat))
-    with mpl.rc_context(_STYLE):
-        figure, (axes,) = _new(3.1)
-        for colour, marker, value in zip(_COLOURS, "osD^vP", np.unique(number), strict=False):
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = new_figure(3.1)
+        for colour, marker, value in zip(COLOURS, "osD^vP", np.unique(number), strict=False):
             chosen = number == value
             axes.plot(
                 speed[chosen],
@@ -331,11 +339,11 @@ def friction_figure(
         if fit is not None:
             _line_by_direction(axes, fit, "-", "#3C4148")
         if truth is not None:
-            _line_by_direction(axes, truth, ":", _COLOURS[1])
+            _line_by_direction(axes, truth, ":", COLOURS[1])
         axes.set_xlabel("input speed in rpm")
         axes.set_ylabel("no-load torque in N·m")
-        _legend_above(axes)
-        return _svg(figure)
+        legend_above(axes)
+        return svg_text(figure)
 
 
 def _line_by_direction(axes: Axes, curve: Curve, line: str, colour: str) -> None:

@@ -1,0 +1,1 @@
+"""One file a test of a reducer: settings, plan, evaluation on this bench, and figures."""

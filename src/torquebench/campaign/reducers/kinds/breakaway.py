@@ -1,0 +1,150 @@
+"""Starting and back-driving torque: ramps of torque until the reducer turns."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.reducers.sampling import few_positions
+from torquebench.campaign.reducers.uncertainty import (
+    Bench,
+    bench_remarks,
+    nominal_nm,
+    resolution_rad,
+    root_mean_square,
+    temperature_remarks,
+)
+from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.figures import COLOURS, STYLE, legend_above, new_figure, svg_text
+from torquebench.procedures import Plan
+from torquebench.procedures.reducers.first_motion import (
+    Breakaway,
+    BreakawayRecording,
+    BreakawaySettings,
+    breakaway,
+)
+from torquebench.procedures.reducers.setup import ReducerLimits
+from torquebench.reducers import (
+    BreakawayResult,
+    ReducerDescription,
+    TorqueUncertainty,
+    evaluate_breakaway,
+)
+
+__all__ = ["BACK_DRIVING", "STARTING"]
+
+FloatArray = NDArray[np.float64]
+
+PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
+"""What elastic contacts, backlash and wind-up may move before a side counts as turning."""
+TAKEN_AWAY = 0.85
+"""Share of the largest torque of a ramp below which its drive has let go."""
+
+
+def _plan(
+    side: Side, devices: BenchDevices, limits: ReducerLimits, settings: BreakawaySettings
+) -> Plan[BreakawayRecording]:
+    return breakaway(devices, limits, side, settings)
+
+
+def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecording) -> Evaluated:
+    """Evaluate starting or back-driving torque from ramps."""
+    side = ramps.side
+    parts = [_rising(each, side) for each in ramps.ramps]
+    sizes = [part[0].size for part in parts]
+    time_s, angle, torque, whole = (np.concatenate(column) for column in zip(*parts, strict=True))
+    # What a chain adds turns its sign with the torque: the mean of both directions keeps it.
+    peak = max(float(np.max(np.abs(part[2]))) for part in parts)
+    whole_nm = root_mean_square(whole) if ramps.compensated else nominal_nm(bench, side)
+    relative = whole_nm / peak
+    result = evaluate_breakaway(
+        time_s,
+        angle,
+        torque,
+        kind="starting" if side == "input" else "back-driving",
+        run=np.repeat(np.arange(len(sizes)), sizes),
+        position=np.repeat([each.position_deg for each in ramps.ramps], sizes),
+        uncertainty=TorqueUncertainty(relative, 0.0),
+        resolution_rad=resolution_rad(bench, side),
+        presliding_rad=PRESLIDING_RAD[side],
+    )
+    compensated: dict[Side, bool] = dict.fromkeys(SIDES, ramps.compensated)
+    remarks = bench_remarks(bench, compensated, (side,))
+    return Evaluated(result, (*remarks, *temperature_remarks(ramps.temperature_c)))
+
+
+def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Cut a ramp where the torque is taken away again.
+
+    Once it turns, the torque hardly rises any more: its largest sample is anywhere there.
+    """
+    recording = ramp.recording
+    torque = recording.torque_nm(side) - ramp.standing_nm
+    pressed = torque * ramp.direction
+    stop = int(np.flatnonzero(pressed >= TAKEN_AWAY * np.max(pressed))[-1]) + 1
+    return (
+        recording.time_s[:stop],
+        recording.angle_rad(side)[:stop],
+        torque[:stop],
+        recording.uncertainty_nm(side)[:stop],
+    )
+
+
+def _figure(result: BreakawayResult) -> str:
+    """Draw the torque at first motion of every ramp over the position."""
+    place = np.array([each.position for each in result.runs])
+    known = bool(np.all(np.isfinite(place)))
+    if not known:
+        place = np.array([each.label for each in result.runs])
+    torque = np.array([each.torque_nm for each in result.runs])
+    error = 2.0 * np.array([each.standard_uncertainty_nm for each in result.runs])
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = new_figure(2.9)
+        for colour, sign, marker, name, middle in (
+            (COLOURS[0], 1.0, "^", "clockwise", result.clockwise),
+            (COLOURS[1], -1.0, "v", "counter-clockwise", result.counter_clockwise),
+        ):
+            mine = np.sign(torque) == sign
+            if not mine.any() or middle is None:
+                continue
+            axes.errorbar(
+                place[mine],
+                np.abs(torque[mine]),
+                error[mine],
+                fmt=marker,
+                color=colour,
+                markersize=5,
+                capsize=2.5,
+                elinewidth=0.9,
+                label=name,
+            )
+            axes.axhline(middle.value, color=colour, ls="--", lw=0.9, label=f"median, {name}")
+        axes.set_xlabel("position in degrees" if known else "ramp")
+        axes.set_ylabel(f"{result.kind} torque in N·m")
+        axes.margins(x=0.1, y=0.25)
+        legend_above(axes)
+        return svg_text(figure)
+
+
+def _figures(result: BreakawayResult) -> tuple[tuple[str, str], ...]:
+    caption = "Torque at the first motion of every ramp; bars: U of the moment of motion alone."
+    return ((_figure(result), caption),)
+
+
+def _work(side: Side) -> TestWork:
+    return TestWork(
+        settings=BreakawaySettings(),
+        short=BreakawaySettings(positions=2),
+        plan=partial(_plan, side),
+        evaluate=_evaluate,
+        figures=_figures,
+        unsampled=lambda settings: few_positions(settings.positions),
+    )
+
+
+STARTING, BACK_DRIVING = _work("input"), _work("output")

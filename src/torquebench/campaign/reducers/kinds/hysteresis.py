@@ -1,0 +1,222 @@
+"""Torque-angle loops: stiffness, backlash, lost motion and loop energy with a locked input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from torquebench.bench.devices import BenchDevices, SynchronousRecording
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.reducers.sampling import few_positions
+from torquebench.campaign.reducers.uncertainty import (
+    Bench,
+    bench_remarks,
+    nominal_nm,
+    resolution_rad,
+    root_mean_square,
+)
+from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.figures import COLOURS, STYLE, legend_above, new_figure, svg_text
+from torquebench.procedures import Plan
+from torquebench.procedures.reducers.loop import (
+    HysteresisSettings,
+    LoopRecording,
+    hysteresis_loops,
+)
+from torquebench.procedures.reducers.setup import ReducerLimits
+from torquebench.reducers import (
+    FlangeInertia,
+    HysteresisResult,
+    LoopSettings,
+    LoopUncertainty,
+    ReducerDescription,
+    evaluate_hysteresis,
+)
+from torquebench.units import ARCMIN
+
+__all__ = ["WORK"]
+
+FloatArray = NDArray[np.float64]
+
+LARGE = 0.5
+"""Share of the loop's torque above which the torque counts as large."""
+
+
+def _plan(
+    devices: BenchDevices, limits: ReducerLimits, settings: HysteresisSettings
+) -> Plan[LoopRecording]:
+    limits.check_modules(devices)
+    return hysteresis_loops(devices, limits, settings)
+
+
+def _loop_uncertainty(
+    bench: Bench, ratio: float, loops: LoopRecording, recording: SynchronousRecording
+) -> LoopUncertainty:
+    """Split the torque's uncertainty into what grows with torque and what branches keep."""
+    unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
+    twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
+    known = LoopUncertainty(
+        angle_rad=resolution_rad(bench, "output") / np.sqrt(12.0),
+        bench_compliance_rad_per_nm=twist,
+    )
+    if not loops.compensated["output"]:
+        nominal = nominal_nm(bench, "output")
+        relative = nominal / loops.torque_nm
+        return replace(known, torque_relative=relative, torque_branch_nm=nominal)
+    torque, whole = recording.output_torque_nm, recording.output_uncertainty_nm
+    large = np.abs(torque) / loops.torque_nm > LARGE
+    return replace(
+        known,
+        torque_relative=root_mean_square(whole[large] / np.abs(torque[large])),
+        # A reducer's loop is an inner loop of the chain's own hysteresis: what the model leaves
+        # of it stands between the branches at every torque, not only as little as near zero.
+        torque_branch_nm=root_mean_square(recording.output_curve_nm),
+    )
+
+
+def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -> Evaluated:
+    """Evaluate torque-angle loops of the output's angle against the input's."""
+    flange = _flange(bench)
+    parts = [loop.recording for loop in loops.loops]
+    recording = SynchronousRecording.joined(parts)
+    sizes = [part.time_s.size for part in parts]
+    turned = {side: _flange_angle_rad(bench, recording, side) for side in SIDES}
+    angle = turned["output"] - turned["input"] / reducer.signed_ratio
+    settings = LoopSettings(
+        rated_torque_nm=reducer.rated_torque_nm,
+        rule=reducer.lost_motion_rule,
+        stiffness_interval=reducer.stiffness_interval,
+        region_torques_nm=reducer.region_torques_nm,
+    )
+    result = evaluate_hysteresis(
+        recording.output_torque_nm,
+        angle,
+        settings,
+        position=np.repeat([loop.position_deg for loop in loops.loops], sizes),
+        loop=np.repeat([loop.number for loop in loops.loops], sizes),
+        resolution_rad=resolution_rad(bench, "output"),
+        time_s=recording.time_s,
+        flange=flange,
+        uncertainty=_loop_uncertainty(bench, reducer.ratio, loops, recording),
+    )
+    remarks = bench_remarks(bench, loops.compensated, ("output",))
+    remarks += _twist_remarks(bench)
+    if any(finding.name == "torque ripple" for finding in result.findings):
+        remarks.append(_flange_remark(flange))
+    return Evaluated(result, tuple(remarks))
+
+
+def _flange(bench: Bench) -> FlangeInertia | None:
+    """Return what turns between the output's transducer and the reducer, where it is described."""
+    module = bench.description.output
+    if module.flange_inertia_kgm2 is None:
+        return None
+    return FlangeInertia(module.flange_inertia_kgm2, module.flange_inertia_uncertainty_percent)
+
+
+def _flange_remark(flange: FlangeInertia | None) -> str:
+    if flange is None:
+        return (
+            "the inertia of the output's flange isn't described: where the torque's ripple turns "
+            "round, what the flange takes to move counts as the reducer's"
+        )
+    return f"what the output's flange takes to move, {flange}, is taken off"
+
+
+def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:
+    """Return the angle of a flange: its encoder's, less what the bench twists between them.
+
+    The locked input counts too. Its shaft winds up under the torque that reaches it, T/R, and
+    that angle comes to the output divided by the ratio once more.
+    """
+    twist = bench.twists.get(side)
+    angle = recording.angle_rad(side)
+    return angle if twist is None else angle - twist.at(recording.torque_nm(side))
+
+
+def _twist_remarks(bench: Bench) -> list[str]:
+    if not bench.twists:
+        return ["the bench's own twist isn't known: it counts as the reducer's"]
+    return [
+        f"the bench's own twist at the {side}, {each.rad_per_nm / ARCMIN:.3g} arcmin per "
+        f"N·m ({each.source}), is taken off"
+        for side, each in bench.twists.items()
+    ]
+
+
+def _figure(result: HysteresisResult) -> str:
+    """Draw all torque-angle loops, and the first one's key points around zero."""
+    with mpl.rc_context(STYLE):
+        figure, (whole, near) = new_figure(6.4, 2)
+        positions = sorted({loop.position for loop in result.loops})
+        for axes in (whole, near):
+            labelled: set[float] = set()
+            for loop in result.loops:
+                curve = loop.curve
+                middle = 0.5 * (np.interp(0.0, curve.torque_nm, curve.rising_rad + 0.0))
+                middle += 0.5 * (np.interp(0.0, curve.torque_nm, curve.falling_rad))
+                colour = COLOURS[positions.index(loop.position) % len(COLOURS)]
+                for branch in (curve.rising_rad, curve.falling_rad):
+                    label = None if loop.position in labelled else f"{loop.position:g}°"
+                    labelled.add(loop.position)
+                    shown = (branch - middle) / ARCMIN
+                    axes.plot(curve.torque_nm, shown, color=colour, lw=0.9, label=label)
+            axes.set_ylabel("output angle in arcmin")
+        whole.set_xlabel("output torque in N·m")
+        near.set_xlabel("output torque in N·m, around zero")
+        legend_above(whole)
+        _mark_key_points(whole, near, result)
+        return svg_text(figure)
+
+
+def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
+    curve = result.loops[0].curve
+    middle = 0.5 * float(
+        np.interp(0.0, curve.torque_nm, curve.rising_rad)
+        + np.interp(0.0, curve.torque_nm, curve.falling_rad)
+    )
+    share = result.rule.share * result.settings.rated_torque_nm
+    reach = 2.0 * share
+    inside = np.abs(curve.torque_nm) <= reach
+    both = np.concatenate([curve.rising_rad[inside], curve.falling_rad[inside]]) - middle
+    near.set_xlim(-reach, reach)
+    span = float(np.ptp(both)) / ARCMIN
+    near.set_ylim(float(both.min()) / ARCMIN - 0.12 * span, float(both.max()) / ARCMIN + 0.2 * span)
+    whole.margins(y=0.12)
+    for point in result.key_points:
+        place = (point.torque_nm, (point.angle_rad - middle) / ARCMIN)
+        axes = near if abs(point.torque_nm) <= reach else whole
+        axes.plot(*place, "o", color="black", markersize=4.5, zorder=4)
+        left = "↓" in point.label or ("↑" not in point.label and point.torque_nm > 0.0)
+        axes.annotate(
+            point.label,
+            place,
+            xytext=(-7, 4) if left else (7, -4),
+            textcoords="offset points",
+            ha="right" if left else "left",
+            va="bottom" if left else "top",
+            fontsize=8,
+        )
+
+
+def _figures(result: HysteresisResult) -> tuple[tuple[str, str], ...]:
+    caption = (
+        "Output angle against the locked input over output torque, less the bench's own twist "
+        "where it is known; each loop about its middle at zero. Below: the first loop's key "
+        f"points; lost motion: {result.rule.words()}."
+    )
+    return ((_figure(result), caption),)
+
+
+WORK = TestWork(
+    settings=HysteresisSettings(),
+    short=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
+    plan=_plan,
+    evaluate=_evaluate,
+    figures=_figures,
+    unsampled=lambda settings: few_positions(len(settings.positions_deg)),
+)

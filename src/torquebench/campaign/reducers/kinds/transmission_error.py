@@ -1,0 +1,150 @@
+"""Transmission error: both angles over full output revolutions."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.reducers.uncertainty import Bench, resolution_rad, temperature_remarks
+from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.figures import COLOURS, STYLE, new_figure, svg_text
+from torquebench.procedures.reducers.turning import (
+    TransmissionRecording,
+    TransmissionSettings,
+    transmission_error,
+)
+from torquebench.reducers import (
+    AngleUncertainty,
+    ReducerDescription,
+    TransmissionErrorResult,
+    evaluate_transmission_error,
+)
+from torquebench.units import ARCSEC
+
+__all__ = ["WORK"]
+
+
+def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float:
+    """Return the standard uncertainty of an encoder: resolution, and its error over a turn.
+
+    An error that goes once around as a sine of the accuracy given has it divided by √2; where a
+    certificate is taken off, its uncertainty stays.
+    """
+    if certified_rad is not None:
+        return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), certified_rad))
+    accuracy = (bench.description.module(side).encoder.accuracy_arcsec or 0.0) * ARCSEC
+    return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), accuracy / np.sqrt(2.0)))
+
+
+def _evaluate(
+    bench: Bench, reducer: ReducerDescription, turning: TransmissionRecording
+) -> Evaluated:
+    """Evaluate the transmission error of both directions."""
+    certified = turning.certified_rad
+    known = AngleUncertainty(
+        *(_encoder_rad(bench, side, certified.get(side)) for side in ("output", "input"))
+    )
+    result = evaluate_transmission_error(
+        np.concatenate([each.input_angle_rad for each in turning.directions]),
+        np.concatenate([each.output_angle_rad for each in turning.directions]),
+        reducer.signed_ratio,
+        time_s=np.concatenate([each.time_s for each in turning.directions]),
+        highest_order=reducer.highest_error_order,
+        uncertainty=known,
+    )
+    remarks = [
+        f"of the {side} encoder only the resolution counts: its accuracy isn't described"
+        for side in SIDES
+        if bench.description.module(side).encoder.accuracy_arcsec is None and side not in certified
+    ]
+    remarks += [f"the {side} encoder is corrected by its certificate" for side in certified]
+    return Evaluated(result, (*remarks, *temperature_remarks(turning.temperature_c)))
+
+
+def _over_revolution(result: TransmissionErrorResult) -> str:
+    """Draw the error over one output revolution in both directions, and its orders below."""
+    with mpl.rc_context(STYLE):
+        panels = len(result.directions) + 1
+        figure, axes = new_figure(1.75 * panels + 0.6, panels)
+        lower = axes[-1]
+        shift = 0.004 * result.highest_order
+        for number, (upper, each) in enumerate(zip(axes, result.directions, strict=False)):
+            colour = COLOURS[number]
+            label = f"{each.direction}, {each.peak_to_peak.value:.1f} arcsec peak to peak"
+            upper.plot(np.degrees(each.angle_rad), each.error_arcsec, color=colour, lw=0.7)
+            upper.set_title(label, loc="left", fontsize=9, color=colour)
+            upper.set_xlim(0.0, 360.0)
+            upper.set_xticks(np.arange(0.0, 361.0, 45.0))
+            upper.set_ylabel("error in arcsec")
+            lower.vlines(
+                each.order + number * shift,
+                0.0,
+                each.amplitude_arcsec,
+                color=colour,
+                lw=1.3,
+                label=each.direction,
+            )
+        axes[-2].set_xlabel("output angle in degrees")
+        taken: list[float] = []
+        for order in result.directions[0].orders:
+            if any(abs(order.order - other) < 0.02 * result.highest_order for other in taken):
+                continue
+            if order.amplitude.value > 2.0 * order.amplitude.expanded_uncertainty():
+                taken.append(order.order)
+                lower.annotate(
+                    f"{order.order:g}",
+                    (order.order, order.amplitude.value),
+                    xytext=(4, 1),
+                    textcoords="offset points",
+                    fontsize=8,
+                )
+        lower.set_xlim(-0.01 * result.highest_order, 1.05 * result.highest_order)
+        highest = max(float(np.max(each.amplitude_arcsec)) for each in result.directions)
+        lower.set_ylim(0.0, 1.15 * highest)
+        turn = abs(result.ratio)
+        lower.set_xlabel(f"order per output revolution ({turn:g}: once a turn of the input)")
+        lower.set_ylabel("amplitude in arcsec")
+        return svg_text(figure)
+
+
+def _polar(result: TransmissionErrorResult) -> str:
+    """Draw the error over one output revolution as a polar plot; the circle in the middle is 0."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.6, 4.4), layout="constrained")
+        FigureCanvasSVG(figure)
+        axes = figure.subplots(1, 1, subplot_kw={"projection": "polar"})
+        worst = max(float(np.max(np.abs(each.error_arcsec))) for each in result.directions)
+        for number, each in enumerate(result.directions):
+            closed = np.append(each.error_arcsec, each.error_arcsec[:1])
+            angle = np.append(each.angle_rad, 2.0 * np.pi)
+            axes.plot(angle, closed, color=COLOURS[number], lw=0.7, label=each.direction)
+        axes.plot(np.linspace(0, 2 * np.pi, 361), np.zeros(361), color="#3C4148", lw=0.8)
+        axes.set_ylim(-2.2 * worst, 1.15 * worst)
+        axes.set_rlabel_position(22.5)  # type: ignore[attr-defined]  # polar axes only
+        step = float(f"{worst / 2.0:.0e}") or 1.0
+        axes.set_yticks(
+            [-2 * step, 0.0, 2 * step], labels=[f"{v:g}″" for v in (-2 * step, 0, 2 * step)]
+        )
+        axes.legend(loc="center left", bbox_to_anchor=(1.08, 0.5), frameon=False)
+        return svg_text(figure)
+
+
+def _figures(result: TransmissionErrorResult) -> tuple[tuple[str, str], ...]:
+    caption = (
+        "Output angle less input angle by the ratio over one output revolution, mean removed, "
+        f"orders up to {result.highest_order:g}; below its orders."
+    )
+    polar = "The same as a polar plot: the dark circle is an error of 0."
+    return ((_over_revolution(result), caption), (_polar(result), polar))
+
+
+WORK = TestWork(
+    settings=TransmissionSettings(),
+    short=TransmissionSettings(output_rpm=4.0),
+    plan=transmission_error,
+    evaluate=_evaluate,
+    figures=_figures,
+)

@@ -1,0 +1,67 @@
+"""What every test of a reducer provides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.campaign.reducers.sampling import Unsampled
+from torquebench.campaign.reducers.uncertainty import Bench
+from torquebench.procedures import Plan
+from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
+from torquebench.reducers import ReducerDescription, ReducerResult
+
+__all__ = ["Evaluated", "RepeatedSettings", "TestWork"]
+
+
+@runtime_checkable
+class RepeatedSettings(Protocol):
+    """Settings of a warm test that repeats until its means are known well enough."""
+
+    @property
+    def warm_up(self) -> WarmUp:
+        """Before the first point."""
+
+    def longest(self) -> Any:
+        """Return the settings with all repeats that there may be."""
+
+    def with_repeats(self, most: int) -> Any:
+        """Return the settings with so many repeats at most."""
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A result, and what a reader has to know beside it."""
+
+    result: ReducerResult
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TestWork:
+    """How a test is driven, evaluated and drawn.
+
+    Parameters
+    ----------
+    settings, short : object
+        Settings of its plan: for a full test, and for a first look.
+    plan : callable
+        Makes its plan from the devices, the reducer's limits and the settings.
+    evaluate : callable
+        Turns what the plan recorded on this bench into a result.
+    figures : callable
+        Returns the result's figures as pairs of an ``<svg>`` element and a caption.
+    unsampled : callable
+        Returns the influences that the test leaves out by its settings.
+    """
+
+    __test__ = False  # no test of pytest's
+
+    settings: Any
+    short: Any
+    plan: Callable[[BenchDevices, ReducerLimits, Any], Plan[Any]]
+    evaluate: Callable[[Bench, ReducerDescription, Any], Evaluated]
+    figures: Callable[[Any], tuple[tuple[str, str], ...]]
+    unsampled: Callable[[Any], tuple[Unsampled, ...]] = lambda _settings: ()
