@@ -9,7 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import aliased
 
 from torquebench.errors import InputError, ModelMismatchError, RecordError
-from torquebench.records.database import Database, as_json, equipment_row, run_row
+from torquebench.records.database import Database, as_json, entry_of, equipment_row, row_of, run_row
 from torquebench.records.entries import (
     Activation,
     CalibrationEntry,
@@ -24,6 +24,7 @@ from torquebench.records.schema import (
     CheckRow,
     EquipmentRow,
     ModelRow,
+    RunRow,
     VerificationRow,
 )
 
@@ -343,13 +344,12 @@ class CalibrationRecords(Database):
         )
         with self.session() as session:
             return [
-                Activation(
+                entry_of(
+                    Activation,
+                    row,
                     model_id=row.model_key,
                     transducer_serial=transducer_serial,
                     counter_identity=identity,
-                    activated=row.activated,
-                    operator=row.operator,
-                    reason=row.reason,
                 )
                 for row, identity in session.execute(query)
             ]
@@ -397,15 +397,7 @@ class CalibrationRecords(Database):
         )
         with self.session() as session:
             return [
-                VerificationEntry(
-                    model_id=row.model_key,
-                    run_id=row.run.run_id if row.run else None,
-                    performed=row.performed,
-                    data_sha256=row.data_sha256,
-                    simulated=row.simulated,
-                    summary=row.summary,
-                    measured_by=row.measured_by,
-                )
+                entry_of(VerificationEntry, row, model_id=row.model_key, run_id=_run_id(row.run))
                 for row in session.scalars(query)
             ]
 
@@ -420,16 +412,12 @@ class CalibrationRecords(Database):
             Where its run isn't registered.
         """
         with self.writing() as session:
-            row = CheckRow(
+            row = row_of(
+                CheckRow,
+                entry,
                 transducer=equipment_row(session, "transducer", entry.transducer_serial),
                 run=None if entry.run_id is None else run_row(session, entry.run_id),
                 model_key=entry.model_id,
-                performed=entry.performed,
-                measured_by=entry.measured_by,
-                verdict=entry.verdict,
-                worst_percent_fs=entry.worst_percent_fs,
-                tolerance_percent_fs=entry.tolerance_percent_fs,
-                simulated=entry.simulated,
                 summary=as_json(entry.summary),
             )
             if entry.standard_serial:
@@ -447,57 +435,43 @@ class CalibrationRecords(Database):
         )
         with self.session() as session:
             return [
-                CheckEntry(
+                entry_of(
+                    CheckEntry,
+                    row,
                     transducer_serial=transducer_serial,
-                    performed=row.performed,
-                    verdict=row.verdict,
-                    worst_percent_fs=row.worst_percent_fs,
-                    tolerance_percent_fs=row.tolerance_percent_fs,
-                    simulated=row.simulated,
                     standard_serial=row.standard.serial if row.standard else "",
                     model_id=row.model_key,
-                    run_id=row.run.run_id if row.run else None,
-                    measured_by=row.measured_by,
-                    summary=row.summary,
+                    run_id=_run_id(row.run),
                 )
                 for row in session.scalars(query)
             ]
 
     def _model_entry(self, row: ModelRow) -> ModelEntry:
         calibration = row.calibration
-        return ModelEntry(
+        return entry_of(
+            ModelEntry,
+            row,
             model_id=row.id,
             calibration_id=row.calibration_key,
-            kind=row.kind,
             file=self.root / row.file,
-            file_sha256=row.file_sha256,
-            range_nm=row.range_nm,
-            side=row.side,
             transducer_serial=calibration.transducer.serial,
             counter_identity=calibration.counter.serial,
-            metrics=row.metrics,
-            created=row.created,
             simulated=calibration.simulated,
         )
 
 
 def _calibration_entry(row: CalibrationRow) -> CalibrationEntry:
-    return CalibrationEntry(
+    return entry_of(
+        CalibrationEntry,
+        row,
         calibration_id=row.id,
-        run_id=row.run.run_id if row.run else None,
+        run_id=_run_id(row.run),
         transducer_serial=row.transducer.serial,
         counter_identity=row.counter.serial,
-        performed=row.performed,
-        range_nm=row.range_nm,
-        points=row.points,
-        data_sha256=row.data_sha256,
-        profile_name=row.profile_name,
-        profile_sha256=row.profile_sha256,
-        simulated=row.simulated,
-        summary=row.summary,
         standard_serial=row.standard.serial if row.standard else "",
-        measured_by=row.measured_by,
         valid_nm=(row.valid_low_nm, row.valid_high_nm),
-        due=row.due,
-        files=row.files,
     )
+
+
+def _run_id(row: RunRow | None) -> str | None:
+    return None if row is None else row.run_id

@@ -8,7 +8,7 @@ from sqlalchemy import Table, select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
-from torquebench.records.database import Database, as_json
+from torquebench.records.database import Database, as_json, entry_of, row_of
 from torquebench.records.entries import Amendment, CertificateEntry, Review
 from torquebench.records.schema import (
     AmendmentRow,
@@ -42,35 +42,8 @@ Subject = Literal[
 class ConformityRecords(Database):
     """Certificates, reviews and amendments."""
 
-    def add_certificate(
-        self,
-        number: str,
-        calibration_id: int,
-        *,
-        authorised_by: str,
-        files: Mapping[str, str],
-        summary: Mapping[str, Any] | None = None,
-        supersedes: str = "",
-        issued: datetime | None = None,
-    ) -> CertificateEntry:
+    def add_certificate(self, entry: CertificateEntry) -> None:
         """Register a certificate that is issued.
-
-        Parameters
-        ----------
-        number : str
-            Its unique number.
-        calibration_id : int
-            The calibration that it states.
-        authorised_by : str
-            Who answers for it.
-        files : mapping of str to str
-            SHA-256 by file name.
-        summary : mapping, optional
-            What it states: results, verdict, deviations, profile.
-        supersedes : str
-            Number of the certificate that it replaces.
-        issued : datetime.datetime, optional
-            When, with time zone; now by default.
 
         Raises
         ------
@@ -78,39 +51,45 @@ class ConformityRecords(Database):
             Where the number is taken, or calibration or replaced certificate aren't registered.
         """
         with self.writing() as session:
-            if _certificate(session, number) is not None:
+            if _certificate(session, entry.number) is not None:
                 raise RecordError(
-                    f"certificate {number} is issued",
+                    f"certificate {entry.number} is issued",
                     "a new number",
                     "issue an amended certificate under its own number that supersedes it",
                 )
-            if session.get(CalibrationRow, calibration_id) is None:
+            if session.get(CalibrationRow, entry.calibration_id) is None:
                 raise RecordError(
-                    f"calibration {calibration_id} isn't registered", "a registered calibration"
+                    f"calibration {entry.calibration_id} isn't registered",
+                    "a registered calibration",
                 )
-            replaced = _certificate(session, supersedes) if supersedes else None
-            if supersedes and replaced is None:
-                raise RecordError(f"certificate {supersedes} isn't registered", "an issued one")
-            row = CertificateRow(
-                number=number,
-                calibration_key=calibration_id,
-                supersedes=replaced,
-                issued=issued or datetime.now(UTC),
-                authorised_by=authorised_by,
-                files=dict(files),
-                summary=as_json(summary or {}),
-            )
+            replaced = _certificate(session, entry.supersedes) if entry.supersedes else None
+            if entry.supersedes and replaced is None:
+                raise RecordError(
+                    f"certificate {entry.supersedes} isn't registered", "an issued one"
+                )
+            files, summary = as_json(entry.files), as_json(entry.summary)
+            row = row_of(
+                CertificateRow, entry, files=files, summary=summary, supersedes=replaced,
+                calibration_key=entry.calibration_id,
+            )  # fmt: skip
             session.add(row)
-            session.flush()
-            return _certificate_entry(row)
 
     def certificates(self, calibration_id: int | None = None) -> list[CertificateEntry]:
         """Return certificates, all or of one calibration, the newest first."""
-        query = select(CertificateRow).order_by(CertificateRow.id.desc())
-        if calibration_id is not None:
-            query = query.where(CertificateRow.calibration_key == calibration_id)
         with self.session() as session:
-            return [_certificate_entry(row) for row in session.scalars(query)]
+            rows = session.scalars(select(CertificateRow).order_by(CertificateRow.id.desc())).all()
+            newer = {row.supersedes_key: row.number for row in reversed(rows)}
+            return [
+                entry_of(
+                    CertificateEntry,
+                    row,
+                    calibration_id=row.calibration_key,
+                    supersedes=row.supersedes.number if row.supersedes else "",
+                    superseded_by=newer.get(row.id, ""),
+                )
+                for row in rows
+                if calibration_id in (None, row.calibration_key)
+            ]
 
     # Reviews
 
@@ -236,19 +215,6 @@ _DOERS = ("measured_by", "performed_by", "authorised_by", "operator")
 
 def _certificate(session: Session, number: str) -> CertificateRow | None:
     return session.scalar(select(CertificateRow).where(CertificateRow.number == number))
-
-
-def _certificate_entry(row: CertificateRow) -> CertificateEntry:
-    return CertificateEntry(
-        certificate_id=row.id,
-        number=row.number,
-        calibration_id=row.calibration_key,
-        issued=row.issued,
-        authorised_by=row.authorised_by,
-        files=row.files,
-        summary=row.summary,
-        supersedes=row.supersedes.number if row.supersedes else "",
-    )
 
 
 def _subject(session: Session, subject: Subject, subject_id: int) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -52,8 +53,10 @@ __all__ = [
     "UnavailableError",
     "as_json",
     "content_of",
+    "entry_of",
     "equipment_row",
     "lost_registry",
+    "row_of",
 ]
 
 REGISTRY_FILE = "registry.sqlite"
@@ -72,6 +75,8 @@ PASSING = (*DISCONNECTING, "40", "53", "55P03", "57")
 """SQLSTATEs of what may be over a moment later: deadlocks, no room, a server that starts."""
 
 Result = TypeVar("Result")
+Entry = TypeVar("Entry", bound=Any)
+Row = TypeVar("Row", bound=Base)
 
 
 class UnavailableError(RecordError):
@@ -482,6 +487,28 @@ def _begin_sqlite(connection: Connection) -> None:
     # A writer that began as a reader would find the end of the chain moved, and fail.
     writes = connection.get_execution_options().get("writes", True)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def entry_of(kind: type[Entry], row: Base, /, **others: Any) -> Entry:
+    """Return a row as its frozen entry: columns of the entry's names, and others as they are given.
+
+    Parameters
+    ----------
+    kind : type
+        A frozen dataclass of `torquebench.records.entries`.
+    row : Base
+    **others
+        Fields that aren't columns of the row.
+    """
+    names = {each.name for each in fields(kind)} & set(type(row).__table__.columns.keys())
+    entry: Entry = kind(**{name: getattr(row, name) for name in names - set(others)}, **others)
+    return entry
+
+
+def row_of(kind: type[Row], entry: Any, /, **others: Any) -> Row:
+    """Return a new row of a frozen entry: columns of the entry's names, and others as given."""
+    names = {each.name for each in fields(entry)} & set(kind.__table__.columns.keys())
+    return kind(**{name: getattr(entry, name) for name in names - set(others)}, **others)
 
 
 def equipment_row(session: Session, kind: EquipmentKind, serial: str) -> EquipmentRow:

@@ -1,10 +1,12 @@
 """What the registry hands in and out: frozen values in the words of a calibration laboratory."""
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from torquebench.errors import RecordError
 from torquebench.records.files import sha256_of_file
@@ -29,6 +31,7 @@ __all__ = [
     "VerificationEntry",
     "Zeroing",
     "archived_at",
+    "sha256_of_record",
 ]
 
 EquipmentKind = Literal[
@@ -393,26 +396,83 @@ class CheckEntry:
 
 @dataclass(frozen=True)
 class CertificateEntry:
-    """A certificate that was issued.
+    """A certificate that was issued: what is stored, listed, exported and sent.
 
     Parameters
     ----------
     number : str
         Its unique number.
+    authorised_by : str
+        Who answers for it.
     files : mapping of str to str
         SHA-256 by file name.
+    summary : mapping
+        What it states, in short: see `of_record`.
     supersedes : str
         Number of the certificate that it replaces; empty for a first one.
+    superseded_by : str
+        Number of the one that replaces it, once there is one.
     """
 
-    certificate_id: int
     number: str
     calibration_id: int
     issued: datetime
     authorised_by: str
     files: Mapping[str, str]
-    summary: Mapping[str, Any]
+    summary: Mapping[str, Any] = field(default_factory=dict)
     supersedes: str = ""
+    superseded_by: str = ""
+
+    @classmethod
+    def of_record(
+        cls,
+        record: Mapping[str, Any],
+        files: Mapping[str, str],
+        archive: str,
+        *,
+        issued: datetime,
+        calibration_id: int,
+        **more: str,
+    ) -> Self:
+        """Return the entry of a certificate from its record.
+
+        Parameters
+        ----------
+        record : mapping
+            The content of the certificate's JSON file.
+        files : mapping of str to str
+            SHA-256 by file name.
+        archive : str
+            Folder of its files, as `archive` has it.
+        issued : datetime.datetime
+            When it was entered, with time zone.
+        calibration_id : int
+            Of the calibration that it states, in this registry.
+        **more : str
+            What else to note in the summary.
+        """
+        conformity = record["conformity"] or {}
+        summary = {
+            "record_sha256": sha256_of_record(record),
+            "languages": record["languages"],
+            "simulated": record["simulated"],
+            "verdict": conformity.get("verdict"),
+            "tolerance_percent_fs": conformity.get("tolerance_percent_fs"),
+            "archive": archive,
+            "profile": record["method"]["name"],
+            "profile_sha256": record["method"]["sha256"],
+            "deviations": [each["clause"] for each in record["deviations"]],
+            **more,
+        }
+        return cls(
+            number=record["number"],
+            calibration_id=calibration_id,
+            issued=issued,
+            authorised_by=", ".join(record["authorised_by"]),
+            files=files,
+            summary=summary,
+            supersedes=record["supersedes"],
+        )
 
     @property
     def archive(self) -> str:
@@ -429,3 +489,9 @@ def archived_at(number: str, summary: Mapping[str, Any]) -> str:
     'certificates/TB-1'
     """
     return str(summary.get("archive", f"certificates/{number}"))
+
+
+def sha256_of_record(record: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a certificate's record, whichever way its JSON is laid out."""
+    text = json.dumps(record, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()

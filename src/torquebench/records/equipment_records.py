@@ -8,7 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
-from torquebench.records.database import Database, as_json, equipment_row, run_row
+from torquebench.records.database import Database, as_json, entry_of, equipment_row, row_of, run_row
 from torquebench.records.entries import (
     Adjustment,
     Component,
@@ -134,17 +134,7 @@ class EquipmentRecords(Database):
         )
         with self.session() as session:
             return [
-                Adjustment(
-                    kind=row.equipment.kind,
-                    serial=row.equipment.serial,
-                    what=row.what,
-                    performed=row.performed,
-                    performed_by=row.performed_by,
-                    checked_by=row.checked_by,
-                    reason=row.reason,
-                    before=row.before,
-                    after=row.after,
-                )
+                entry_of(Adjustment, row, kind=row.equipment.kind, serial=row.equipment.serial)
                 for row in session.scalars(query)
             ]
 
@@ -162,17 +152,12 @@ class EquipmentRecords(Database):
             raise RecordError(f"certificate {report.file} is missing", "a file that can be read")
         with self.writing() as session:
             low, high = report.valid_nm or (None, None)
-            row = ReportRow(
+            row = row_of(
+                ReportRow,
+                report,
                 equipment_key=equipment_row(session, report.kind, report.serial).id,
-                number=report.number,
-                laboratory=report.laboratory,
-                performed=report.performed,
-                due=report.due,
-                measured_by=report.measured_by,
-                checked_by=report.checked_by,
                 valid_low_nm=low,
                 valid_high_nm=high,
-                expanded_uncertainty_percent=report.expanded_uncertainty_percent,
                 file="" if report.file is None else self.stored(report.file),
                 file_sha256="" if report.file is None else sha256_of_file(report.file),
                 recorded=datetime.now(UTC),
@@ -201,19 +186,13 @@ class EquipmentRecords(Database):
 
     def _report(self, row: ReportRow) -> Report:
         low, high = row.valid_low_nm, row.valid_high_nm
-        return Report(
-            kind=row.equipment.kind,  # type: ignore[arg-type] # only these kinds are written
+        return entry_of(
+            Report,
+            row,
+            kind=row.equipment.kind,
             serial=row.equipment.serial,
-            number=row.number,
-            laboratory=row.laboratory,
-            performed=row.performed,
-            due=row.due,
-            measured_by=row.measured_by,
-            checked_by=row.checked_by,
             valid_nm=None if low is None or high is None else (low, high),
-            expanded_uncertainty_percent=row.expanded_uncertainty_percent,
             file=self.root / row.file if row.file else None,
-            file_sha256=row.file_sha256,
         )
 
     # Zeroings
@@ -249,14 +228,11 @@ class EquipmentRecords(Database):
         )
         with self.session() as session:
             return [
-                Zeroing(
+                entry_of(
+                    Zeroing,
+                    row,
                     transducer_serial=transducer_serial,
-                    performed=row.performed,
-                    zero_hz=row.zero_hz,
-                    zero_nm=row.zero_nm,
-                    temperature_c=row.temperature_c,
                     run_id=row.run.run_id if row.run else None,
-                    simulated=row.simulated,
                 )
                 for row in session.scalars(query)
             ]

@@ -5,7 +5,7 @@ from pathlib import Path
 from sqlalchemy import Engine, inspect, text
 
 from torquebench.errors import RecordError
-from torquebench.records.schema_version import SCHEMA_VERSION, VERSIONS_TABLE
+from torquebench.records.schema_version import DEVELOPMENT_VERSIONS, SCHEMA_VERSION, VERSIONS_TABLE
 
 __all__ = ["SCHEMA_VERSION", "upgrade"]
 
@@ -24,11 +24,19 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
     Raises
     ------
     RecordError
-        Where a newer version of torquebench has made the registry, or something else has.
+        Where a newer version of torquebench has made the registry, one before 0.2.0, or
+        something else.
     """
     found = _version(engine)
     if found == SCHEMA_VERSION:
         return
+    if found in DEVELOPMENT_VERSIONS:
+        raise RecordError(
+            f"the registry {engine.url.render_as_string()} has the schema {found} of a version "
+            "before 0.2.0",
+            f"the schema {SCHEMA_VERSION}",
+            "keep its file elsewhere, then make it anew from the runs: torquebench records rebuild",
+        )
     if read_only:
         raise RecordError(
             f"a registry with the schema {found or 'of an empty file'} that can't be written",

@@ -1,8 +1,11 @@
 """Which version of the registry's tables this software writes."""
 
-__all__ = ["SCHEMA_VERSION", "VERSIONS_TABLE"]
+__all__ = ["DEVELOPMENT_VERSIONS", "SCHEMA_VERSION", "VERSIONS_TABLE"]
 
-SCHEMA_VERSION = "0002"
+SCHEMA_VERSION = "0003"
 """The last migration in ``records/migrations/versions``; a test keeps the two equal."""
+
+DEVELOPMENT_VERSIONS = ("0001", "0002")
+"""Schemas before 0.2.0, which nothing upgrades."""
 
 VERSIONS_TABLE = "alembic_version"

@@ -7,13 +7,11 @@ were fitted to; certificates have their record beside them. What people said abo
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,6 +22,7 @@ from torquebench.compensation import StoredModel, load_model
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.records import (
     MANIFEST,
+    CertificateEntry,
     Registry,
     RunFolder,
     sha256_of_file,
@@ -257,42 +256,50 @@ def _enter_certificates(registry: Registry, data: Path, done: Rebuilt) -> None:
     archive = data / "certificates"
     issued = {each.number for each in registry.certificates()}
     calibrations = {entry.run_id: entry for entry in registry.calibrations(limit=100_000)}
-    for folder in sorted(archive.iterdir()) if archive.is_dir() else ():
-        records = [record for record in map(_certificate, sorted(folder.glob("*.json"))) if record]
-        if not records or records[0]["number"] in issued:
+    found = [
+        (record, file.parent)
+        for file in sorted(archive.glob("*/*.json"))
+        if (record := _certificate(file)) is not None
+    ]
+    # A certificate that replaces another one was issued after it.
+    for record, folder in sorted(found, key=lambda each: (each[0]["issued"], each[0]["number"])):
+        if record["number"] in issued or folder.name != record["number"]:
             continue
-        record = records[0]
         entry = calibrations.get(record["run_id"])
         if entry is None:
             done.problems.append(
                 f"certificate {record['number']}: run {record['run_id']} has no calibration"
             )
             continue
-        text = json.dumps(record, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
-        registry.add_certificate(
-            record["number"],
-            entry.calibration_id,
-            authorised_by=", ".join(record["authorised_by"]),
-            files={
+        certificate = CertificateEntry.of_record(
+            record,
+            {
                 path.name: sha256_of_file(path)
                 for path in sorted(folder.iterdir())
                 if path.is_file()
             },
-            summary={
-                "record_sha256": hashlib.sha256(text.encode()).hexdigest(),
-                "simulated": record["simulated"],
-                "archive": registry.stored(folder),
-                "deviations": [each["clause"] for each in record["deviations"]],
-                "rebuilt": "entered again from its record",
-            },
+            registry.stored(folder),
             issued=datetime.fromisoformat(record["issued"]).replace(tzinfo=UTC),
+            calibration_id=entry.calibration_id,
+            rebuilt="entered again from its record",
         )
+        if certificate.supersedes not in (*issued, ""):
+            done.problems.append(
+                f"certificate {record['number']} replaces {certificate.supersedes}, "
+                "which isn't archived here"
+            )
+            certificate = replace(certificate, supersedes="")
+        registry.add_certificate(certificate)
+        issued.add(record["number"])
         done.certificates.append(record["number"])
 
 
 def _certificate(file: Path) -> dict[str, Any] | None:
     """Return a file's content where it is the record of a certificate."""
-    wanted = {"number", "run_id", "authorised_by", "issued", "simulated", "deviations"}
+    wanted = {
+        *("number", "run_id", "authorised_by", "issued", "simulated", "deviations", "conformity"),
+        *("languages", "method", "supersedes"),
+    }
     try:
         content = read_json(file)
     except RecordError:

@@ -10,6 +10,7 @@ from torquebench.calibration import CalibrationData, verify
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
     Adjustment,
+    CertificateEntry,
     CheckEntry,
     Equipment,
     Registry,
@@ -81,10 +82,9 @@ def fill(registry, folder):
     issued.parent.mkdir(parents=True)
     issued.write_bytes(b"%PDF")
     registry.add_certificate(
-        "2025-001",
-        calibration.calibration_id,
-        authorised_by="Cy",
-        files={"a.pdf": sha256_of_file(issued)},
+        CertificateEntry(
+            "2025-001", calibration.calibration_id, START, "Cy", {"a.pdf": sha256_of_file(issued)}
+        )
     )
     registry.review("calibrations", calibration.calibration_id, checked_by="Ben")
     registry.amend(

@@ -16,7 +16,6 @@ from torquebench.panel.api.models import CertificateBody, DocumentBody, ReasonBo
 from torquebench.panel.service import (
     CalibrationDetail,
     CalibrationView,
-    CertificateView,
     EnteredTable,
     EnterTableRequest,
     ErrorCurve,
@@ -31,6 +30,7 @@ from torquebench.panel.service import (
     UnfinishedView,
 )
 from torquebench.panel.service.fields import Moment
+from torquebench.records import CertificateEntry
 
 __all__ = ["router", "settings_router"]
 
@@ -238,7 +238,7 @@ def drift(
 
 
 @router.get("/certificates")
-def certificates(service: Watched) -> list[CertificateView]:
+def certificates(service: Watched) -> list[CertificateEntry]:
     """Return all certificates, the newest first."""
     return service.records.certificates()
 

@@ -61,7 +61,6 @@ from .jobs.recall import (
 from .records.views import (
     CalibrationDetail as CalibrationDetail,
     CalibrationView as CalibrationView,
-    CertificateView as CertificateView,
     ErrorCurve as ErrorCurve,
     ModelView as ModelView,
     RunDetail as RunDetail,

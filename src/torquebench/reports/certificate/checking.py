@@ -115,8 +115,7 @@ def _checked(
         findings.append(
             f"the file has SHA-256 {digest}, which is none of the files issued as {number}"
         )
-    replaced_by = next((each.number for each in issued if each.supersedes == number), "")
-    return CertificateCheck(number, entry, tuple(findings), replaced_by=replaced_by)
+    return CertificateCheck(number, entry, tuple(findings), replaced_by=entry.superseded_by)
 
 
 def schema_findings(content: bytes) -> tuple[str, ...] | None:

@@ -102,6 +102,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
             _method(record, words),
         ),
         (words["reference"], traceability),
+        *((label[words.language], [text]) for label, text in record.stated()),
         (words["environment"], [_environment(record, words)]),
         (words["date_calibration"], [_period(record)]),
         (words["date_issue"], [record.issued.isoformat()]),
@@ -123,8 +124,6 @@ def _method(record: CertificateRecord, words: Labels) -> list[str]:
     if method.placement is not None:
         even, placed, rounds = method.placement
         how.append(words["placement"].format(even=even, placed=placed, rounds=rounds))
-    if method.table:
-        how.append(words["table"].format(table=method.table))
     verified = words["profile_verified" if method.verified else "profile_unverified"]
     return [*how, f"{words['profile']}: {method.name}", verified]
 

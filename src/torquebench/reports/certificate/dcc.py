@@ -207,6 +207,12 @@ class _Writer:
                 found, allowed = deviation_words(each, words)
                 content = _add(declaration, "content", f"{found}; {words['allowed']}: {allowed}")
                 content.set("lang", language)
+        for label, text in record.stated():
+            statement = _add(parent, "statement")
+            name = _add(statement, "name")
+            for language in self.words:
+                _add(name, "content", label[language]).set("lang", language)
+            self._text(statement, "declaration", text)
         self._static_statements(parent)
 
     def _conformity(self, parent: ElementTree.Element, found: Conformity) -> None:

@@ -1,6 +1,7 @@
 """Write the files of a certificate and enter them in the registry."""
 
 import hashlib
+import json
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -95,37 +96,20 @@ def issue_certificate(
             )
     _set_aside(archive)
     _write(archive, contents)
-    conformity = record.conformity
-    hashes = {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
-    issued = datetime.now(UTC)
+    entry = CertificateEntry.of_record(
+        json.loads(record.to_json()),
+        {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()},
+        registry.stored(archive),
+        issued=datetime.now(UTC),
+        calibration_id=record.calibration_id,
+    )
 
-    summary = {
-        "record_sha256": record.sha256,
-        "languages": list(record.languages),
-        "simulated": record.simulated,
-        "verdict": None if conformity is None else conformity.verdict.value,
-        "tolerance_percent_fs": None if conformity is None else conformity.tolerance_percent_fs,
-        "archive": registry.stored(archive),
-        "profile": record.method.name,
-        "profile_sha256": record.method.sha256,
-        "deviations": [each.clause for each in record.deviations],
-    }
+    def register() -> None:
+        known = registry.certificates(record.calibration_id)
+        if not any(each.number == entry.number and each.files == entry.files for each in known):
+            registry.add_certificate(entry)  # else the server went away after it had taken it
 
-    def register() -> CertificateEntry:
-        for entry in registry.certificates(record.calibration_id):
-            if entry.number == record.number and entry.files == hashes:
-                return entry  # the server went away after it had taken it
-        return registry.add_certificate(
-            record.number,
-            record.calibration_id,
-            authorised_by=", ".join(record.authorised_by),
-            files=hashes,
-            summary=summary,
-            supersedes=record.supersedes,
-            issued=issued,
-        )
-
-    entry = registry.patiently(register)
+    registry.patiently(register)
     if folder is not None:  # nothing leaves the archive before it is registered
         _write(folder, contents)
     files = tuple((folder or archive) / name for name in contents)

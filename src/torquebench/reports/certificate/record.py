@@ -1,8 +1,7 @@
 """The record that PDF and digital certificate are both written from: everything they state."""
 
-import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from datetime import date
 from types import UnionType
@@ -10,6 +9,7 @@ from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 
 from torquebench.errors import RecordError
 from torquebench.records import json_text
+from torquebench.records.entries import sha256_of_record
 from torquebench.uncertainty import Verdict
 
 __all__ = [
@@ -34,6 +34,15 @@ PAYLOAD_PREFIX = "torquebench-certificate"
 """What the QR code begins with, before number and hash."""
 
 RECORD_FORMAT = 2
+
+
+def stated(en: str, de: str, zh: str, default: Any = MISSING) -> Any:
+    """Declare a field that every form of the certificate states by itself, with its label.
+
+    The PDF shows it among its facts, the digital certificate as a statement; empty ones aren't
+    shown.
+    """
+    return field(default=default, metadata={"label": {"en": en, "de": de, "zh": zh}})
 
 
 @dataclass(frozen=True)
@@ -99,7 +108,9 @@ class Method:
     points: int
     unsettled: int
     placement: tuple[int, int, int] | None = None
-    table: str = ""
+    table: str = stated(
+        "Points read from the table", "Punkte aus der Tabelle", "测量点读自表格", default=""
+    )
 
 
 @dataclass(frozen=True)
@@ -412,10 +423,15 @@ class CertificateRecord:
     @property
     def sha256(self) -> str:
         """SHA-256 of the record's content, which the QR code carries."""
-        text = json.dumps(
-            json.loads(json_text(self)), sort_keys=True, ensure_ascii=False, separators=(",", ":")
-        )
-        return hashlib.sha256(text.encode()).hexdigest()
+        return sha256_of_record(json.loads(json_text(self)))
+
+    def stated(self) -> Iterator[tuple[Mapping[str, str], str]]:
+        """Yield label, by language, and text of every field that is stated by itself."""
+        for part in (self.item, self.method, self.reference, self):
+            for each in fields(part):
+                value = getattr(part, each.name)
+                if "label" in each.metadata and value not in ("", None, ()):
+                    yield each.metadata["label"], str(value)
 
     @property
     def payload(self) -> str:

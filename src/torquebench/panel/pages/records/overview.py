@@ -299,7 +299,7 @@ def _certificates(visitor: Visitor) -> None:
             words("p", said)
             if each.superseded_by:
                 note(text("records.superseded", number=each.superseded_by), "warn")
-            certificate_buttons(visitor, each.number, each.files)
+            certificate_buttons(visitor, each.number, tuple(each.files))
 
 
 def records_page(visitor: Visitor) -> None:

@@ -22,7 +22,6 @@ from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.records.views import (
     CalibrationDetail,
     CalibrationView,
-    CertificateView,
     ErrorCurve,
     ModelView,
     RunDetail,
@@ -30,7 +29,14 @@ from torquebench.panel.service.records.views import (
     RunTable,
     RunView,
 )
-from torquebench.records import Registry, RunFolder, RunSummary, folder_changes, sha256_of_file
+from torquebench.records import (
+    CertificateEntry,
+    Registry,
+    RunFolder,
+    RunSummary,
+    folder_changes,
+    sha256_of_file,
+)
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
@@ -235,7 +241,7 @@ class RecordQueries:
                 found for model in models for found in self._registry.verifications(model.model_id)
             ),
             tuple(self._registry.reviews("calibrations", calibration_id)),
-            tuple(each for each in self.certificates() if each.calibration_id == calibration_id),
+            tuple(self._registry.certificates(calibration_id)),
             tuple(self._registry.activations(entry.transducer_serial)),
         )
 
@@ -300,11 +306,9 @@ class RecordQueries:
 
     # -- certificates -----------------------------------------------------------------------
 
-    def certificates(self) -> list[CertificateView]:
+    def certificates(self) -> list[CertificateEntry]:
         """Return all certificates, the newest first."""
-        entries = self._registry.certificates()
-        newer = {entry.supersedes: entry.number for entry in entries if entry.supersedes}
-        return [CertificateView.of(entry, newer.get(entry.number, "")) for entry in entries]
+        return self._registry.certificates()
 
     def certificate_file(self, number: str, name: str) -> tuple[bytes, str]:
         """Return one file of a certificate and its media type, checked by its registered hash.

@@ -20,7 +20,6 @@ from torquebench.records import (
 __all__ = [
     "CalibrationDetail",
     "CalibrationView",
-    "CertificateView",
     "ErrorCurve",
     "ModelView",
     "RunDetail",
@@ -191,34 +190,6 @@ class CalibrationView:
 
 
 @dataclass(frozen=True)
-class CertificateView:
-    """A certificate that was issued; `files` are names for `records.certificate_file`."""
-
-    number: str
-    calibration_id: int
-    issued: datetime
-    authorised_by: str
-    files: tuple[str, ...]
-    summary: Mapping[str, Any]
-    supersedes: str
-    superseded_by: str
-
-    @classmethod
-    def of(cls, entry: CertificateEntry, superseded_by: str) -> CertificateView:
-        """Leave out hashes."""
-        return cls(
-            number=entry.number,
-            calibration_id=entry.calibration_id,
-            issued=entry.issued,
-            authorised_by=entry.authorised_by,
-            files=tuple(entry.files),
-            summary=dict(entry.summary),
-            supersedes=entry.supersedes,
-            superseded_by=superseded_by,
-        )
-
-
-@dataclass(frozen=True)
 class CalibrationDetail:
     """A calibration with its models, what verified them, who checked it, its certificates."""
 
@@ -226,7 +197,7 @@ class CalibrationDetail:
     models: tuple[ModelView, ...]
     verifications: tuple[VerificationEntry, ...]
     reviews: tuple[Review, ...]
-    certificates: tuple[CertificateView, ...]
+    certificates: tuple[CertificateEntry, ...]
     activations: tuple[Activation, ...]
 
 
