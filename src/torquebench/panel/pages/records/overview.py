@@ -21,7 +21,7 @@ from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
-from torquebench.panel.pages.records.run import RunPanel
+from torquebench.panel.pages.records.run import RunPanel, run_title
 from torquebench.panel.pages.records.table_import import TableEntry
 from torquebench.panel.pages.visitor import Visitor
 
@@ -86,7 +86,7 @@ class _Runs:
             rows = [
                 (
                     f"{run.started:%Y-%m-%d %H:%M}",
-                    text.maybe(f"run_kind.{run.kind}", run.kind),
+                    run_title(text, run.kind),
                     run.operator,
                     text.maybe(f"records.status_{run.status}", run.status),
                     run.run_id,

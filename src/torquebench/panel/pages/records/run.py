@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import run, ui
 
+from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
@@ -15,12 +16,22 @@ from torquebench.panel.components.elements import box, note, pairs, panel, table
 from torquebench.panel.pages.calibrate.resume import resume_button, take_up
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
+from torquebench.panel.text import Text
 
-__all__ = ["RunPanel"]
+__all__ = ["RunPanel", "run_title"]
 
 SHOWN_ROWS = 12
 POINTS = 1000
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
+
+
+def run_title(text: Text, kind: str) -> str:
+    """Say what kind of run it was."""
+    name = kind.removeprefix("test-").removesuffix("-short")
+    if not kind.startswith("test-") or name not in TESTS:
+        return text.maybe(f"run_kind.{kind}", kind)
+    title = TESTS[name].title
+    return text.core(f"{title}, short test" if kind.endswith("-short") else title)
 
 
 class RunPanel:
@@ -72,7 +83,7 @@ class RunPanel:
     def _facts(self, detail: RunDetail) -> list[tuple[str, str]]:
         text, run = self._text, detail.run
         facts = [
-            (text("records.kind"), text.maybe(f"run_kind.{run.kind}", run.kind)),
+            (text("records.kind"), run_title(text, run.kind)),
             (text("records.started"), f"{run.started:%Y-%m-%d %H:%M:%S} UTC"),
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),
