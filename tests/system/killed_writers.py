@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from torquebench.records import RunFolder, edge_stream, raw_stream
+from torquebench.records import RunFolder, arrow_stream
 from torquebench.signals import EdgeBlock
 
 BLOCK_TICKS = 100_000
@@ -60,8 +60,7 @@ def write(runs: Path, name: str, pipe: int, last: int) -> None:
 
 def main(runs: Path, count: int, seed: int) -> None:
     """Write and kill so many runs."""
-    raw_stream.FLUSH_INTERVAL_S = 0.004
-    edge_stream.FLUSH_INTERVAL_S = 0.004
+    arrow_stream.FLUSH_INTERVAL_S = 0.004
     draw = random.Random(seed)
     acknowledged = {}
     for number in range(count):

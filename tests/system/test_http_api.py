@@ -1,3 +1,4 @@
+import hashlib
 import json
 import threading
 import time
@@ -204,8 +205,10 @@ def test_from_calibration_to_certificate(
     detail = olga.get(f"/calibrations/{number}").json()
     assert [each["checked_by"] for each in detail["reviews"]] == ["Max"]
     assert [each["number"] for each in detail["certificates"]] == [certificate]
-    name = detail["certificates"][0]["files"][0]
-    assert olga.get(f"/certificates/{certificate}/{name}").content.startswith(b"%PDF")
+    name, sha256 = next(iter(detail["certificates"][0]["files"].items()))
+    content = olga.get(f"/certificates/{certificate}/{name}").content
+    assert content.startswith(b"%PDF")
+    assert hashlib.sha256(content).hexdigest() == sha256
     for wanted, count in (("olga calibrate", 1), ("nobody", 0), ("%", 0)):
         params = {"text": wanted, "status": "completed", "since": "2020-01-01T00:00:00Z"}
         assert olga.get("/runs", params=params).json()["total"] >= count

@@ -14,6 +14,7 @@ from bluesky.utils import Msg
 
 from torquebench.bench import default_bench
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
+from torquebench.bench.interlocks import standard_serial
 from torquebench.calibration import CalibrationData
 from torquebench.compensation import Provenance, StoredModel, make_model, save_model
 from torquebench.errors import (
@@ -260,7 +261,7 @@ def test_an_operator_may_decline(tmp_path: Path) -> None:
     with Station.open(data_dir=tmp_path, operator=person) as station:
         with pytest.raises(InterlockError, match="calibrator was not mounted"):
             station.run(set_up(station.devices), kind="calibrate")
-        assert station.interlocks.standard_serial() == ""
+        assert standard_serial(station.state) == ""
 
 
 def calibrated(station: Station, *, serial: str, counter: str, slope: float = 1.01) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
+from torquebench.bench.interlocks import standard_serial
 from torquebench.calibration import CalibrationData, Placement, Profile, Step, check_limits
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
@@ -215,7 +216,7 @@ def _staircase(
 
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
-        metadata["standard_serial"] = devices.context.interlocks.standard_serial()
+        metadata["standard_serial"] = standard_serial(devices.context.state)
         yield from bpp.run_wrapper(load(), md=metadata)
 
     largest_nm = max(abs(step.target_nm) for step in steps)

@@ -14,20 +14,24 @@ from typing import Any, Generic, TypeVar
 from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
-from torquebench.bench.drivers.base import SIDES, Mode, Seating, Side
+from torquebench.bench.interlocks import (
+    check_clamp,
+    check_enable,
+    check_mode_change,
+    check_mounting,
+    check_procedure,
+    check_seating,
+    check_speed,
+    check_torque,
+)
+from torquebench.bench.roles import SIDES, Mode, Mounting, Seating, Side
 from torquebench.errors import InterlockError, LimitError
-from torquebench.procedures.setup import Plan, ProcedureGate, ProcedureKind
+from torquebench.procedures.setup import Plan, ProcedureGate
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Move", "Rehearsal", "rehearse"]
 
 Result = TypeVar("Result")
-
-_WANTED: dict[ProcedureKind, str] = {
-    "calibration": "calibrator",
-    "verification": "verification_standard",
-    "reducer_test": "reducer",
-}
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,52 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
             raise refusal
 
 
+class _Books:
+    """The bench's state as the plan will have made it by then.
+
+    Nobody is supposed to be away by then, and no alarm latched: that depends on the moment, and
+    the devices ask for it then.
+    """
+
+    def __init__(self, devices: BenchDevices) -> None:
+        present = devices.context.state
+        self.description = present.description
+        self.limits = present.limits
+        self.standard = present.mounted()
+        self.closed = present.clamped()
+        drives = devices.context.drivers.drives
+        self.sides: dict[Side, _SideState] = {
+            side: _SideState(present.mode(side), drives[side].state().enabled) for side in SIDES
+        }
+
+    def mounted(self) -> Mounting:
+        return self.standard
+
+    def clamped(self) -> bool:
+        return self.closed
+
+    def mode(self, side: Side) -> Mode:
+        return self.sides[side].mode
+
+    def enabled(self, side: Side) -> bool:
+        return self.sides[side].enabled
+
+    def commanded(self, side: Side) -> tuple[float, float]:
+        return self.sides[side].torque_nm, self.sides[side].speed_rad_s
+
+    def reading_nm(self, side: Side) -> float:
+        return self.sides[side].torque_nm
+
+    def speed_rad_s(self, side: Side) -> float:
+        return self.sides[side].speed_rad_s
+
+    def alarm(self) -> None:
+        return None
+
+    def absent_s(self) -> float:
+        return 0.0
+
+
 @dataclass
 class _SideState:
     mode: Mode
@@ -114,26 +164,14 @@ class _SideState:
     speed_rad_s: float = 0.0
     settings: SteadySettings = field(default_factory=SteadySettings)
 
-    @property
-    def loaded(self) -> bool:
-        return self.torque_nm != 0.0 or self.speed_rad_s != 0.0
-
 
 class _Stage:
     """The bookkeeping bench."""
 
     def __init__(self, devices: BenchDevices) -> None:
-        context = devices.context
         self.devices = devices
-        self.description = context.description
-        self.mounted: str = context.drivers.operator.mounted()
-        self.clamped = context.drivers.clamp.clamped()
-        self.sides: dict[Side, _SideState] = {
-            side: _SideState(
-                context.drivers.modes.mode(side), context.drivers.drives[side].state().enabled
-            )
-            for side in SIDES
-        }
+        self.books = _Books(devices)
+        self.description, self.sides = self.books.description, self.books.sides
         self.stamp = Point()
         self.now_s = 0.0
         self.moves: list[Move] = []
@@ -147,8 +185,8 @@ class _Stage:
             id(devices.point): ("point", self._mark),
         }
         self._readings: dict[int, Callable[[], object]] = {
-            id(devices.mounting.mounted): lambda: self.mounted,
-            id(devices.clamp.clamped): lambda: self.clamped,
+            id(devices.mounting.mounted): self.books.mounted,
+            id(devices.clamp.clamped): self.books.clamped,
         }
         for side in SIDES:
             self._connect(side)
@@ -211,7 +249,7 @@ class _Stage:
 
     def _set(self, device: Any, value: Any) -> None:
         if isinstance(device, ProcedureGate):
-            self._check_procedure(value)
+            check_procedure(self.books, value)
             return
         name, action = self._setters.get(id(device), (device.name, lambda _value: None))
         action(value)
@@ -258,80 +296,45 @@ class _Stage:
             fields["standard_nm"] = state.torque_nm
         return fields
 
-    # -- rules ------------------------------------------------------------------------------
+    # -- what each command does to the books -------------------------------------------------
 
-    def _check_procedure(self, kind: ProcedureKind) -> None:
-        if self.mounted != _WANTED[kind]:
-            raise InterlockError(
-                f"{self.mounted} mounted for a {kind}", _WANTED[kind], "mount it first"
-            )
-
-    def _mount(self, value: str) -> None:
-        if self.clamped or any(state.enabled for state in self.sides.values()):
-            raise InterlockError(
-                "mounting with the clamp closed or a drive on", "clamp open, drives off"
-            )
-        self.mounted = value
+    def _mount(self, value: Mounting) -> None:
+        if value != self.books.standard:
+            check_mounting(self.books, value)
+            self.books.standard = value
 
     def _seat(self, _value: Seating) -> None:
-        if self.mounted == "nothing":
-            raise InterlockError("seating with nothing mounted", "something between the flanges")
-        self._mount(self.mounted)
+        check_seating(self.books)
 
     def _clamp(self, value: bool) -> None:
-        if value and self.mounted == "nothing":
-            raise InterlockError("clamping with nothing mounted", "something between the flanges")
-        self._refuse_load("moving the clamp")
-        self.clamped = value
+        check_clamp(self.books, value)
+        self.books.closed = value
 
     def _mark(self, value: Point) -> None:
         self.stamp = value
 
     def _change_mode(self, side: Side, value: Mode) -> None:
-        self._refuse_load("a mode change")
-        if self.sides[side].enabled and value != "driven":
-            raise InterlockError(f"mode {value} of the {side} with its drive on", "drive off")
+        check_mode_change(self.books, side, value)
         self.sides[side].mode = value
 
     def _switch(self, side: Side, value: bool) -> None:
-        if not value:
-            self._refuse_load("switching a drive off")
+        if value:
+            check_enable(self.books, side)
+        else:  # the drive goes to zero first
+            self._torque(side, 0.0)
+            self._speed(side, 0.0)
         self.sides[side].enabled = value
 
     def _torque(self, side: Side, value: float, rate: float = math.inf) -> None:
-        state, module = self.sides[side], self.description.module(side)
-        if value != 0.0:
-            self._refuse_undriven(side, "torque")
-        if abs(value) > module.limits.torque_nm:
-            raise LimitError(
-                f"{value:g} N·m at the {side}", f"at most {module.limits.torque_nm:g} N·m"
-            )
-        rate = min(rate, module.drive.torque_rate_nm_per_s)
+        state, drive = self.sides[side], self.description.module(side).drive
+        check_torque(self.books, side, value)
+        rate = min(rate, drive.torque_rate_nm_per_s)
         self.now_s += abs(value - state.torque_nm) / rate
         state.torque_nm = value
 
     def _speed(self, side: Side, value: float, rate: float = math.inf) -> None:
-        state, module = self.sides[side], self.description.module(side)
-        if value != 0.0:  # shafts that nothing connects may turn with the clamp open
-            self._refuse_undriven(side, "speed", clamp=self.mounted != "nothing")
-        rpm = abs(value) * RPM_PER_RAD_S
-        if rpm > module.limits.speed_rpm * (1 + 1e-9):
-            raise LimitError(
-                f"{rpm:g} rpm at the {side}", f"at most {module.limits.speed_rpm:g} rpm"
-            )
-        rate = min(rate, module.drive.speed_rate_rad_per_s2)
+        state, drive = self.sides[side], self.description.module(side).drive
+        check_speed(self.books, side, value)
+        rate = min(rate, drive.speed_rate_rad_per_s2)
         self.now_s += abs(value - state.speed_rad_s) / rate
         state.speed_rad_s = value
-
-    def _refuse_undriven(self, side: Side, what: str, *, clamp: bool = True) -> None:
-        state = self.sides[side]
-        if not ((self.clamped or not clamp) and state.mode == "driven" and state.enabled):
-            raise InterlockError(
-                f"{what} at the {side} with the clamp {'closed' if self.clamped else 'open'}, "
-                f"mode {state.mode}, drive {'on' if state.enabled else 'off'}",
-                "clamp closed, mode driven, drive on",
-            )
-
-    def _refuse_load(self, purpose: str) -> None:
-        if any(state.loaded for state in self.sides.values()):
-            raise InterlockError(f"{purpose} under load or in motion", "no torque, standstill")

@@ -14,6 +14,7 @@ from ophyd_async.core import AsyncStatus
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
+from torquebench.bench.interlocks import check_procedure
 
 __all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_after"]
 
@@ -56,12 +57,12 @@ class ProcedureGate(Movable[ProcedureKind]):
     parent = None
 
     def __init__(self, devices: BenchDevices) -> None:
-        self._interlocks = devices.context.interlocks
+        self._state = devices.context.state
 
     @AsyncStatus.wrap
     async def set(self, value: ProcedureKind) -> None:
         """Raise InterlockError unless the mounted part fits the procedure."""
-        self._interlocks.check_procedure(value)
+        check_procedure(self._state, value)
 
 
 def other_side(side: Side) -> Side:

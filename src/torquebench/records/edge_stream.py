@@ -1,8 +1,6 @@
 """Every edge of every channel: a delta-encoded Arrow stream while a run goes on."""
 
-import threading
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,18 +9,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from torquebench.errors import RecordError
-from torquebench.records.durable_file import DurableFile
+from torquebench.records.arrow_stream import ArrowStream, WholeBatches
 from torquebench.records.edge_codec import EncodedEdges, decode_edges, encode_edges
-from torquebench.records.raw_stream import WholeBatches, write_checked
 from torquebench.signals import EdgeBlock
 
 __all__ = ["EdgeStream", "RecordedEdges", "damage_to", "stream_edges"]
-
-FLUSH_INTERVAL_S = 0.5
-"""Longest time between two synchronisations while blocks come, s of wall time."""
-FLUSH_EDGES = 1_000_000
-"""Edges in memory at most: four transducers with 60 kHz make 240 000 a second."""
 
 _ENCODED = [
     ("count", pa.int64()),
@@ -52,30 +43,16 @@ class RecordedEdges:
     block: EdgeBlock
 
 
-class EdgeStream:
-    """Appends blocks of edges to an Arrow IPC stream that survives a kill at any moment.
+class EdgeStream(ArrowStream):
+    """Appends blocks of edges; what `acknowledged_tick` tells is synchronised of all channels."""
 
-    Blocks are on the disk at the latest with the first call after `FLUSH_INTERVAL_S`, together:
-    what `acknowledged_tick` tells is what was synchronised with the disk, of all channels. Calls
-    may come from any thread.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        File to write; it appears with the first block.
-    """
+    CONTENT, COMPRESSION = "edges", "zstd"
+    CAPACITY = 1_000_000  # four transducers with 60 kHz make 240 000 a second
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._lock = threading.Lock()
-        self._file: DurableFile | None = None
-        self._writer: Any = None
-        self._pending: list[dict[str, Any]] = []
-        self._pending_edges = 0
-        self._pending_tick: int | None = None
+        super().__init__(path)
+        self._tick: int | None = None
         self._acknowledged: int | None = None
-        self._last_flush = time.monotonic()
-        self._closed = False
 
     @property
     def acknowledged_tick(self) -> int | None:
@@ -95,57 +72,17 @@ class EdgeStream:
         RecordError
             Where the stream is closed or the disk fails; nothing can be appended after that.
         """
-        with self._lock:
-            if self._closed or (self._file is not None and self._file.failed):
-                raise RecordError(f"{self._path} is closed", "edges before the run is sealed")
+        with self._appending():
             for channel, block in blocks.items():
                 self._pending.append(_row(channel, block))
-                self._pending_edges += len(block)
-                stop = block.stop_tick
-                self._pending_tick = max(stop, self._pending_tick or stop)
-            due = time.monotonic() - self._last_flush >= FLUSH_INTERVAL_S
-            if due or self._pending_edges >= FLUSH_EDGES:
-                self._flush()
+                self._pending_size += len(block)
+                self._tick = max(block.stop_tick, self._tick or block.stop_tick)
 
-    def flush(self) -> None:
-        """Write everything that is still in memory to the disk."""
-        with self._lock:
-            self._flush()
+    def _batches(self, pending: list[Any]) -> Iterable[Any]:
+        return [pa.RecordBatch.from_pylist(pending, schema=_SCHEMA)]
 
-    def close(self) -> None:
-        """Write what is in memory and end the stream; more calls do nothing."""
-        with self._lock:
-            if self._closed:
-                return
-            self._closed = True
-            self._flush()
-            if self._file is None or self._file.failed:
-                return
-            try:
-                self._writer.close()
-                self._file.synchronise()
-            except OSError as error:
-                raise self._file.failure(error) from error
-            self._file.close()
-
-    def _flush(self) -> None:
-        if not self._pending:
-            return
-        batch = pa.RecordBatch.from_pylist(self._pending, schema=_SCHEMA)
-        tick = self._pending_tick
-        self._pending, self._pending_edges, self._pending_tick = [], 0, None
-        if self._file is None:
-            self._file = DurableFile(self._path)
-        try:
-            if self._writer is None:
-                options = pa.ipc.IpcWriteOptions(compression="zstd", use_threads=False)
-                self._writer = pa.ipc.new_stream(self._file, _SCHEMA, options=options)
-            write_checked(self._writer, batch)
-            self._file.synchronise()
-        except OSError as error:
-            raise self._file.failure(error) from error
-        self._acknowledged = tick
-        self._last_flush = time.monotonic()
+    def _acknowledge(self) -> None:
+        self._acknowledged = self._tick
 
 
 def stream_edges(path: Path) -> Iterator[RecordedEdges]:

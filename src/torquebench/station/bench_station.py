@@ -23,7 +23,7 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
 from torquebench.bench.identification import check_identities
-from torquebench.bench.interlocks import Interlocks
+from torquebench.bench.interlocks import PresentState
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
 from torquebench.bench.safety.priority import available_priority
@@ -82,7 +82,7 @@ class Station:
     clock : BenchClock
     acquisition : Acquisition
     supervisor : SafetySupervisor
-    interlocks : Interlocks
+    state : PresentState
     devices : BenchDevices
     registry : Registry
     interrupt_action : {"abort", "pause"}
@@ -114,9 +114,7 @@ class Station:
         self.drivers = drivers
         self.recovered: tuple[RecoveredRun, ...] = ()
         self.acquisition = Acquisition(description, drivers, self.clock, self.supervisor, commands)
-        self.interlocks = Interlocks(
-            description, drivers, self.supervisor, commands, self.acquisition
-        )
+        self.state = PresentState(description, drivers, self.supervisor, commands, self.acquisition)
         self._commands = commands
         context = BenchContext(
             description,
@@ -124,7 +122,7 @@ class Station:
             self.clock,
             self.acquisition,
             self.supervisor,
-            self.interlocks,
+            self.state,
             commands,
         )
         self.devices = BenchDevices(context)

@@ -15,7 +15,7 @@ from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.drivers.simulated import SimulatedBench
-from torquebench.bench.interlocks import Interlocks
+from torquebench.bench.interlocks import PresentState
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.state import CommandState
 from torquebench.validation import validated
@@ -46,7 +46,7 @@ class LowBench:
     commands: CommandState
     supervisor: SafetySupervisor
     acquisition: Acquisition
-    interlocks: Interlocks
+    state: PresentState
 
     @property
     def simulated(self) -> SimulatedBench:
@@ -89,11 +89,11 @@ def _open(
     commands = CommandState()
     supervisor = SafetySupervisor(description, drivers, clock, commands)
     acquisition = Acquisition(description, drivers, clock, supervisor, commands)
-    interlocks = Interlocks(description, drivers, supervisor, commands, acquisition)
+    state = PresentState(description, drivers, supervisor, commands, acquisition)
     try:
         supervisor.start()
         acquisition.start()
-        yield LowBench(description, drivers, clock, commands, supervisor, acquisition, interlocks)
+        yield LowBench(description, drivers, clock, commands, supervisor, acquisition, state)
     finally:
         acquisition.close()
         supervisor.close()

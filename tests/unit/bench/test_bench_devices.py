@@ -36,7 +36,7 @@ async def ready(bench: Any) -> AsyncIterator[BenchDevices]:
         bench.clock,
         bench.acquisition,
         bench.supervisor,
-        bench.interlocks,
+        bench.state,
         bench.commands,
     )
     devices = BenchDevices(context)

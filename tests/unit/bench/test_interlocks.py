@@ -2,6 +2,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from torquebench.bench import interlocks
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, InterlockError, LimitError, SignalFault
 
@@ -20,110 +21,110 @@ def ready(bench: LowBench) -> LowBench:
 
 
 def test_torque_is_allowed_when_everything_is_in_place(bench: LowBench) -> None:
-    ready(bench).interlocks.check_torque("output", 2000.0)
-    bench.interlocks.check_speed("output", 1.0)
+    interlocks.check_torque(ready(bench).state, "output", 2000.0)
+    interlocks.check_speed(bench.state, "output", 1.0)
 
 
 def test_no_torque_without_clamp(bench: LowBench) -> None:
     ready(bench).drivers.clamp.set_clamped(False)
     with pytest.raises(InterlockError, match="clamp open"):
-        bench.interlocks.check_torque("output", 1.0)
+        interlocks.check_torque(bench.state, "output", 1.0)
     with pytest.raises(InterlockError, match="clamp open"):
-        bench.interlocks.check_speed("output", 1.0)
-    bench.interlocks.check_torque("output", 0.0)
+        interlocks.check_speed(bench.state, "output", 1.0)
+    interlocks.check_torque(bench.state, "output", 0.0)
 
 
 @pytest.mark.parametrize("mode", ["free", "locked"])
 def test_no_torque_and_no_speed_on_a_side_that_is_not_driven(bench: LowBench, mode: Any) -> None:
     ready(bench).drivers.modes.set_mode("output", mode)
     with pytest.raises(InterlockError, match=mode):
-        bench.interlocks.check_torque("output", -5.0)
+        interlocks.check_torque(bench.state, "output", -5.0)
     with pytest.raises(InterlockError, match=mode):
-        bench.interlocks.check_speed("output", -0.1)
+        interlocks.check_speed(bench.state, "output", -0.1)
 
 
 def test_no_torque_from_a_drive_that_is_off(bench: LowBench) -> None:
     ready(bench).commands.output.enabled = False
     with pytest.raises(InterlockError, match="which is off"):
-        bench.interlocks.check_torque("output", 5.0)
+        interlocks.check_torque(bench.state, "output", 5.0)
 
 
 @pytest.mark.parametrize("value", [2401.0, -2401.0, float("nan"), float("inf")])
 def test_no_torque_beyond_the_limit(bench: LowBench, value: float) -> None:
     with pytest.raises(LimitError, match=r"N·m asked of the output drive; allowed: ±2400 N·m"):
-        ready(bench).interlocks.check_torque("output", value)
+        interlocks.check_torque(ready(bench).state, "output", value)
 
 
 @pytest.mark.parametrize("value", [3.0, -3.0, float("nan")])
 def test_no_speed_beyond_the_limit(bench: LowBench, value: float) -> None:
     with pytest.raises(LimitError, match=r"±20 rpm"):
-        ready(bench).interlocks.check_speed("output", value)
+        interlocks.check_speed(ready(bench).state, "output", value)
 
 
 def test_nothing_moves_while_an_alarm_is_latched(bench: LowBench) -> None:
     ready(bench).supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
     assert bench.supervisor.wait_safe(10.0)
     for refused in (
-        lambda: bench.interlocks.check_torque("output", 1.0),
-        lambda: bench.interlocks.check_speed("output", 1.0),
-        lambda: bench.interlocks.check_enable("output"),
-        lambda: bench.interlocks.check_procedure("calibration"),
+        lambda: interlocks.check_torque(bench.state, "output", 1.0),
+        lambda: interlocks.check_speed(bench.state, "output", 1.0),
+        lambda: interlocks.check_enable(bench.state, "output"),
+        lambda: interlocks.check_procedure(bench.state, "calibration"),
     ):
         with pytest.raises(InterlockError, match="alarm is latched"):
             refused()
-    bench.interlocks.check_torque("output", 0.0)
+    interlocks.check_torque(bench.state, "output", 0.0)
 
 
 def test_no_power_without_a_torque_signal(bench: LowBench) -> None:
     bench.clock.wait(0.1)
-    bench.interlocks.check_enable("output")
+    interlocks.check_enable(bench.state, "output")
     bench.simulated.twin.inject_fault("output_torque", "silent", duration_s=1.0)
     bench.clock.wait(0.1)
     with pytest.raises(SignalFault, match="output_torque"):
-        bench.interlocks.check_enable("output")
+        interlocks.check_enable(bench.state, "output")
 
 
 def test_no_mode_change_under_load(bench: LowBench) -> None:
-    ready(bench).interlocks.check_mode_change("input", "free")
+    interlocks.check_mode_change(ready(bench).state, "input", "free")
     bench.load_output(500.0)
     with pytest.raises(InterlockError, match="500 N·m"):
-        bench.interlocks.check_mode_change("input", "free")
+        interlocks.check_mode_change(bench.state, "input", "free")
     bench.clock.wait(0.5)
     bench.commands.output.torque_nm = 0.0  # told to unload, and not unloaded yet
     with pytest.raises(InterlockError, match="output transducer reads"):
-        bench.interlocks.check_mode_change("output", "free")
+        interlocks.check_mode_change(bench.state, "output", "free")
     with pytest.raises(InputError, match="sideways"):
-        bench.interlocks.check_mode_change("output", "sideways")
+        interlocks.check_mode_change(bench.state, "output", "sideways")
 
 
 def test_no_mode_change_in_motion(bench: LowBench) -> None:
     ready(bench).drivers.drives["output"].command_speed(1.0, 100.0)
     bench.clock.wait(1.0)
     with pytest.raises(InterlockError, match="turns with"):
-        bench.interlocks.check_mode_change("output", "free")
+        interlocks.check_mode_change(bench.state, "output", "free")
 
 
 def test_the_clamp_closes_on_something_and_opens_without_load(bench: LowBench) -> None:
     bench.clock.wait(0.1)
     with pytest.raises(InterlockError, match="nothing mounted"):
-        bench.interlocks.check_clamp(True)
-    bench.interlocks.check_clamp(False)
-    ready(bench).interlocks.check_clamp(False)
+        interlocks.check_clamp(bench.state, True)
+    interlocks.check_clamp(bench.state, False)
+    interlocks.check_clamp(ready(bench).state, False)
     bench.load_output(500.0)
     with pytest.raises(InterlockError, match="open the clamp"):
-        bench.interlocks.check_clamp(False)
+        interlocks.check_clamp(bench.state, False)
 
 
 def test_mounting_needs_an_open_clamp_and_both_drives_off(bench: LowBench) -> None:
-    bench.interlocks.check_mounting("reducer")
+    interlocks.check_mounting(bench.state, "reducer")
     with pytest.raises(InputError, match="gearbox"):
-        bench.interlocks.check_mounting("gearbox")
+        interlocks.check_mounting(bench.state, "gearbox")
     ready(bench)
     with pytest.raises(InterlockError, match="clamp closed"):
-        bench.interlocks.check_mounting("reducer")
+        interlocks.check_mounting(bench.state, "reducer")
     bench.drivers.clamp.set_clamped(False)
     with pytest.raises(InterlockError, match="output drive on"):
-        bench.interlocks.check_mounting("reducer")
+        interlocks.check_mounting(bench.state, "reducer")
 
 
 @pytest.mark.parametrize(
@@ -141,17 +142,17 @@ def test_each_procedure_needs_its_own_thing_in_a_closed_clamp(
     bench.drivers.operator.mount(mounted)
     if mounted != needed:
         with pytest.raises(InterlockError, match=f"mount the {needed.replace('_', ' ')}"):
-            bench.interlocks.check_procedure(kind)
+            interlocks.check_procedure(bench.state, kind)
         return
     with pytest.raises(InterlockError, match="clamp open"):
-        bench.interlocks.check_procedure(kind)
+        interlocks.check_procedure(bench.state, kind)
     bench.drivers.clamp.set_clamped(True)
-    bench.interlocks.check_procedure(kind)
+    interlocks.check_procedure(bench.state, kind)
 
 
 def test_the_mounted_standard_is_known_by_its_serial(bench: LowBench) -> None:
-    assert bench.interlocks.standard_serial() == ""
+    assert interlocks.standard_serial(bench.state) == ""
     bench.drivers.operator.mount("calibrator")
-    assert bench.interlocks.standard_serial() == "SIM-CAL-1"
+    assert interlocks.standard_serial(bench.state) == "SIM-CAL-1"
     bench.drivers.operator.mount("verification_standard")
-    assert bench.interlocks.standard_serial() == "SIM-VER-1"
+    assert interlocks.standard_serial(bench.state) == "SIM-VER-1"

@@ -4,11 +4,13 @@ import bluesky.plan_stubs as bps
 import numpy as np
 import pytest
 
+from torquebench.bench.roles import Seating
 from torquebench.calibration import Step, load_profile
 from torquebench.errors import InterlockError, LimitError
 from torquebench.procedures import calibrate, friction_sweep, rehearse, verify
 from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.station import Station
+from torquebench.units import RPM_PER_RAD_S
 
 COARSE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 
@@ -73,7 +75,7 @@ def test_torque_without_clamp_and_power_is_refused(station: Station) -> None:
     def careless():
         yield from bps.mv(station.devices.output.drive.torque, 100.0)
 
-    with pytest.raises(InterlockError, match="clamp open"):
+    with pytest.raises(InterlockError, match="in mode 'free'"):
         rehearse(station.devices, careless())
 
 
@@ -88,7 +90,7 @@ def test_a_mode_change_under_load_is_refused(station: Station) -> None:
         yield from bps.mv(devices.output.drive.torque, 100.0)
         yield from bps.mv(devices.output.mode, "free")
 
-    with pytest.raises(InterlockError, match="under load"):
+    with pytest.raises(InterlockError, match="output drive at 100 N·m"):
         rehearse(devices, careless())
 
 
@@ -127,3 +129,59 @@ def test_every_point_has_a_checkpoint_of_its_own(station: Station) -> None:
         if (command, name) == ("create", "points"):
             since_last += 1
             assert since_last == 1
+
+
+def _ready(devices):
+    yield from bps.mv(devices.mounting, "calibrator")
+    yield from bps.mv(devices.clamp, True)
+    yield from bps.mv(devices.output.mode, "driven")
+    yield from bps.mv(devices.output.drive.power, True)
+
+
+def _loaded(devices):
+    yield from _ready(devices)
+    yield from bps.mv(devices.output.drive.torque, 100.0)
+
+
+ORDERS = {
+    "close the clamp that is closed, loaded": (_loaded, "clamp", True),
+    "open the clamp, loaded": (_loaded, "clamp", False),
+    "open the clamp that is open": (None, "clamp", False),
+    "clamp nothing": (None, "clamp", True),
+    "a mode, loaded": (_loaded, "output.mode", "free"),
+    "a mode with its drive on": (_ready, "output.mode", "free"),
+    "power off, loaded": (_loaded, "output.drive.power", False),
+    "mount what is mounted": (_ready, "mounting", "calibrator"),
+    "mount with the clamp closed": (_ready, "mounting", "reducer"),
+    "seat nothing": (None, "seat", Seating("rotation", 120.0)),
+    "seat with the clamp closed": (_ready, "seat", Seating("rotation", 120.0)),
+    "torque on a side that is off": (None, "input.drive.torque", 1.0),
+    "the largest speed": (_ready, "output.drive.speed", 20.0 / RPM_PER_RAD_S),
+    "more than the largest speed": (_ready, "output.drive.speed", 20.1 / RPM_PER_RAD_S),
+    "more than the largest torque": (_ready, "output.drive.torque", 2401.0),
+}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_a_rehearsal_refuses_what_the_bench_refuses_and_nothing_else(
+    station: Station, name: str
+) -> None:
+    before, path, value = ORDERS[name]
+
+    def plan():
+        device = station.devices
+        if before is not None:
+            yield from before(device)
+        for part in path.split("."):
+            device = getattr(device, part)
+        yield from bps.mv(device, value)
+
+    def refused(do):
+        try:
+            do()
+        except (InterlockError, LimitError) as refusal:
+            return type(refusal), refusal.found
+        return None
+
+    rehearsed = refused(lambda: rehearse(station.devices, plan()))
+    assert refused(lambda: station.run(plan(), kind="test")) == rehearsed

@@ -11,7 +11,7 @@ from torquebench.bench.acquisition import Acquisition
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.interlocks import Interlocks
+from torquebench.bench.interlocks import BenchState
 from torquebench.bench.roles import Side
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
 from torquebench.bench.state import CommandState
@@ -32,7 +32,7 @@ class BenchContext:
     clock: BenchClock
     acquisition: Acquisition
     supervisor: SafetySupervisor
-    interlocks: Interlocks
+    state: BenchState
     commands: CommandState
 
     async def call(

@@ -16,6 +16,7 @@ from ophyd_async.core import (
 
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.ramp import DriveRamp, go_to
+from torquebench.bench.interlocks import check_enable
 from torquebench.bench.roles import Side
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
@@ -96,7 +97,7 @@ class DriveSwitch(StandardReadable):
         context, side = self._context, self._side
         drive, commands = context.drivers.drives[side], context.commands.side(side)
         if value:
-            context.interlocks.check_enable(side)
+            check_enable(context.state, side)
             commands.switching = True
             try:
                 await context.tell_drive(side, "switch on", drive.enable)

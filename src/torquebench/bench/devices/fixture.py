@@ -10,6 +10,12 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.interlocks import (
+    check_clamp,
+    check_mode_change,
+    check_mounting,
+    check_seating,
+)
 from torquebench.bench.roles import Mode, Mounting, Seating, Side
 
 __all__ = ["ClampDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
@@ -31,7 +37,7 @@ class ModeDevice(StandardReadable):
     async def set(self, value: Mode) -> None:
         """Change the mode. Raises InterlockError under load or in motion."""
         context = self._context
-        context.interlocks.check_mode_change(self._side, value)
+        check_mode_change(context.state, self._side, value)
         await context.call(context.drivers.modes.set_mode, self._side, value)
 
 
@@ -48,7 +54,7 @@ class ClampDevice(StandardReadable):
     async def set(self, value: bool) -> None:
         """Close or open the clamp. Raises InterlockError under load or with nothing mounted."""
         context = self._context
-        context.interlocks.check_clamp(value)
+        check_clamp(context.state, value)
         await context.call(context.drivers.clamp.set_clamped, value)
 
 
@@ -70,7 +76,7 @@ class MountingDevice(StandardReadable):
         context = self._context
         if value == context.drivers.operator.mounted():
             return
-        context.interlocks.check_mounting(value)
+        check_mounting(context.state, value)
         await context.call(context.drivers.operator.mount, value)
         context.acquisition.select_for(value)
         # The standard's first samples are in when this is done.
@@ -92,7 +98,7 @@ class SeatDevice(StandardReadable):
     async def set(self, value: Seating) -> None:
         """Have it seated again. Raises InterlockError with a closed clamp or when declined."""
         context = self._context
-        context.interlocks.check_mounting(context.drivers.operator.mounted())
+        check_seating(context.state)
         await context.call(context.drivers.operator.seat, value)
         self._count += 1
         self._set_position(value.position_deg)

@@ -14,6 +14,7 @@ from bluesky.protocols import Movable
 from ophyd_async.core import AsyncStatus, Device
 
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.interlocks import check_speed, check_torque
 from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity
 from torquebench.errors import InputError
@@ -55,11 +56,11 @@ async def go_to(
     described = context.description.module(side).drive
     tell: Callable[[float, float], None]
     if quantity == "torque":
-        context.interlocks.check_torque(side, target)
+        check_torque(context.state, side, target)
         before, fastest = commands.torque_nm, described.torque_rate_nm_per_s
         tell, unit = drive.command_torque, "N·m"
     else:
-        context.interlocks.check_speed(side, target)
+        check_speed(context.state, side, target)
         before, fastest = commands.speed_rad_s, described.speed_rate_rad_per_s2
         tell, unit = drive.command_speed, "rad/s"
     rate = min(rate, fastest)

@@ -12,6 +12,7 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side, reference_channel, torque_channel
 
 __all__ = ["Encoder", "Reference", "TemperatureProbes", "Transducer", "Zero"]
@@ -69,7 +70,7 @@ class Reference(StandardReadable):
         acquisition = context.acquisition
         with self.add_children_as_readables(StandardReadableFormat.UNCACHED_SIGNAL):
             self.serial, _ = soft_signal_r_and_setter(
-                str, getter=lambda: context.interlocks.standard_serial()
+                str, getter=lambda: standard_serial(context.state)
             )
             self.input_nm, _ = soft_signal_r_and_setter(
                 float,

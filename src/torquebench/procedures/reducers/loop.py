@@ -15,6 +15,7 @@ from bluesky.utils import Msg
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
+from torquebench.bench.interlocks import standard_serial
 from torquebench.errors import BenchError, InputError
 from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress
@@ -428,7 +429,7 @@ def bench_twist(
         nonlocal serial
         first = sides[0]
         yield from set_up(devices, Setup("calibration", first, "calibrator", "locked"))
-        serial = devices.context.interlocks.standard_serial()
+        serial = standard_serial(devices.context.state)
         yield from bpp.run_wrapper(measured(), md=metadata)
 
     yield from unloaded_after(devices, in_bench)

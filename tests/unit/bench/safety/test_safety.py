@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from torquebench.bench import interlocks
 from torquebench.bench.drivers.base import CounterBlock, DriverSet
 from torquebench.bench.safety import Alarm, AlarmKind, StandingAlarm
 from torquebench.errors import (
@@ -89,7 +90,7 @@ def test_heat_stops_the_bench(open_bench: OpenBench) -> None:
 def test_a_bench_that_is_too_warm_already_is_not_switched_on(open_bench: OpenBench) -> None:
     warm = {"driver__ambient_c": 40.0, "output__limits__temperature_c": 35.0}
     with open_bench(**warm) as bench, pytest.raises(InterlockError, match="temperature limit"):
-        bench.interlocks.check_enable("output")
+        interlocks.check_enable(bench.state, "output")
 
 
 @pytest.mark.parametrize("channel", ["output_torque", "output_reference", "input_torque"])
@@ -225,7 +226,7 @@ def test_a_silent_encoder_is_a_lost_signal_and_no_standstill(open_bench: OpenBen
         with pytest.raises(SignalFault, match="no angle from the output encoder"):
             bench.acquisition.speed_rad_s("output")
         with pytest.raises(SignalFault, match="no angle from the output encoder"):
-            bench.interlocks.check_unloaded("output", "change the mode")
+            interlocks.check_unloaded(bench.state, "output", "change the mode")
 
 
 def test_a_missing_probe_is_a_lost_signal(open_bench: OpenBench) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from torquebench.bench import interlocks
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet, DriveState
 from torquebench.bench.safety import AlarmKind, AlarmLevel, StepLimits
 from torquebench.bench.safety.signals import SignalJudge
@@ -92,9 +93,9 @@ def test_a_tightened_torque_is_refused_before_it_is_commanded(bench: LowBench) -
     bench.load_output(0.0)
     bench.supervisor.limits.tighten(StepLimits("output", torque_nm=100.0))
     with pytest.raises(LimitError, match="±100 N·m"):
-        bench.interlocks.check_torque("output", 150.0)
+        interlocks.check_torque(bench.state, "output", 150.0)
     bench.supervisor.limits.loosen()
-    bench.interlocks.check_torque("output", 150.0)
+    interlocks.check_torque(bench.state, "output", 150.0)
 
 
 def test_a_module_that_disagrees_with_the_standard_stops_the_bench(bench: LowBench) -> None:
@@ -135,9 +136,9 @@ def test_a_standard_that_repeats_one_value_while_its_module_moves_is_named(
 def test_nobody_at_the_bench_takes_the_power_off(open_bench: OpenBench) -> None:
     with open_bench(safety__presence_s=0.4) as bench:
         with pytest.raises(InterlockError, match="nobody at the bench"):
-            bench.interlocks.check_enable("output")
+            interlocks.check_enable(bench.state, "output")
         bench.supervisor.confirm_presence("A. Tester")
-        bench.interlocks.check_enable("output")
+        interlocks.check_enable(bench.state, "output")
         bench.load_output(100.0)
         bench.clock.wait(0.2)
         assert bench.supervisor.alarm is None

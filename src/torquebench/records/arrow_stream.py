@@ -1,0 +1,214 @@
+"""Arrow IPC streams that are only appended to, and survive a kill at any moment."""
+
+import hashlib
+import threading
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from torquebench.errors import RecordError
+from torquebench.records.durable_file import DurableFile
+
+__all__ = ["ArrowStream", "WholeBatches", "described_schema"]
+
+FLUSH_INTERVAL_S = 0.5
+"""Longest time between two synchronisations while something comes, s of wall time."""
+_CHECKSUM = b"sha256"
+
+
+class ArrowStream:
+    """What is appended reaches the disk together, each batch with a checksum of its values.
+
+    That happens at the latest with the first call after `FLUSH_INTERVAL_S` or `CAPACITY`, so a
+    kill costs less than a second. Calls may come from any thread.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File to write; it appears with the first call that appends.
+    """
+
+    CONTENT: str
+    """What it holds, in a word."""
+    CAPACITY: int
+    """How much of that is kept in memory at most."""
+    COMPRESSION: str
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._file: DurableFile | None = None
+        self._writer: Any = None
+        self._pending: list[Any] = []
+        self._pending_size = 0
+        self._last_flush = time.monotonic()
+        self._closed = False
+
+    def _batches(self, pending: list[Any]) -> Iterable[Any]:
+        """Return the record batches of what is pending."""
+        raise NotImplementedError
+
+    def _acknowledge(self) -> None:
+        """Note that everything appended so far is on the disk."""
+        raise NotImplementedError
+
+    def flush(self) -> None:
+        """Write everything that is still in memory to the disk."""
+        with self._lock:
+            self._flush()
+
+    def close(self) -> None:
+        """Write what is in memory and end the stream; more calls do nothing."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._flush()
+            if self._file is None or self._file.failed:
+                return
+            try:
+                if self._writer is not None:
+                    self._writer.close()
+                self._file.synchronise()
+            except OSError as error:
+                raise self._file.failure(error) from error
+            self._file.close()
+
+    @contextmanager
+    def _appending(self) -> Iterator[None]:
+        """Hold the stream while something is added to what is pending, and write it if it is due.
+
+        Raises
+        ------
+        RecordError
+            Where the stream is closed or the disk fails; nothing can be appended after that.
+        """
+        with self._lock:
+            if self._closed or (self._file is not None and self._file.failed):
+                raise RecordError(
+                    f"{self._path} is closed", f"{self.CONTENT} before the run is sealed"
+                )
+            yield
+            if self._file is None:
+                self._file = DurableFile(self._path)
+            due = time.monotonic() - self._last_flush >= FLUSH_INTERVAL_S
+            if due or self._pending_size >= self.CAPACITY:
+                self._flush()
+
+    def _flush(self) -> None:
+        if not self._pending or self._file is None:
+            return
+        batches = list(self._batches(self._pending))
+        self._pending, self._pending_size = [], 0
+        try:
+            if self._writer is None:
+                options = pa.ipc.IpcWriteOptions(compression=self.COMPRESSION, use_threads=False)
+                schema = batches[0].schema
+                self._writer = pa.ipc.new_stream(self._file, schema, options=options)
+            for batch in batches:
+                self._writer.write_batch(batch, custom_metadata={_CHECKSUM: _digest(batch)})
+            self._file.synchronise()
+        except OSError as error:
+            raise self._file.failure(error) from error
+        self._acknowledge()
+        self._last_flush = time.monotonic()
+
+
+class WholeBatches:
+    """The batches of an Arrow stream that are as they were written, one at a time.
+
+    An incomplete end, as a kill leaves it, is left out; `torn_bytes` tells its size afterwards.
+    So is a batch whose checksum is wrong; `damaged` tells how many.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The stream, running, killed or closed.
+
+    Raises
+    ------
+    RecordError
+        Where the file isn't an Arrow stream.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.torn_bytes = 0
+        self.damaged = 0
+
+    def __iter__(self) -> Iterator[Any]:
+        size, whole = self._path.stat().st_size, 0
+        with pa.OSFile(str(self._path), "rb") as source:
+            try:
+                with pa.ipc.open_stream(source) as reader:
+                    whole = source.tell()
+                    while True:
+                        batch, checksum = reader.read_next_batch_with_custom_metadata()
+                        whole = source.tell()
+                        if _is_as_written(batch, checksum):
+                            yield batch
+                        else:
+                            self.damaged += 1
+            except StopIteration:
+                whole = size
+            except (pa.ArrowException, OSError) as error:
+                if whole == 0 and size > 0 and not _torn_start(self._path):
+                    raise RecordError(
+                        f"{self._path} can't be read: {error}", "an Arrow stream"
+                    ) from error
+        self.torn_bytes = size - whole
+
+
+def _is_as_written(batch: Any, metadata: Any) -> bool:
+    try:
+        batch.validate(full=True)
+        return metadata is not None and metadata.get(_CHECKSUM) == _digest(batch).encode()
+    except (pa.ArrowException, ValueError):  # no text in UTF-8 among them
+        return False
+
+
+def _digest(batch: Any) -> str:
+    """Return the SHA-256 of a batch's columns and values, however Arrow keeps them in memory."""
+    digest = hashlib.sha256(described_schema(batch.schema).encode("utf-8", "surrogateescape"))
+    for column in batch.columns:
+        _feed(digest, column)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, array: Any) -> None:
+    digest.update(array.is_valid().to_numpy(zero_copy_only=False).tobytes())
+    if pa.types.is_struct(array.type):
+        for number in range(array.type.num_fields):
+            _feed(digest, array.field(number))
+    elif pa.types.is_list(array.type):
+        digest.update(repr(array.value_lengths().to_pylist()).encode())
+        _feed(digest, array.flatten())
+    elif pa.types.is_primitive(array.type):
+        digest.update(
+            array.fill_null(False if pa.types.is_boolean(array.type) else 0)
+            .to_numpy(zero_copy_only=False)
+            .tobytes()
+        )
+    else:  # text and bytes
+        for value in array.to_pylist():
+            content = value.encode() if isinstance(value, str) else value or b""
+            digest.update(f"{len(content)}:".encode())
+            digest.update(content)
+
+
+def _torn_start(path: Path) -> bool:
+    """Whether the file begins as an Arrow stream does, so that only its end may be missing.
+
+    Zeros are blocks that a power cut left unwritten.
+    """
+    with path.open("rb") as file:
+        return b"\xff\xff\xff\xff".startswith(file.read(4).rstrip(b"\0"))
+
+
+def described_schema(schema: Any) -> str:
+    """Return the columns of a schema in words."""
+    return ", ".join(f"{field.name} ({field.type})" for field in schema)
