@@ -260,8 +260,8 @@ def check_mode_change(state: BenchState, side: Side, mode: Mode) -> None:
     if state.enabled(side) and mode != "driven":
         raise InterlockError(
             f"mode {mode} of the {side} with its drive on",
-            "a drive without power",
-            "take the power off the drive first",
+            "drive off",
+            "take the power off the drives",
         )
 
 
