@@ -27,6 +27,7 @@ __all__ = [
     "group_figure",
     "legend_above",
     "new_figure",
+    "percent_axis",
     "staircase_figure",
     "svg_text",
 ]
@@ -87,7 +88,7 @@ def svg_text(figure: Figure) -> str:
     return text[text.index("<svg") :]
 
 
-def _percent_axis(axes: Axes, range_nm: float) -> None:
+def percent_axis(axes: Axes, range_nm: float) -> None:
     """Add a right-hand axis in % of full scale to an ordinate in N·m."""
 
     def to_percent(torque_nm: ArrayLike) -> NDArray[np.float64]:
@@ -158,7 +159,7 @@ def additional_torque_figure(
             axes.plot(curve.x, curve.y, "-", color=colour, linewidth=1.3, label=curve.label)
         axes.set_xlabel("reading in N·m")
         axes.set_ylabel("additional torque in N·m")
-        _percent_axis(axes, range_nm)
+        percent_axis(axes, range_nm)
         legend_above(axes)
         return svg_text(figure)
 
@@ -220,7 +221,7 @@ def error_figure(
                         sign * limit_fs * range_nm, color="#9A3412", linestyle="--", linewidth=0.9
                     )
             axes.set_ylabel(ordinate)
-            _percent_axis(axes, range_nm)
+            percent_axis(axes, range_nm)
             legend_above(axes)
         panels[-1].set_xlabel(abscissa)
         return svg_text(figure)
@@ -259,7 +260,7 @@ def group_figure(
         axes.set_ylim(bottom=0.0)
         axes.set_xlabel("verification group")
         axes.set_ylabel("worst error in N·m")
-        _percent_axis(axes, range_nm)
+        percent_axis(axes, range_nm)
         legend_above(axes)
         return svg_text(figure)
 
@@ -292,7 +293,7 @@ def staircase_figure(
         lower.plot(time, additional_nm, ".", color=COLOURS[1], markersize=3)
         lower.set_ylabel("additional\ntorque in N·m")
         lower.set_xlabel("bench time in s")
-        _percent_axis(lower, range_nm)
+        percent_axis(lower, range_nm)
         return svg_text(figure)
 
 

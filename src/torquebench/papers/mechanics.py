@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.figures import Curve
 from torquebench.mechanics import (
     Chain,
     SupportComparison,
@@ -29,7 +30,6 @@ from torquebench.papers.items import Answer
 from torquebench.papers.study import Contender, errors_of, studied_chain
 from torquebench.reports.curve_figures import Panel, bodies_figure, panels_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.figures import Curve
 from torquebench.reports.page import Facts, Figure, Table
 from torquebench.validation import parse_toml
 

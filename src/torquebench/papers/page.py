@@ -9,6 +9,7 @@ import numpy as np
 
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import RAW, CalibrationData, VerificationResult
+from torquebench.figures import Curve
 from torquebench.papers.items import ITEMS, Answer, Verdict
 from torquebench.papers.mechanics import (
     DESIGNS,
@@ -30,7 +31,6 @@ from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, R
 from torquebench.papers.tables import BenchTables, FrictionTable
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.figures import Curve
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 
 __all__ = ["BenchResult", "friction_blocks", "papers_page", "verification_tables"]

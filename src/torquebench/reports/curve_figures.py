@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from torquebench.reports.figures import (
-    _COLOURS,
-    _RAW_COLOUR,
-    _STYLE,
+from torquebench.figures import (
+    COLOURS,
+    RAW_COLOUR,
+    STYLE,
     Curve,
-    _legend_above,
-    _percent_axis,
-    _svg,
+    legend_above,
+    percent_axis,
+    svg_text,
 )
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 
         An ``<svg>`` element.
     """
     rows = -(-len(panels) // columns)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.6, height * rows + 0.3), layout="constrained")
         FigureCanvasSVG(figure)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -83,14 +83,14 @@ def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 
             place.set_visible(False)
         for place, panel in zip(axes, panels, strict=False):
             _draw(place, panel, legend=max(1, columns))
-        return _svg(figure)
+        return svg_text(figure)
 
 
 def _draw(axes: Any, panel: Panel, legend: int) -> None:
     style = {"linestyle": "none", "marker": "o"} if panel.markers else {"linestyle": "-"}
-    colours = iter(_COLOURS * 3)
+    colours = iter(COLOURS * 3)
     for curve in panel.curves:
-        colour = _RAW_COLOUR if curve.raw else next(colours)
+        colour = RAW_COLOUR if curve.raw else next(colours)
         label = curve.label or None
         axes.plot(
             curve.x, curve.y, **style, color=colour, markersize=2.2, linewidth=1.2, label=label
@@ -104,14 +104,14 @@ def _draw(axes: Any, panel: Panel, legend: int) -> None:
     axes.set_xlabel(panel.abscissa)
     axes.set_ylabel(panel.ordinate)
     if panel.range_nm is not None:
-        _percent_axis(axes, panel.range_nm)
+        percent_axis(axes, panel.range_nm)
     if panel.title:
         axes.set_title(panel.title, fontsize=9, loc="left")
     if any(curve.label for curve in panel.curves):
         if legend > 1 or panel.title:
             axes.legend(fontsize=7.5)
         else:
-            _legend_above(axes)
+            legend_above(axes)
 
 
 def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 0.08) -> str:
@@ -138,7 +138,7 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
     enlarged = share * size / largest
     norm = mpl.colors.Normalize(0.0, 1e6 * largest)
     palette = mpl.colormaps["viridis"]
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 3.7), layout="constrained")
         FigureCanvasSVG(figure)
         axes = []
@@ -167,4 +167,4 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
         shown = mpl.cm.ScalarMappable(norm, palette)
         bar = figure.colorbar(shown, ax=axes, shrink=0.7, pad=0.02)
         bar.set_label(f"displacement in µm (drawn {enlarged:.0f} times)")
-        return _svg(figure)
+        return svg_text(figure)
