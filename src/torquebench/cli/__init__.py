@@ -49,6 +49,7 @@ def _add_commands(wanted: str) -> None:
         evaluate_dynamics,
         evaluate_reducer,
         measure,
+        mechanics,
         models,
         panel,
         papers,
@@ -67,6 +68,7 @@ def _add_commands(wanted: str) -> None:
         reducer_test,
         panel,
         papers,
+        mechanics,
         doctor,
         simulate,
     ):

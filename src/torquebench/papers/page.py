@@ -303,7 +303,9 @@ def _error_curves(bench: BenchResult) -> Blocks:
             for branch, word in ((1, "rising"), (-1, "falling")):
                 chosen = (np.sign(data.standard_nm) == sign) & (data.branch == branch)
                 if chosen.any():
-                    part = data.subset(chosen)
+                    rows = np.flatnonzero(chosen)
+                    order = np.argsort(np.abs(data.standard_nm[rows]), kind="stable")
+                    part = data.subset(rows[order])
                     curves.append(
                         Curve(
                             f"{direction}, {word}",
@@ -353,7 +355,7 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
             ("Layers", "1-50-1, tansig, purelin"),
             ("Training", "batch gradient descent, learning rate 0.01, 50 000 epochs"),
             ("Start", "weights even within ±0.5; the papers publish none"),
-            ("Target error", "none here; `target_error_nm` ends a training before"),
+            ("Target error", "none here; target_error_nm ends a training before"),
         )
     )
     figure = Figure(
@@ -588,8 +590,8 @@ def _study(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
             cells,
             f"{seeds} chains of each family on which the best quadratic leaves "
             f"{POLYNOMIAL_NM:g} N·m of 2000, repeatability 0.2 N·m. Medians over the chains of the "
-            "worst of 500 fresh single readings, of the model alone, and of the ratio. A wider "
-            "table is in docs/papers-study.md.",
+            "worst of 500 fresh single readings, of the model alone, and of the ratio. The "
+            "documentation has a wider table.",
         )
     ]
 
@@ -862,7 +864,7 @@ def _interface_items() -> Items:
             Answer(
                 "stiffness, backlash, lost motion, transmission error, efficiency, friction",
                 "shown",
-                "by `torquebench test full`, with U and verdicts",
+                "by torquebench test full, with U and verdicts",
             ),
             [],
         ),

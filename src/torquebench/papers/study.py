@@ -43,6 +43,8 @@ RANGE_NM = 2000.0
 NETWORK_NM, POLYNOMIAL_NM = 1.8, 4.0
 """What the papers report after the network and after the polynomial, N·m."""
 CLAIMED_RATIO = POLYNOMIAL_NM / NETWORK_NM
+READ_NM = 1.1 * RANGE_NM
+"""Range of the models: a chain may read some percent more than it gets."""
 REPEATABILITY = 1e-4
 """Standard deviation of a steady reading, as a share of the range: 0.2 N·m."""
 SERIES: tuple[Series, ...] = ("50 rising", "50 up and down", "100 rising", "200 up and down")
@@ -275,7 +277,7 @@ def _errors(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) ->
     on = np.repeat(sides, _DENSE.size)
     quiet = features(chain.reading_nm(dense, on), on)
     for contender in wanted:
-        model = MODELS[contender.kind](range_nm=RANGE_NM, **contender.parameters)
+        model = MODELS[contender.kind](range_nm=READ_NM, **contender.parameters)
         columns = 2 if "branch" in model.used_features else 1
         model.fit(X[:, :columns], torque)
         yield Finding(

@@ -1,0 +1,159 @@
+"""`torquebench mechanics`: what a design adds to the torque, and how stiff supports are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.options import HELP_MARKUP, check_output
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from torquebench.reports.page import Facts, Figure, Table
+
+__all__ = ["register"]
+
+ReportOption = Annotated[
+    list[Path] | None,
+    typer.Option("--report", help="Write a page with figures (.html or .pdf). Repeat it."),
+]
+DEFAULT_DESIGN = "output"
+
+app = typer.Typer(
+    name="mechanics",
+    no_args_is_help=True,
+    rich_markup_mode=HELP_MARKUP,
+    help="Additional torque of a design by the papers' equations, and the twist of supports.",
+)
+
+
+def register(parent: typer.Typer) -> None:
+    """Add the commands."""
+    parent.add_typer(app)
+
+
+@app.command("additional-torque")
+def additional_torque(
+    design: Annotated[
+        str,
+        typer.Argument(
+            help="A chain (.toml: range_nm and the fields of mechanics.Chain), or the example "
+            "`input` or `output`."
+        ),
+    ] = DEFAULT_DESIGN,
+    report: ReportOption = None,
+) -> None:
+    """Compute what a chain adds to the torque: its parts, sensitivities, the coaxiality limit.
+
+    Bearing friction, parallel and angular misalignment over ± range, in the consistent form and as
+    the 2021 article prints it; the sensitivity to every parameter; what 0.03 mm of coaxiality
+    error changes.
+    """
+    reports = _checked(report)
+    from torquebench.papers.mechanics import DESIGNS, additional_torque_blocks, load_design
+
+    if design in DESIGNS:
+        chosen = DESIGNS[design]
+    else:
+        if not Path(design).is_file():
+            raise InputError(
+                f"no design {design!r}", f"a .toml file, or one of {', '.join(DESIGNS)}"
+            )
+        chosen = load_design(Path(design))
+    answer, blocks = additional_torque_blocks(chosen)
+    say(answer.ours)
+    _finish("Additional torque", f"{chosen.name}, {chosen.range_nm:g} N·m", blocks, reports)
+
+
+@app.command("sections")
+def sections(report: ReportOption = None) -> None:
+    """Compare the twist of rectangles with that of a circle of the same area."""
+    reports = _checked(report)
+    from torquebench.papers.mechanics import section_blocks
+
+    answer, blocks = section_blocks()
+    say(answer.ours)
+    _finish("Rectangle against circle", "twist per length at equal area", blocks, reports)
+
+
+@app.command("supports")
+def supports(
+    torque: Annotated[
+        float, typer.Option(min=1e-3, max=1e7, help="About the vertical axis, N·m.")
+    ] = 2000.0,
+    height: Annotated[float, typer.Option(min=1e-3, max=100, help="Of both supports, m.")] = 0.5,
+    column: Annotated[
+        float, typer.Option(min=1e-3, max=100, help="Side of the column along the arm, m.")
+    ] = 0.2,
+    thickness: Annotated[
+        float, typer.Option(min=1e-3, max=100, help="Side of column and arm across it, m.")
+    ] = 0.15,
+    arm: Annotated[float, typer.Option(min=1e-3, max=100, help="Length of the arm, m.")] = 0.35,
+    arm_height: Annotated[
+        float, typer.Option(min=1e-3, max=100, help="Height of the arm, m.")
+    ] = 0.12,
+    cylinder: Annotated[
+        float, typer.Option(min=1e-3, max=100, help="Outer diameter of the cylinder, m.")
+    ] = 0.45,
+    modulus: Annotated[
+        float, typer.Option(min=1e-3, max=1e4, help="Shear modulus of both, GPa.")
+    ] = 79.0,
+    report: ReportOption = None,
+) -> None:
+    """Twist a cantilever support and a hollow cylinder of the same mass in three dimensions."""
+    reports = _checked(report)
+    if not arm_height < height:
+        raise InputError(
+            f"an arm {arm_height:g} m high on a support of {height:g} m",
+            "an arm lower than its column",
+        )
+    from torquebench.mechanics import SupportDesign
+    from torquebench.papers.mechanics import support_blocks
+
+    design = SupportDesign(height, column, thickness, arm, arm_height, cylinder, 1e9 * modulus)
+    size = 0.12 * max(height, column, arm, 0.5 * cylinder)
+    answer, blocks = support_blocks(torque, design, min(size, 0.5 * min(column, thickness)))
+    say(answer.ours)
+    _finish("Two supports", f"{torque:g} N·m about the vertical axis", blocks, reports)
+
+
+def _checked(reports: list[Path] | None) -> list[Path]:
+    from torquebench.cli.reducer_tables import check_reports
+
+    for path in reports or []:
+        check_output(path)
+    check_reports(reports or [])
+    return reports or []
+
+
+def _finish(
+    title: str,
+    subtitle: str,
+    blocks: Sequence[Facts | Table | Figure],
+    reports: list[Path],
+) -> None:
+    """Print the tables and write the page."""
+    from torquebench.reports.page import Facts, Page, Section, Table
+
+    for block in blocks:
+        if isinstance(block, Table):
+            table = narrow_table(caption=block.caption)
+            for place, name in enumerate(block.header):
+                table.add_column(name, justify="right" if place else "left")
+            for row in block.rows:
+                table.add_row(*row)
+            out().print(table)
+        elif isinstance(block, Facts):
+            for name, value in block.items:
+                say(f"{name}: {value}")
+    if reports:
+        from torquebench.reports.page_pdf import write_report
+
+        sections = [Section(title, "", tuple(blocks))]
+        for path in reports:
+            say(f"Page: {write_report(Page(title, subtitle, sections), path)}")
