@@ -141,6 +141,16 @@ class CalibrationData:
         """Additional torque, standard − reading, in N·m, shape (n,)."""
         return self.standard_nm - self.reading_nm
 
+    @property
+    def loading_accuracy_percent(self) -> float | None:
+        """Largest difference of the standard from what was asked for, % of range.
+
+        None where the table doesn't say what was asked for.
+        """
+        if self.nominal_nm is None:
+            return None
+        return float(100.0 * np.max(np.abs(self.standard_nm - self.nominal_nm)) / self.range_nm)
+
     def readings(self) -> Readings:
         """Return the points as readings of a measuring chain.
 

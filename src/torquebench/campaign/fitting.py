@@ -287,6 +287,7 @@ def fit_table(
     *,
     compared: bool = False,
     limits: Plausibility | None = None,
+    parameters: Mapping[str, Any] | None = None,
 ) -> FitResult:
     """Fit a model to a table, beside a comparison of all kinds where one is asked for.
 
@@ -305,6 +306,8 @@ def fit_table(
         Whether to compare all kinds by cross-validation as well; that takes many fits.
     limits : Plausibility, optional
         What the points may contradict each other by.
+    parameters : mapping, optional
+        Of the model.
 
     Raises
     ------
@@ -313,7 +316,8 @@ def fit_table(
     """
     limits = limits or Plausibility()
     outliers = _kept_points(data, limits).get("outliers", outliers)
-    model = make_model(name, range_nm=data.range_nm, outliers=outliers)
+    given = {**(parameters or {}), "range_nm": data.range_nm, "outliers": outliers}
+    model = make_model(name, **given)
     X = data.features(feature_columns(model))
     progress.start("Fitting the model", _PROGRESS_STEPS)
     counter = _Fraction(progress)

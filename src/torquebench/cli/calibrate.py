@@ -17,6 +17,7 @@ from torquebench.cli.options import (
     RealTimeOption,
     bench_description,
 )
+from torquebench.cli.reducer_tables import check_reports
 from torquebench.cli.resume import resume_run
 from torquebench.errors import InputError
 
@@ -97,6 +98,13 @@ def calibrate(
             help="Go on with an interrupted calibration: its id, the beginning of it, or `latest`.",
         ),
     ] = None,
+    report: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--report",
+            help="Write a report with figures (.html or .pdf), of both modules one each. Repeat it.",
+        ),
+    ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
     ] = False,
@@ -132,11 +140,21 @@ def calibrate(
             "give rapid-in-situ, adaptive, staircase, reversing, small-torques or an own one",
         )
     _check_model(model)
+    check_reports(report or [])
     if dry_run:
         _dry_run(description, side.chosen, chosen)
         return
     confirm_start(description, side.value, chosen, yes)
-    run_calibrations(description, side.chosen, chosen, model, data, real_time=real_time, yes=yes)
+    run_calibrations(
+        description,
+        side.chosen,
+        chosen,
+        model,
+        data,
+        real_time=real_time,
+        yes=yes,
+        reports=report or (),
+    )
 
 
 def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> float:

@@ -12,6 +12,8 @@ from torquebench.cli.failure import CHECK_FAILED
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from torquebench.bench.roles import Side
     from torquebench.calibration import Profile
     from torquebench.campaign.finishing import FinishedCalibration
@@ -53,6 +55,7 @@ def run_calibrations(
     real_time: bool,
     yes: bool,
     interrupted: InterruptedCalibration | None = None,
+    reports: Sequence[Path] = (),
 ) -> None:
     """Calibrate modules one after the other, or go on with one, and report each."""
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
@@ -111,9 +114,26 @@ def run_calibrations(
             except RunAbortedError as aborted:
                 raise interrupts.reported(aborted) from None
             report_calibration(finished)
+            _write_reports(finished, reports, several=len(sides) > 1)
             contradicting = contradicting or bool(finished.fitted[0].contradictions)
     if contradicting:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _write_reports(
+    finished: FinishedCalibration, reports: Sequence[Path], *, several: bool
+) -> None:
+    """Write a calibration's report; of several modules each gets its own file."""
+    if not reports:
+        return
+    from torquebench.reports.calibration_report import calibration_page
+    from torquebench.reports.page_pdf import write_report
+
+    page = calibration_page(finished)
+    for path in reports:
+        side = finished.measured.result.data.side
+        own = path.with_stem(f"{path.stem}-{side}") if several else path
+        say(f"Report: {write_report(page, own)}")
 
 
 def report_calibration(finished: FinishedCalibration) -> None:
@@ -138,6 +158,8 @@ def report_calibration(finished: FinishedCalibration) -> None:
     title = f"{len(data)} points that it was fitted to, against the standard"
     for part in error_blocks([(title, rows)]):
         out().print(part)
+    if data.loading_accuracy_percent is not None:
+        say(f"loaded within {data.loading_accuracy_percent:.2g} % of range of what was asked for")
     if result.placement is not None:
         say(result.placement.sentence)
         out().print(placement_table(result.placement))

@@ -13,6 +13,7 @@ from torquebench.atomic_write import is_standard_output
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.console import out, say, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.model_parameters import ParameterOption, model_parameters
 from torquebench.cli.options import ColumnOption, RangeOption, check_output
 from torquebench.errors import InputError, ModelMismatchError
 
@@ -29,6 +30,7 @@ __all__ = ["register"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 SOURCES_TOLERANCE_PERCENT_FS = 0.1
+DEFAULT_KIND = "hybrid"
 
 
 class Outliers(StrEnum):
@@ -53,6 +55,7 @@ def fit(
         str | None,
         typer.Option(help="Kind of model; without it `hybrid`, as `calibrate` takes it."),
     ] = None,
+    parameter: ParameterOption = None,
     compare: Annotated[
         bool,
         typer.Option("--compare", help="Compare all kinds of model; that takes a while."),
@@ -106,6 +109,7 @@ def fit(
         check_output(page, data, result)
     if model is not None:
         check_kind(model)
+    parameters = model_parameters(model or DEFAULT_KIND, parameter)
     if bool(accept.strip()) != bool(by.strip()):
         raise InputError(
             "a decision without a name" if accept.strip() else "a name without a decision",
@@ -139,6 +143,7 @@ def fit(
             outliers.value,
             compared=compare,
             limits=limits,
+            parameters=parameters,
         )
     for remark in fitted.remarks:
         warn(remark)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["register"]
+__all__ = ["confirm_test", "register"]
 
 MORE = """
 
@@ -120,6 +120,7 @@ class _Tests(TyperGroup):
 def register(app: typer.Typer) -> None:
     """Add the commands."""
     from torquebench.cli.reducer_compare import compare
+    from torquebench.cli.standard_reducer import standard_reducer
 
     tests = typer.Typer(
         cls=_Tests,
@@ -130,6 +131,7 @@ def register(app: typer.Typer) -> None:
     )
     for name, test in TESTS.items():
         tests.command(name, help=test.about + MORE)(_command(name))
+    tests.command("standard-reducer")(standard_reducer)
     tests.command("compare")(compare)
     app.add_typer(tests)
 
@@ -165,7 +167,7 @@ def _command(name: str) -> Callable[..., None]:
         if dry_run:
             _dry_run(described, wanted)
             return
-        _confirm(described, kind, yes)
+        confirm_test(described, kind, yes)
         record = _run(described, wanted, data, yes=yes, real_time=real_time)
         _finish(record, report or [])
 
@@ -241,7 +243,7 @@ def _mounted(
     return kind, described
 
 
-def _confirm(described: BenchDescription, reducer: ReducerDescription, yes: bool) -> None:
+def confirm_test(described: BenchDescription, reducer: ReducerDescription, yes: bool) -> None:
     """Ask before a real bench moves, where somebody is there."""
     import sys
 

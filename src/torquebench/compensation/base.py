@@ -190,7 +190,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
             NaN, too few points, a constant reading, contradictory duplicates, readings beyond
             `range_nm`, a wild point (with ``outliers="refuse"``), a parameter out of its limits.
         """
-        self._check_parameters()
+        self.check_parameters()
         X_checked, y_checked = self._validated(X, y)
         self.points_ = int(y_checked.size)
         points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()
@@ -356,7 +356,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
 
     # ---- checks ---------------------------------------------------------------------------
 
-    def _check_parameters(self) -> None:
+    def check_parameters(self) -> None:
         """Refuse parameters outside `_parameter_constraints` of the class and of this base."""
         try:
             self._validate_params()

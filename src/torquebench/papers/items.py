@@ -160,7 +160,7 @@ _ITEMS = (
         "Standard reducer",
         "known, certified no-load friction, output disconnected, 0-1200 rpm in steps (0-15 rpm at "
         "the output, i = 80), three repeats [M fig 16, table 6]",
-        "torquebench test no-load",
+        "torquebench test standard-reducer",
     ),
     Item(
         18,

@@ -29,9 +29,14 @@ from torquebench.papers.models import (
 )
 from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, Row
 from torquebench.papers.tables import BenchTables, FrictionTable
+from torquebench.reducers import CertifiedFriction, check_friction
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.standard_reducer_report import (
+    friction_check_figure,
+    friction_check_table,
+)
 
 __all__ = ["BenchResult", "friction_blocks", "papers_page", "verification_tables"]
 
@@ -160,7 +165,7 @@ def _bench_items(bench: BenchResult) -> Items:
     ]
     loading = []
     for side, module in modules.items():
-        worst = _loading_accuracy(module.tables.calibration)
+        worst = module.tables.calibration.loading_accuracy_percent
         if worst is not None:
             rows.append([f"loading, {side}", "0.1 % of range", f"{number(worst)} % of range"])
             loading.append(worst)
@@ -196,13 +201,6 @@ def _bench_items(bench: BenchResult) -> Items:
 
 def _ranges(modules: Mapping[Side, FittedModule]) -> str:
     return " and ".join(f"±{each.tables.calibration.range_nm:g} N·m" for each in modules.values())
-
-
-def _loading_accuracy(data: CalibrationData) -> float | None:
-    """Return the largest difference of the standard from what was asked for, % of range."""
-    if data.nominal_nm is None:
-        return None
-    return float(100.0 * np.max(np.abs(data.standard_nm - data.nominal_nm)) / data.range_nm)
 
 
 # -- items 4 to 7 -----------------------------------------------------------------------------
@@ -714,101 +712,65 @@ def friction_blocks(
         Of that model.
     """
     range_nm = module.tables.calibration.range_nm
-    direction = np.sign(friction.speed_rpm)
-    torque = {
-        each: direction
-        * module.models[each].torque_nm(friction.reading_nm, friction.branch.astype(np.float64))
-        for each in (BP_RESIDUAL, name)
+    certified = _certified(friction)
+    branch = friction.branch.astype(np.float64)
+    checks = {
+        each: check_friction(
+            friction.speed_rpm,
+            module.models[each].torque_nm(friction.reading_nm, branch)
+            if each
+            else friction.reading_nm,
+            friction.repeat,
+            certified,
+            range_nm,
+            LIMIT_PERCENT,
+        )
+        for each in ("", BP_RESIDUAL, name)
     }
-    torque[""] = direction * friction.reading_nm
-    speeds = np.unique(np.abs(friction.speed_rpm))
-    repeats = np.unique(friction.repeat)
-    rows = []
-    error_percent, spread_percent = dict.fromkeys(torque, 0.0), dict.fromkeys(torque, 0.0)
-    for speed in speeds:
-        cells = [f"{speed:g}"]
-        for each, values in torque.items():
-            means = []
-            for repeat in repeats:
-                chosen = (np.abs(friction.speed_rpm) == speed) & (friction.repeat == repeat)
-                if chosen.any():
-                    means.append(float(values[chosen].mean()))
-            at = np.abs(friction.speed_rpm) == speed
-            known, stated = float(friction.known_nm[at][0]), float(friction.known_u_nm[at][0])
-            mean = float(np.mean(means))
-            error = 100.0 * abs(mean - known) / range_nm
-            spread = 100.0 * (max(means) - min(means)) / range_nm
-            error_percent[each] = max(error_percent[each], error)
-            spread_percent[each] = max(spread_percent[each], spread)
-            if each == name:
-                cells += [number(known, 4), number(stated, 2)]
-                cells += [number(value, 4) for value in means]
-                cells += ["–"] * (len(repeats) - len(means))
-                cells += [number(mean - known, 2), number(error, 2), number(spread, 2)]
-        rows.append(cells)
     title = module.models[name].choice.title
+    titles = ("raw reading", module.models[BP_RESIDUAL].choice.title, title)
     verdicts = [
         [
             words,
-            number(error_percent[each]),
-            _kept(error_percent[each]),
-            number(spread_percent[each]),
-            _kept(spread_percent[each]),
+            number(check.error_percent),
+            _kept(check.error_percent),
+            number(check.repeatability_percent),
+            _kept(check.repeatability_percent),
         ]
-        for each, words in (
-            ("", "raw reading"),
-            (BP_RESIDUAL, module.models[BP_RESIDUAL].choice.title),
-            (name, title),
-        )
+        for words, check in zip(titles, checks.values(), strict=True)
     ]
-    points = [
-        Curve(f"repeat {r:g}", np.abs(friction.speed_rpm[c]), torque[name][c])
-        for r in repeats
-        for c in (friction.repeat == r,)
-    ]
-    order = np.argsort(np.abs(friction.speed_rpm))
-    known_curve = Curve(
-        "known", np.abs(friction.speed_rpm)[order], friction.known_nm[order], raw=True
-    )
-    figure = panels_figure(
-        [
-            Panel(
-                [known_curve, *points],
-                "input speed in rpm",
-                "no-load torque in N·m",
-                markers=True,
-            )
-        ]
-    )
-    kept = error_percent[name] <= LIMIT_PERCENT and spread_percent[name] <= LIMIT_PERCENT
+    found = checks[name]
     answer = Answer(
-        f"error {number(error_percent[name])} % FS, repeatability {number(spread_percent[name])} "
-        f"% FS of {range_nm:g} N·m",
-        "met" if kept else "not met",
+        f"error {number(found.error_percent)} % FS, repeatability "
+        f"{number(found.repeatability_percent)} % FS of {range_nm:g} N·m",
+        "met" if found.kept else "not met",
         f"compensated by {title}; against {LIMIT_PERCENT:g} % FS",
     )
     return answer, [
-        Figure(figure, f"Known friction of the standard reducer and each repeat, by {title}."),
-        Table(
-            (
-                "rpm",
-                "known, N·m",
-                "U, N·m",
-                *(f"run {r:g}, N·m" for r in repeats),
-                "error, N·m",
-                "% FS",
-                "repeatability, % FS",
-            ),
-            rows,
-            "Mean over rising and falling speed of each repeat; repeatability is largest minus "
-            "smallest of the repeats.",
+        Figure(
+            friction_check_figure(found),
+            f"Known friction of the standard reducer and each repeat, by {title}.",
         ),
+        friction_check_table(found),
         Table(
             ("", "error, % FS", "≤ 0.1 %", "repeatability, % FS", "≤ 0.1 %"),
             verdicts,
             "Largest over all speeds.",
         ),
     ]
+
+
+def _certified(friction: FrictionTable) -> tuple[CertifiedFriction, ...]:
+    """Return the certificate that the table's columns hold, at rising speeds."""
+    speeds, first = np.unique(np.abs(friction.speed_rpm), return_index=True)
+    return tuple(
+        CertifiedFriction(
+            speed_rpm=float(speed),
+            torque_nm=float(friction.known_nm[row]),
+            expanded_uncertainty_nm=float(friction.known_u_nm[row]),
+        )
+        for speed, row in zip(speeds, first, strict=True)
+    )
 
 
 def _standard_reducer(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:

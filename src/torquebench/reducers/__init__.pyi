@@ -95,3 +95,8 @@ from .transmission.evaluation import (
     TransmissionErrorResult as TransmissionErrorResult,
     evaluate_transmission_error as evaluate_transmission_error,
 )
+from .standard_reducer import (
+    FrictionCheck as FrictionCheck,
+    FrictionCheckPoint as FrictionCheckPoint,
+    check_friction as check_friction,
+)

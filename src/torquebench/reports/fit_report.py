@@ -7,6 +7,7 @@ import numpy as np
 from torquebench.campaign.results import FitResult
 from torquebench.compensation import Comparison
 from torquebench.figures import Curve, additional_torque_figure, error_figure
+from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.module_report import SOURCES_LIMIT_FS, branch_curves
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
@@ -33,6 +34,7 @@ def fit_page(result: FitResult) -> Page:
         sections=[
             _data(result),
             *([] if result.comparison is None else [_comparison(result, result.comparison)]),
+            *_training(result),
             _before_and_after(result),
         ],
         simulated=result.data.simulated,
@@ -69,6 +71,27 @@ def _data(result: FitResult) -> Section:
     said = [f"Not plausible: {each}" for each in result.contradictions]
     remarks = " ".join([*said, *(f"{remark}." for remark in result.remarks)])
     return Section("Calibration", remarks, (facts, figure))
+
+
+def _training(result: FitResult) -> list[Section]:
+    """Return how a network's training went, where the model keeps its curve."""
+    fitted = getattr(result.model, "estimator_", result.model)
+    curve = getattr(fitted, "training_curve_", None)
+    if curve is None:
+        return []
+    parameters = [(name, f"{value}") for name, value in fitted.kind_parameters.items()]
+    panel = Panel(
+        [Curve("", curve[:, 0], curve[:, 1])],
+        "epoch",
+        "RMS of residuals in N·m",
+        logarithmic="xy",
+    )
+    text = (
+        f"{int(curve[-1, 0])} epochs; the residuals of the points have an RMS of "
+        f"{number(float(curve[-1, 1]))} N·m."
+    )
+    figure = Figure(panels_figure([panel]), "Training of the network.")
+    return [Section("Training", text, (Facts(tuple(parameters)), figure))]
 
 
 def _comparison(result: FitResult, comparison: Comparison) -> Section:

@@ -1,0 +1,78 @@
+"""Parameters of a model from the command line: `--parameter epochs=20000`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from torquebench.errors import InputError
+
+__all__ = ["ParameterOption", "model_parameters"]
+
+ParameterOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--parameter",
+        metavar="NAME=VALUE",
+        help="A parameter of the model. Repeat it. Of published-network: mapping "
+        "(residual, direct), start (nguyen-widrow, small-uniform), hidden, epochs, "
+        "learning_rate, target_error_nm, random_state.",
+    ),
+]
+CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
+
+
+def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
+    """Return a model's parameters as they were given, checked.
+
+    Parameters
+    ----------
+    kind : str
+        Of the model.
+    given : list of str or None
+        ``NAME=VALUE`` each.
+
+    Raises
+    ------
+    InputError
+        No such parameter, given twice, or a value outside its limits.
+
+    Examples
+    --------
+    >>> model_parameters("published-network", ["epochs=2000", "start=small-uniform"])
+    {'epochs': 2000, 'start': 'small-uniform'}
+    """
+    if not given:
+        return {}
+    found: dict[str, Any] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        name = name.strip()
+        if not equals or not name:
+            raise InputError(f"--parameter {text!r}", "NAME=VALUE", "write it as epochs=20000")
+        if name in found:
+            raise InputError(f"parameter {name} twice", "once")
+        if name in CHOSEN_ELSEWHERE:
+            raise InputError(
+                f"--parameter {name}", "parameters of the model alone", "use --range, --outliers"
+            )
+        found[name] = _value(value.strip())
+    from torquebench.compensation import make_model
+
+    model = make_model(kind, **found)
+    getattr(model, "estimator", model).check_parameters()
+    return found
+
+
+def _value(text: str) -> Any:
+    if text.lower() in ("none", ""):
+        return None
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

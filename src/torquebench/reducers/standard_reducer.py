@@ -1,0 +1,160 @@
+"""A standard reducer with certified friction: the bench checked from end to end."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.reducers.description import CertifiedFriction
+
+__all__ = ["FrictionCheck", "FrictionCheckPoint", "check_friction"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FrictionCheckPoint:
+    """One speed: known friction against each repeat; torques in N·m, shares in % of full scale.
+
+    Attributes
+    ----------
+    speed_rpm, known_nm, known_u_nm : float
+        Input speed, certified torque and its U (k = 2).
+    measured_nm : tuple of float
+        Mean of each repeat.
+    error_nm : float
+        Mean of the repeats minus the known torque.
+    spread_nm : float
+        Largest minus smallest repeat.
+    error_percent, spread_percent : float
+        The amounts of both, % FS.
+    """
+
+    speed_rpm: float
+    known_nm: float
+    known_u_nm: float
+    measured_nm: tuple[float, ...]
+    error_nm: float
+    spread_nm: float
+    error_percent: float
+    spread_percent: float
+
+
+@dataclass(frozen=True)
+class FrictionCheck:
+    """What a standard reducer says of the bench.
+
+    Attributes
+    ----------
+    points : tuple of FrictionCheckPoint
+        At rising speed.
+    range_nm, tolerance_percent : float
+        Full scale of the input module, and the limit of error and repeatability, % FS.
+    """
+
+    points: tuple[FrictionCheckPoint, ...]
+    range_nm: float
+    tolerance_percent: float
+
+    @property
+    def error_percent(self) -> float:
+        """Largest error, % FS."""
+        return max(point.error_percent for point in self.points)
+
+    @property
+    def repeatability_percent(self) -> float:
+        """Largest difference between repeats, % FS."""
+        return max(point.spread_percent for point in self.points)
+
+    @property
+    def error_kept(self) -> bool:
+        """Whether the error keeps the tolerance."""
+        return self.error_percent <= self.tolerance_percent
+
+    @property
+    def repeatability_kept(self) -> bool:
+        """Whether the repeatability keeps the tolerance."""
+        return self.repeatability_percent <= self.tolerance_percent
+
+    @property
+    def kept(self) -> bool:
+        """Whether both keep it."""
+        return self.error_kept and self.repeatability_kept
+
+
+def check_friction(
+    speed_rpm: ArrayLike,
+    torque_nm: ArrayLike,
+    repeat: ArrayLike,
+    certified: tuple[CertifiedFriction, ...],
+    range_nm: float,
+    tolerance_percent: float = 0.1,
+) -> FrictionCheck:
+    """Set measured no-load torques beside the certified ones.
+
+    Parameters
+    ----------
+    speed_rpm, torque_nm : array of float, shape (n,)
+        Nominal input speed and torque with its sign; opposite directions count alike.
+    repeat : array of int, shape (n,)
+        Number of the repeat.
+    certified : tuple of CertifiedFriction
+        Of the certificate; between its speeds by straight lines.
+    range_nm : float
+        Full scale of the input module, N·m.
+    tolerance_percent : float
+        Largest error and difference between repeats, % FS.
+
+    Raises
+    ------
+    InputError
+        There is no certificate, or a speed lies outside it.
+
+    Examples
+    --------
+    >>> known = (CertifiedFriction(speed_rpm=100, torque_nm=0.30, expanded_uncertainty_nm=0.01),)
+    >>> found = check_friction([100, -100], [0.32, -0.30], [1, 2], known, 50.0)
+    >>> round(found.error_percent, 3), round(found.repeatability_percent, 3), found.kept
+    (0.02, 0.04, True)
+    """
+    if not certified:
+        raise InputError(
+            "a standard reducer without certified friction",
+            "[[certified_friction]] with speed_rpm, torque_nm, expanded_uncertainty_nm",
+            "enter its certificate in the reducer's description",
+        )
+    speed, torque = (np.asarray(each, dtype=np.float64) for each in (speed_rpm, torque_nm))
+    number = np.asarray(repeat)
+    amount, forward = np.abs(speed), np.sign(speed) * torque
+    speeds = [point.speed_rpm for point in certified]
+    low, high = speeds[0], speeds[-1]
+    outside = amount[(amount < low * (1 - 1e-9)) | (amount > high * (1 + 1e-9))]
+    if outside.size:
+        raise InputError(
+            f"a speed of {outside[0]:g} rpm",
+            f"{low:g} to {high:g} rpm, as the certificate has them",
+            "choose speeds within it",
+        )
+    points = []
+    for each in np.unique(amount):
+        at = amount == each
+        means = tuple(float(forward[at & (number == k)].mean()) for k in np.unique(number[at]))
+        known = float(np.interp(each, speeds, [point.torque_nm for point in certified]))
+        stated = float(
+            np.interp(each, speeds, [point.expanded_uncertainty_nm for point in certified])
+        )
+        error, spread = float(np.mean(means)) - known, max(means) - min(means)
+        points.append(
+            FrictionCheckPoint(
+                float(each),
+                known,
+                stated,
+                means,
+                error,
+                spread,
+                100.0 * abs(error) / range_nm,
+                100.0 * spread / range_nm,
+            )
+        )
+    return FrictionCheck(tuple(points), range_nm, tolerance_percent)

@@ -1,0 +1,96 @@
+"""The report of a calibration on the bench: its points, its model, and how it was loaded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from torquebench.calibration import summarise_errors
+from torquebench.campaign.finishing import FinishedCalibration
+from torquebench.campaign.fitting import feature_columns
+from torquebench.campaign.results import FitResult
+from torquebench.compensation import noise_floor
+from torquebench.figures import Curve, staircase_figure
+from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.errors_table import number
+from torquebench.reports.fit_report import fit_page
+from torquebench.reports.page import Facts, Figure, Page, Section
+
+__all__ = ["calibration_page"]
+
+
+def calibration_page(finished: FinishedCalibration) -> Page:
+    """Return the report of a calibration with the model that was fitted to it."""
+    measured, fitted = finished.measured, finished.fitted[0]
+    data = measured.result.data
+    torque = fitted.model.predict(data.features(feature_columns(fitted.model)))
+    result = FitResult(
+        source=f"{data.side} module, run {measured.record.run_id}",
+        data=data,
+        comparison=None,
+        noise=noise_floor(data.features(2), data.standard_nm),
+        name=fitted.name,
+        title=fitted.title,
+        model=fitted.model,
+        raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+        fitted=summarise_errors(torque, data.standard_nm, data.range_nm),
+        remarks=fitted.remarks,
+        contradictions=fitted.contradictions,
+    )
+    page = fit_page(result)
+    return replace(
+        page,
+        title=f"Calibration of the {data.side} module",
+        sections=[*page.sections, _curves(finished), _loading(finished)],
+    )
+
+
+def _curves(finished: FinishedCalibration) -> Section:
+    data = finished.measured.result.data
+    curves = []
+    for sign, direction in ((1, "clockwise"), (-1, "counter-clockwise")):
+        for branch, word in ((1, "rising"), (-1, "falling")):
+            rows = np.flatnonzero((np.sign(data.standard_nm) == sign) & (data.branch == branch))
+            if rows.size:
+                part = data.subset(rows[np.argsort(np.abs(data.standard_nm[rows]), kind="stable")])
+                error = part.reading_nm - part.standard_nm
+                curves.append(Curve(f"{direction}, {word}", np.abs(part.standard_nm), error))
+    panel = Panel(curves, "amount of torque in N·m", "error in N·m", range_nm=data.range_nm)
+    figure = Figure(
+        panels_figure([panel]), "Reading minus standard at every step, without compensation."
+    )
+    return Section("Error curves", "", (figure,))
+
+
+def _loading(finished: FinishedCalibration) -> Section:
+    result = finished.measured.result
+    data, profile = result.data, finished.profile
+    accuracy = data.loading_accuracy_percent
+    facts = [
+        ("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…)"),
+        ("Standard", result.standard_serial),
+        ("Points that still drifted", str(result.unsettled)),
+    ]
+    if accuracy is not None:
+        facts.append(
+            (
+                "Loading accuracy",
+                f"{number(accuracy)} % of range: largest difference of the standard from the "
+                "torque that was asked for",
+            )
+        )
+    blocks: list[Facts | Figure] = [Facts(tuple(facts))]
+    if data.time_s is not None:
+        blocks.append(
+            Figure(
+                staircase_figure(
+                    data.time_s - data.time_s[0],
+                    data.standard_nm,
+                    data.additional_torque_nm,
+                    data.range_nm,
+                ),
+                "The staircase as the standard read it, and the additional torque of each step.",
+            )
+        )
+    return Section("Loading", "", tuple(blocks))

@@ -1,0 +1,114 @@
+"""The report of a standard reducer: known against measured friction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from torquebench.figures import Curve
+from torquebench.reducers import FrictionCheck
+from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.errors_table import number
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+
+__all__ = ["friction_check_figure", "friction_check_table", "standard_reducer_page"]
+
+
+def friction_check_table(check: FrictionCheck) -> Table:
+    """Return known torque, every repeat, error and repeatability at each speed."""
+    repeats = max(len(point.measured_nm) for point in check.points)
+    rows = []
+    for point in check.points:
+        measured = [number(value, 4) for value in point.measured_nm]
+        rows.append(
+            [
+                f"{point.speed_rpm:g}",
+                number(point.known_nm, 4),
+                number(point.known_u_nm, 2),
+                *measured,
+                *["–"] * (repeats - len(measured)),
+                number(point.error_nm, 2),
+                number(point.error_percent, 2),
+                number(point.spread_percent, 2),
+            ]
+        )
+    return Table(
+        (
+            "rpm",
+            "known, N·m",
+            "U, N·m",
+            *(f"run {k + 1}, N·m" for k in range(repeats)),
+            "error, N·m",
+            "% FS",
+            "repeatability, % FS",
+        ),
+        rows,
+        "Mean over rising and falling speed of each repeat; repeatability is largest minus "
+        f"smallest of the repeats; full scale {check.range_nm:g} N·m.",
+    )
+
+
+def friction_check_figure(check: FrictionCheck) -> str:
+    """Draw the known friction and every repeat over the speed."""
+    speed = np.array([point.speed_rpm for point in check.points])
+    known = np.array([point.known_nm for point in check.points])
+    repeats = max(len(point.measured_nm) for point in check.points)
+    curves = [Curve("known", speed, known, raw=True)]
+    for k in range(repeats):
+        measured = [(p.speed_rpm, p.measured_nm[k]) for p in check.points if len(p.measured_nm) > k]
+        rpm, torque = np.array(measured).T
+        curves.append(Curve(f"run {k + 1}", rpm, torque))
+    panel = Panel(curves, "input speed in rpm", "no-load torque in N·m", markers=True)
+    return panels_figure([panel])
+
+
+def standard_reducer_page(
+    check: FrictionCheck,
+    *,
+    name: str,
+    certificate: str,
+    compensation: str,
+    run_id: str,
+    simulated: bool,
+) -> Page:
+    """Return the report of a bench checked by a standard reducer.
+
+    Parameters
+    ----------
+    check : FrictionCheck
+    name, certificate : str
+        Of the reducer.
+    compensation : str
+        By which model the input module was compensated, in words.
+    run_id : str
+        That holds the raw data.
+    simulated : bool
+    """
+    limit = f"{check.tolerance_percent:g} % FS"
+    facts = Facts(
+        (
+            ("Standard reducer", name),
+            ("Certificate", certificate or "not stated"),
+            ("Input module", compensation),
+            (
+                "Error",
+                f"{number(check.error_percent)} % FS: "
+                f"{'within' if check.error_kept else 'out of'} {limit}",
+            ),
+            (
+                "Repeatability",
+                f"{number(check.repeatability_percent)} % FS: "
+                f"{'within' if check.repeatability_kept else 'out of'} {limit}",
+            ),
+            ("Record", run_id),
+        )
+    )
+    figure = Figure(
+        friction_check_figure(check),
+        "No-load torque at the input, output free: as certified and as measured.",
+    )
+    return Page(
+        "Standard reducer: known against measured friction",
+        f"{name}, {'passed' if check.kept else 'failed'}",
+        [Section("Result", "", (facts, friction_check_table(check), figure))],
+        simulated=simulated,
+    )
