@@ -93,9 +93,14 @@ def test_a_part_of_the_range_is_calibrated_and_nothing_above_it_is_loaded(tmp_pa
     shown = run(*part, "--dry-run", cwd=tmp_path)
     assert shown.returncode == 0, shown.stderr
     assert "largest torque 60 N·m, limit 2400 N·m" in shown.stdout
-    calibrated = run(*part, "--repeats", 1, "--data", "data", cwd=tmp_path)
+    calibrated = run(*part, "--repeats", 1, "--data", "data", "--report", "cal.html", cwd=tmp_path)
     assert calibrated.returncode == 0, calibrated.stderr
     assert "In use: model-" in calibrated.stdout
+    assert "of what was asked for" in calibrated.stdout
+    report = (tmp_path / "cal.html").read_text()
+    assert "Calibration of the output module" in report
+    assert "Loading accuracy" in report
+    assert report.count("<svg") >= 3
     checked = run("check", "output", "--data", "data", cwd=tmp_path)
     assert checked.returncode == 0, checked.stdout + checked.stderr
     loaded_nm = [float(each) for each in re.findall(r"(?m)^ *(-?\d+\.\d+)", checked.stdout)]

@@ -78,6 +78,19 @@ def test_all_kinds_are_compared_on_demand(tmp_path: Path) -> None:
     assert "Comparison of models" in (tmp_path / "model.html").read_text()
 
 
+def test_parameters_of_the_network_and_its_training_curve(tmp_path: Path) -> None:
+    write_table(tmp_path / "data.csv", seed=1)
+    command = ("fit", "data.csv", "--model", "published-network", "--parameter", "epochs=700")
+    fitted = run(*command, "--parameter", "start=small-uniform", cwd=tmp_path)
+    assert fitted.returncode == 0, fitted.stderr
+    report = (tmp_path / "model.html").read_text()
+    assert "700 epochs" in report
+    assert "small-uniform" in report
+    refused = run(*command, "--parameter", "epochs=800", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "parameter epochs twice" in refused.stderr
+
+
 def test_a_named_model_and_one_direction(tmp_path: Path) -> None:
     standard = np.repeat(np.linspace(0.0, 360.0, 10), 2)
     reading = standard / 1.01 + np.random.default_rng(3).normal(0.0, 0.1, standard.size)

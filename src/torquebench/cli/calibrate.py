@@ -102,7 +102,7 @@ def calibrate(
         list[Path] | None,
         typer.Option(
             "--report",
-            help="Write a report with figures (.html or .pdf), of both modules one each. Repeat it.",
+            help="Write a report with figures (.html or .pdf), one a module. Repeat it.",
         ),
     ] = None,
     yes: Annotated[
