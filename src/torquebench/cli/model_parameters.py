@@ -61,7 +61,8 @@ def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
     from torquebench.compensation import make_model
 
     model = make_model(kind, **found)
-    getattr(model, "estimator", model).check_parameters()
+    estimator: Any = getattr(model, "estimator", model)
+    estimator.check_parameters()
     return found
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from torquebench.campaign.results import FitResult
@@ -75,7 +77,7 @@ def _data(result: FitResult) -> Section:
 
 def _training(result: FitResult) -> list[Section]:
     """Return how a network's training went, where the model keeps its curve."""
-    fitted = getattr(result.model, "estimator_", result.model)
+    fitted: Any = getattr(result.model, "estimator_", result.model)
     curve = getattr(fitted, "training_curve_", None)
     if curve is None:
         return []
