@@ -237,7 +237,7 @@ def test_a_table_that_contradicts_itself_gives_a_marked_model(
     assert code == 1, said
     assert "the points split before point" in said
     assert "--accept REASON --by NAME" in said
-    assert "wild point" not in said
+    assert "outlier" not in said
     assert load_model("changed.json").provenance.contradictions
     code, said = command(*fit, "accepted.json", "changed.csv", "--accept", "known step")
     assert code == 2, said

@@ -94,11 +94,11 @@ def test_a_wild_point_is_named_or_refused_by_choice(tmp_path: Path) -> None:
     arguments = ("fit", "data.csv", "--range", 2000, "--out", "model.json")
     refused = run(*arguments, "--outliers", "refuse", cwd=tmp_path)
     assert refused.returncode == 2
-    assert "wild calibration point" in refused.stderr
+    assert "outlier among the calibration points" in refused.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["data.csv"]
     kept = run(*arguments, cwd=tmp_path)
     assert kept.returncode == 0
     words = " ".join(kept.stderr.split())
-    assert "wild point, weighted down: series 1" in words
+    assert "outlier, weighted down: series 1" in words
     assert f"reading {data.reading_nm[7]:.6g} N·m" in words
     assert (tmp_path / "model.json").exists()

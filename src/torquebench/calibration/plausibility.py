@@ -28,7 +28,7 @@ _FEWEST_FREEDOM = 4
 _FEWEST_POINTS = 3
 """Fewer points on one side of a place are a matter of outliers."""
 _OUTLIERS = 2
-"""So many wild points explain themselves; what explains less than they do is no split."""
+"""So many outliers explain themselves; what explains less than they do is no split."""
 _ALIKE = 0.02
 """Below this share of independence a change of zero and one of span can't be told apart."""
 _ANSWER = 0.1
@@ -517,7 +517,7 @@ def _loops(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
 
 
 def _middle_of_neighbours(values: FloatArray) -> FloatArray:
-    """Return the median of each finite value and its neighbours: one wild point opens no loop."""
+    """Return the median of each finite value and its neighbours: one outlier opens no loop."""
     found = values.copy()
     known = np.flatnonzero(np.isfinite(values))
     for before, here, after in zip(known, known[1:], known[2:], strict=False):

@@ -26,6 +26,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
+from torquebench.records.csv_text import decode_csv
 from torquebench.validation import refuse_future
 
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
@@ -133,7 +134,7 @@ def register_table(
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
         _documents(writer, profile, circumstances)
-        writer.write_text("table.csv", table.read_text(encoding="utf-8-sig"))
+        writer.write_text("table.csv", decode_csv(table.read_bytes(), called))
         writer.write_results(
             {
                 "data": data,

@@ -349,7 +349,7 @@ def fit_table(
         raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
         remarks=(
-            *(f"wild point, weighted down: {point}" for point in wild),
+            *(f"outlier, weighted down: {point}" for point in wild),
             *([behind] if behind else []),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),

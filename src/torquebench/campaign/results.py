@@ -153,7 +153,7 @@ class FitResult:
     raw, fitted : ErrorSummary
         Errors against the standard without compensation, and of the fit on its own points.
     remarks : tuple of str
-        What the fit warned of: wild points, averaged points.
+        What the fit warned of: outliers, averaged points.
     contradictions : tuple of Contradiction
         Why the model isn't to be used: what the points contradict.
     """

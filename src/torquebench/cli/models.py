@@ -34,7 +34,7 @@ DEFAULT_KIND = "hybrid"
 
 
 class Outliers(StrEnum):
-    """What happens to a wild point."""
+    """What happens to an outlier."""
 
     DOWNWEIGHT = "downweight"
     REFUSE = "refuse"
@@ -71,7 +71,7 @@ def fit(
         typer.Option("--one-direction", help="The chain is loaded in one direction only."),
     ] = False,
     outliers: Annotated[
-        Outliers, typer.Option(help="What happens to a wild point, which is named anyway.")
+        Outliers, typer.Option(help="What happens to an outlier, which is named anyway.")
     ] = Outliers.DOWNWEIGHT,
     column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",

@@ -41,7 +41,7 @@ _FEWEST_FOR_SCATTER = 8
 
 
 class OutlierWarning(UserWarning):
-    """A wild calibration point was found and down-weighted."""
+    """An outlier among the calibration points was found and down-weighted."""
 
 
 class PointsReducedWarning(UserWarning):
@@ -158,14 +158,14 @@ def check_points(
 
 
 def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray, list[WildPoint]]:
-    """Weight of every point, with wild points treated as chosen.
+    """Weight of every point, with outliers treated as chosen.
 
     Parameters
     ----------
     points : CalibrationPoints
         Sorted points.
     outliers : {"downweight", "refuse", "keep"}
-        "downweight" warns and takes a wild point's standard deviation as large as its deviation.
+        "downweight" warns and takes an outlier's standard deviation as large as its deviation.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
     Raises
     ------
     InputError
-        With ``outliers="refuse"``, naming every wild point.
+        With ``outliers="refuse"``, naming every outlier.
     """
     weights = np.ones(points.y.size)
     if outliers == "keep":
@@ -189,11 +189,15 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
         names += f"; and {len(wild) - 5} more"
     if outliers == "refuse":
         raise InputError(
-            f"wild calibration point: {names}",
+            f"outlier among the calibration points: {names}",
             f"points within {_wild_scales(weights.size):.2g} times the scatter of their neighbours",
             'record the point again, leave it out, or choose outliers="downweight"',
         )
-    warnings.warn(f"wild calibration point down-weighted: {names}", OutlierWarning, stacklevel=3)
+    warnings.warn(
+        f"outlier among the calibration points, down-weighted: {names}",
+        OutlierWarning,
+        stacklevel=3,
+    )
     for position, point in zip(positions, wild, strict=True):
         weights[position] = min(1.0, (point.scatter_nm / point.residual_nm) ** 2)
     # A model has to divide by weights; a point that is 10 000 scatters off has no say anyway.
@@ -234,7 +238,7 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
         wild = np.flatnonzero(excess > limit)
         if wild.size == 0:
             break
-        # Next to a wild point a good one can look bad: take the worst of each neighbourhood first.
+        # Next to an outlier a good one can look bad: take the worst of each neighbourhood first.
         wild = np.array(
             [i for i in wild if excess[i] >= np.max(excess[_around(int(i), kept.size)])]
         )

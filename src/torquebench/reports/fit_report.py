@@ -46,11 +46,12 @@ def fit_page(result: FitResult) -> Page:
 def _data(result: FitResult) -> Section:
     data = result.data
     noise = result.noise
+    plural = "" if noise is None or noise.degrees_of_freedom == 1 else "s"
     scatter = (
         "no step was repeated"
         if noise is None
         else f"{number(noise.standard_deviation_nm)} N·m "
-        f"({noise.degrees_of_freedom} degrees of freedom)"
+        f"({noise.degrees_of_freedom} degree{plural} of freedom)"
     )
     facts = Facts(
         (

@@ -23,6 +23,7 @@ from torquebench.records import (
     Report,
     RunFolder,
     check_records,
+    read_calibration_csv,
     write_calibration_csv,
 )
 from torquebench.reports.certificate import Issue, build_record
@@ -91,6 +92,21 @@ def test_everything_is_kept_and_sealed(
     assert entered.model is not None
     assert entered.model.check_file().parent == registry.root / "models"
     assert check_records(registry).intact
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
+def test_a_table_is_kept_whatever_its_encoding(
+    registry: Registry, data: CalibrationData, encoding: str
+) -> None:
+    table = registry.root.parent / "table.csv"
+    write_calibration_csv(table, data)
+    text = f"# Prüfer = Müller\n{table.read_text(encoding='utf-8')}"
+    table.write_text(text, encoding=encoding)
+    read = read_calibration_csv(table)
+    entered = register_table(registry, table, read, PROFILE, CIRCUMSTANCES, operator="C. Clerk")
+    folder = RunFolder.open(registry.run(entered.run_id).folder)
+    assert (folder.path / "table.csv").read_text(encoding="utf-8") == text
+    folder.verify()
 
 
 def test_its_certificate_states_what_was_said_of_it(

@@ -126,7 +126,7 @@ def loop(wrong_from: int | None = None) -> CalibrationData:
 def test_contradicting_points_are_not_called_outliers() -> None:
     (fitted,) = fit_models(loop(wrong_from=4), [ModelChoice(KIND)])
     assert fitted.contradictions
-    assert [remark for remark in fitted.remarks if "wild" in remark] == []
+    assert [remark for remark in fitted.remarks if "outlier" in remark] == []
     (fitted,) = fit_models(loop(), [ModelChoice(KIND)])
     assert fitted.contradictions == ()
 

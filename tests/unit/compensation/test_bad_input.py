@@ -132,7 +132,7 @@ def test_a_wild_point_is_down_weighted_refused_or_kept_by_choice(
     X = features(torque, branch=branch)
     clean = quick_model(kind).fit(X, standard).predict(X)
     standard[20] += 50.0
-    with pytest.raises(InputError, match="wild calibration point: series 0, row 20"):
+    with pytest.raises(InputError, match="outlier among the calibration points: series 0, row 20"):
         quick_model(kind, outliers="refuse").fit(X, standard)
     with pytest.warns(OutlierWarning, match="row 20"):
         model = quick_model(kind).fit(X, standard)
@@ -147,7 +147,7 @@ def test_several_wild_points_are_all_named() -> None:
     torque, standard, branch = chain(steps=26)
     rows = [3, 40, 41, 90]
     standard[rows] += [30.0, -25.0, 40.0, 60.0]
-    with pytest.raises(InputError, match="wild") as refusal:
+    with pytest.raises(InputError, match="outlier") as refusal:
         PolynomialModel(outliers="refuse").fit(features(torque, branch=branch), standard)
     assert all(f"row {row}:" in str(refusal.value) for row in rows)
 

@@ -201,7 +201,7 @@ def test_a_wild_point_is_kept_or_refused_by_choice() -> None:
     kept = compare(X, y, FAST, outliers="keep")
     assert not kept.wild_points
     assert kept.points == compare(X, y, FAST).points + 1
-    with pytest.raises(InputError, match="wild calibration point"):
+    with pytest.raises(InputError, match="outlier among the calibration points"):
         compare(X, y, FAST, outliers="refuse")
 
 
