@@ -8,24 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.records.column_words import column_unit
 from torquebench.records.run_folder import RunFolder
 
 __all__ = ["Attributes", "Column", "EdgePiece", "edge_pieces", "run_attributes", "sample_columns"]
 
 Attributes = Mapping[str, str | int | float | bool]
 
-_UNITS = (
-    # longest endings first
-    ("_angle_counts", "counts", "encoder counts, unwrapped, clockwise positive"),
-    ("_rad_s", "rad/s", "mean speed over the acquired block"),
-    ("_compensated_nm", "N·m", "compensated torque"),
-    ("_torque_uncertainty_nm", "N·m", "standard uncertainty of the compensated torque (k = 1)"),
-    ("_fault", "1", "fault of the window: 0 none, 255 not in use, others see the manual"),
-    ("_hz", "Hz", "frequency as counted"),
-    ("_nm", "N·m", "torque by the zero in use; a standard's by its certificate too"),
-    ("_c", "°C", "temperature"),
-    ("_s", "s", "bench time, centre of the counter's window"),
-)
 _KNOWN = ("run_id", "kind", "bench_name", "side", "operator", "counter_identity")
 _LATER = ("profile_name", "profile_sha256", "software_version", "created")
 
@@ -73,7 +62,7 @@ def sample_columns(folder: RunFolder) -> list[Column]:
         raise InputError(
             f"run {folder.run_id} has no samples", "a run that was acquired", "name another run"
         )
-    return [Column(name, values, *_unit(name)) for name, values in raw.columns.items()]
+    return [Column(name, values, *column_unit(name)) for name, values in raw.columns.items()]
 
 
 def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:
@@ -120,10 +109,3 @@ def run_attributes(folder: RunFolder) -> dict[str, str | int | float | bool]:
             found[f"{side}_transducer_serial"] = str(module["transducer"]["serial"])
             found[f"{side}_counts_per_revolution"] = int(module["encoder"]["counts_per_revolution"])
     return found
-
-
-def _unit(name: str) -> tuple[str, str]:
-    for ending, unit, description in _UNITS:
-        if name.endswith(ending):
-            return unit, description
-    return "", ""

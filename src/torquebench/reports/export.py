@@ -22,13 +22,14 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
+from torquebench.records.column_words import column_words
 from torquebench.reports.certificate import (
     Issue,
     build_record,
     certificate_files,
     run_data,
 )
-from torquebench.reports.export_words import column_words, file_words
+from torquebench.reports.export_words import file_words
 
 __all__ = ["ExportedRun", "export_run"]
 
