@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.calibrating import confirm_start, run_calibrations
+from torquebench.cli.calibrating import run_calibrations
+from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import out, say
 from torquebench.cli.options import (
     DEFAULT_DATA,

@@ -9,7 +9,6 @@ import typer
 
 from torquebench.cli.console import note, out, say, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,27 +21,7 @@ if TYPE_CHECKING:
     from torquebench.cli.progress import TerminalProgress
     from torquebench.procedures import StaircaseResult
 
-__all__ = ["confirm_start", "report_calibration", "run_calibrations"]
-
-
-def confirm_start(description: Any, side: str, profile: Profile, yes: bool) -> None:
-    """Ask before torque is applied, where somebody is there and the bench is a real one."""
-    import sys
-
-    if yes or description.simulated:
-        return
-    if not sys.stdin.isatty():
-        raise InputError(
-            f"{description.name} is a real bench and nobody is there to confirm",
-            "a person at the terminal, or --yes",
-            "check that nobody is at the bench, then give --yes",
-        )
-    note(
-        f"{description.name}: {side} will be loaded to ±{profile.largest_percent:g} % of range "
-        f"by {profile.name}."
-    )
-    if not typer.confirm("Is the bench clear and may it be loaded?"):
-        raise typer.Exit(1)
+__all__ = ["report_calibration", "run_calibrations"]
 
 
 def run_calibrations(

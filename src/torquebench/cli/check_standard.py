@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.calibrating import confirm_start
+from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import narrow_table, note, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.options import (

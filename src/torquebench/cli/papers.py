@@ -157,7 +157,7 @@ def _measured(
 
 def _confirm(description: BenchDescription, yes: bool) -> None:
     from torquebench.calibration import load_profile
-    from torquebench.cli.calibrating import confirm_start
+    from torquebench.cli.confirming import confirm_start
 
     confirm_start(description, "both modules", load_profile("rapid-in-situ"), yes)
 

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.cli.confirming import confirm_test
 from torquebench.cli.console import note, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["confirm_test", "register"]
+__all__ = ["register"]
 
 MORE = """
 
@@ -241,23 +242,6 @@ def _mounted(
             "correct the reducer's description, or reducer_ratio of the bench",
         )
     return kind, described
-
-
-def confirm_test(described: BenchDescription, reducer: ReducerDescription, yes: bool) -> None:
-    """Ask before a real bench moves, where somebody is there."""
-    import sys
-
-    if yes or described.simulated:
-        return
-    if not sys.stdin.isatty():
-        raise InputError(
-            f"{described.name} is a real bench and nobody is there to confirm",
-            "a person at the terminal, or --yes",
-            "check that nobody is at the bench, then give --yes",
-        )
-    note(f"{described.name}: {reducer.name} up to {reducer.rated_torque_nm:g} N·m.")
-    if not typer.confirm("Is the bench clear and may it be loaded?"):
-        raise typer.Exit(1)
 
 
 def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:

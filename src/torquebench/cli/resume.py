@@ -42,7 +42,8 @@ def resume_run(
         As for a calibration.
     """
     from torquebench.bench.description import load_bench
-    from torquebench.cli.calibrating import confirm_start, run_calibrations
+    from torquebench.cli.calibrating import run_calibrations
+    from torquebench.cli.confirming import confirm_start
     from torquebench.procedures.staircase import describe_step
 
     interrupted = _read(name, data)

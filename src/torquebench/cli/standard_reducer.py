@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.confirming import confirm_test
 from torquebench.cli.console import narrow_table, note, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
@@ -76,8 +77,6 @@ def standard_reducer(
     described = bench_description(bench)
     kind = _kind(reducer, described)
     accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
-    from torquebench.cli.reducer_test import confirm_test
-
     if kind is not None:
         confirm_test(described, kind, yes)
     check, named, certificate, compensation, run_id = _measured(

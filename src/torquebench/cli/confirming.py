@@ -1,0 +1,43 @@
+"""Ask before a real bench is loaded, where somebody is there."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import typer
+
+from torquebench.cli.console import note
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.calibration import Profile
+    from torquebench.reducers import ReducerDescription
+
+__all__ = ["confirm_start", "confirm_test"]
+
+
+def confirm_start(description: BenchDescription, side: str, profile: Profile, yes: bool) -> None:
+    """Ask before a profile loads a module."""
+    what = f"{side} will be loaded to ±{profile.largest_percent:g} % of range by {profile.name}"
+    _confirm(description, what, yes)
+
+
+def confirm_test(described: BenchDescription, reducer: ReducerDescription, yes: bool) -> None:
+    """Ask before a reducer is tested."""
+    _confirm(described, f"{reducer.name} up to {reducer.rated_torque_nm:g} N·m", yes)
+
+
+def _confirm(description: BenchDescription, what: str, yes: bool) -> None:
+    if yes or description.simulated:
+        return
+    if not sys.stdin.isatty():
+        raise InputError(
+            f"{description.name} is a real bench and nobody is there to confirm",
+            "a person at the terminal, or --yes",
+            "check that nobody is at the bench, then give --yes",
+        )
+    note(f"{description.name}: {what}.")
+    if not typer.confirm("Is the bench clear and may it be loaded?"):
+        raise typer.Exit(1)
