@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks.safety import other_programs
-from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.active_chain import ActiveChain, StreamReadings
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.channels import Channel
 from torquebench.bench.clock import BenchClock
@@ -32,7 +32,7 @@ from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
-from torquebench.bench.samples import AcquiredBlock, Viewer
+from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
 from torquebench.bench.state import CommandState
 from torquebench.chain import MeasuringChain
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model
@@ -112,7 +112,9 @@ class LivePath:
         """Turn edges into a checked block."""
         samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
         compensated = {
-            name: self.chains[name].push(each.time_s, each.torque_nm, each.counter_nm, 0.0, 23.0)
+            name: self.chains[name].push(
+                StreamReadings(each.time_s, each.torque_nm, each.counter_nm, 0.0, 23.0)
+            )
             for name, each in samples.items()
         }
         start_s = self.index * BLOCK_S
@@ -150,7 +152,7 @@ def measure(duration_s: float) -> NDArray[np.float64]:
             begun = time.perf_counter()
             block = path.push(edges)
             checked = time.perf_counter()
-            journal.write(block)
+            journal.write(Stretch((block,), block.compensated))
             viewer.put(block)
             done = time.perf_counter()
             latencies.append((checked - begun, done - begun))

@@ -9,7 +9,7 @@ import pytest
 from tests.system.command_line import run
 
 from torquebench.bench import default_bench
-from torquebench.bench.active_chain import ActiveChain, ZeroTaken
+from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
 from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE, chain_effects
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.drivers.base import AngleSamples
@@ -90,11 +90,14 @@ def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
     )
     path[-1] = READING_NM
     time_s = 0.01 * np.arange(path.size)
-    active.push(time_s[:-1], path[:-1], np.full(path.size - 1, COUNTER_NM), 0.0, TEMPERATURE_C)
+    counter_nm = np.full(path.size, COUNTER_NM)
+    speed_rpm = 0.0
+    past = StreamReadings(time_s[:-1], path[:-1], counter_nm[:-1], speed_rpm, TEMPERATURE_C)
+    active.push(past)
     active.zero = ZeroTaken(float(time_s[-1]), TEMPERATURE_C)
     last = time_s[-1:]
-    counted = np.array([COUNTER_NM])
-    torque = active.push(last, path[-1:], counted, 0.0, TEMPERATURE_C)
+    counted = counter_nm[-1:]
+    torque = active.push(StreamReadings(last, path[-1:], counted, speed_rpm, TEMPERATURE_C))
     samples = ChannelSamples(
         "output_torque", "output", False, last, np.array([82.5e3]), path[-1:],
         np.zeros(1, np.uint8), counted,
@@ -102,8 +105,8 @@ def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
     angles = AngleSamples(last, np.zeros(1, np.int64), 1000)
     block = AcquiredBlock(
         0, float(last[0]), float(last[0]) + 0.01, {"output_torque": samples},
-        {"output": torque}, {"output": angles}, {"output": 0.0},
-        {"output_transducer": TEMPERATURE_C}, {},
+        {"output": angles}, {"output": 0.0}, {"output_transducer": TEMPERATURE_C}, {},
+        compensated={"output": torque},
     )  # fmt: skip
     return active, block
 

@@ -29,7 +29,7 @@ from torquebench.bench.roles import (
 )
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
 from torquebench.bench.safety.priority import prefer_this_thread
-from torquebench.bench.samples import AcquiredBlock, Viewer
+from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, SignalFault, TorquebenchError
@@ -41,6 +41,8 @@ CATCHING_UP_S = 10.0
 """How much bench time may be caught up at the start, s."""
 CAUGHT_UP_BLOCKS = 10
 """So many blocks one after the other didn't come sooner than those before: nothing is buffered."""
+HELD_BLOCKS = 20
+"""So many blocks at most are compensated and kept together in fast time."""
 DEMAND_POLL_S = 0.05
 """How often an idle fast bench looks whether it is to end, s of wall time."""
 
@@ -58,8 +60,8 @@ class LatestTorque(NamedTuple):
 class JournalSink(Protocol):
     """Keeps every block. Raising brings the bench to its safe state."""
 
-    def write(self, block: AcquiredBlock) -> None:
-        """Keep a block."""
+    def write(self, stretch: Stretch) -> None:
+        """Keep blocks."""
 
 
 class Acquisition:
@@ -106,7 +108,8 @@ class Acquisition:
         self._latest_block: AcquiredBlock | None = None
         self._compensations: dict[Side, ActiveChain] = {}
         self._journal: JournalSink | None = None
-        self._journal_lock = threading.Lock()
+        self._held: list[AcquiredBlock] = []
+        self._release_lock = threading.RLock()
         self._viewers: tuple[Viewer, ...] = ()
         self._stopping = threading.Event()
         self._wall_start = 0.0
@@ -164,6 +167,8 @@ class Acquisition:
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()
+        with self._release_lock:
+            self._release()
         self._clock.stop(BenchError("the bench is closed", "an open bench", "open it again"))
 
     @property
@@ -225,13 +230,11 @@ class Acquisition:
         behind_s = None if raw.waiting_s is None else time.monotonic() - raw.timed_s
         with self._lock:
             channels = list(self._channels.values())
-        block = self._evaluator.block(self._index, raw, channels, self._compensations)
+        block = self._evaluator.block(self._index, raw, channels)
         self._index += 1
         self._latest_block = block
         self._supervisor.check(block)
-        self._keep(block)
-        for viewer in self._viewers:
-            viewer.put(block)
+        self._hand_on(block)
         self._clock.advance_to(raw.stop_s, behind_s)
         return raw.waiting_s
 
@@ -248,17 +251,44 @@ class Acquisition:
             self._supervisor.check_edges(parts[-1], self._channels)
         return joined(parts)
 
-    def _keep(self, block: AcquiredBlock) -> None:
-        with self._journal_lock:
-            if self._journal is None:
-                return
+    def _hand_on(self, block: AcquiredBlock) -> None:
+        """Have a block compensated and kept; in fast time together with those to come.
+
+        Nobody can look before a sleeper wakes, and many blocks at once cost as much as one.
+        """
+        with self._release_lock:
+            failure = None
+            if self._held and not block.follows(self._held[-1]):
+                failure = self._release()
+            self._held.append(block)
+            due = not self._clock.fast or len(self._held) >= HELD_BLOCKS
+            if due or self._clock.wakes(block.stop_s):
+                failure = self._release() or failure
+        self._raise_alarm(failure)
+
+    def _release(self) -> Exception | None:
+        """Compensate and keep what is held; return what the journal failed with."""
+        if not self._held:
+            return None
+        stretch = self._evaluator.stretch(self._held, self._compensations)
+        self._held.clear()
+        failure = None
+        if self._journal is not None:
             try:
-                self._journal.write(block)
+                self._journal.write(stretch)
             except Exception as error:  # a full disk or a bug: either way nothing is recorded
                 self._journal = None
                 failure = error
-            else:
-                return
+        if self._viewers:
+            for block in stretch.each():
+                for viewer in self._viewers:
+                    viewer.put(block)
+        return failure
+
+    def _raise_alarm(self, failure: Exception | None) -> None:
+        """Stop the bench where the journal failed; without the lock, for whoever listens."""
+        if failure is None:
+            return
         self._supervisor.trip(
             AlarmKind.JOURNAL,
             "journal",
@@ -272,10 +302,12 @@ class Acquisition:
     def set_journal(self, journal: JournalSink | None) -> None:
         """Keep blocks here from the next one on; None ends it.
 
-        When this returns, the journal before gets no further block.
+        When this returns, the journal before has every block until now, and gets no further one.
         """
-        with self._journal_lock:
+        with self._release_lock:
+            failure = self._release()
             self._journal = journal
+        self._raise_alarm(failure)
 
     def add_viewer(self, maximum: int = 100) -> Viewer:
         """Hand every block to a new viewer that forgets the oldest when it can't keep up."""
@@ -377,6 +409,9 @@ class Acquisition:
         SignalFault
             It is too far from the nominal zero to be one.
         """
+        with self._release_lock:
+            failure = self._release()
+        self._raise_alarm(failure)
         with self._lock:
             channel = self.channel(name)
             channel.zero_hz = frequency_hz
@@ -395,11 +430,14 @@ class Acquisition:
         if active is not None:
             active.warm_up()  # before a block has to wait for it
             active.zero = self._zeroed.get(side)
-        compensations = dict(self._compensations)
-        compensations.pop(side, None)
-        if active is not None:
-            compensations[side] = active
-        self._compensations = compensations
+        with self._release_lock:
+            failure = self._release()
+            compensations = dict(self._compensations)
+            compensations.pop(side, None)
+            if active is not None:
+                compensations[side] = active
+            self._compensations = compensations
+        self._raise_alarm(failure)
 
     def compensation(self, side: Side) -> ActiveChain | None:
         """Return the compensation that is active on a side."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from torquebench.chain import ChainStream, MeasuringChain, Readings, Timebase, Torque, joined
 
-__all__ = ["ActiveChain", "TimedTorque", "ZeroTaken"]
+__all__ = ["ActiveChain", "StreamPart", "StreamReadings", "TimedTorque", "ZeroTaken"]
 
 KEPT_S = 120.0
 
@@ -30,6 +31,53 @@ class TimedTorque:
 
     time_s: NDArray[np.float64]
     torque: Torque
+
+
+StreamPart = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
+"""Windows of one block: their centres, readings, and the readings' uncertainty by counting."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamReadings:
+    """Windows of blocks that follow each other, with what was measured beside them.
+
+    Parameters
+    ----------
+    time_s, reading_nm : float64 array of shape (n,)
+        Centres of the windows, and readings (NaN at a fault), N·m.
+    counter_nm : float64 array of shape (n,) or None
+        Uncertainty of the readings by counting, N·m.
+    speed_rpm, temperature_c : float64 array of shape (n,) or float
+        Over a window's block; NaN where it isn't measured.
+    until_s : float64 array of shape (n,), float or None
+        Centre of the last window of a window's block; of all where not given.
+    """
+
+    time_s: NDArray[np.float64]
+    reading_nm: NDArray[np.float64]
+    counter_nm: NDArray[np.float64] | None = None
+    speed_rpm: NDArray[np.float64] | float = np.nan
+    temperature_c: NDArray[np.float64] | float = np.nan
+    until_s: NDArray[np.float64] | float | None = None
+
+    @classmethod
+    def joined(
+        cls, parts: Sequence[StreamPart], speed_rpm: Sequence[float], temperature_c: Sequence[float]
+    ) -> StreamReadings:
+        """Join blocks, each with its speed and temperature."""
+        until_s = [float(time_s[-1]) if time_s.size else np.nan for time_s, _, _ in parts]
+        if len(parts) == 1:
+            return cls(*parts[0], speed_rpm[0], temperature_c[0], until_s[0])
+        counts = [time_s.size for time_s, _, _ in parts]
+        counted = [counter_nm for _, _, counter_nm in parts if counter_nm is not None]
+        return cls(
+            np.concatenate([time_s for time_s, _, _ in parts]),
+            np.concatenate([reading_nm for _, reading_nm, _ in parts]),
+            np.concatenate(counted) if len(counted) == len(parts) else None,
+            np.repeat(speed_rpm, counts),
+            np.repeat(temperature_c, counts),
+            np.repeat(until_s, counts),
+        )
 
 
 class ActiveChain:
@@ -78,65 +126,35 @@ class ActiveChain:
         """Compile what the first block would have to wait for; the past stays unknown."""
         self._stream.copy().push(Readings(np.zeros(1), counter_nm=np.zeros(1)))
 
-    def push(
-        self,
-        time_s: NDArray[np.float64],
-        reading_nm: NDArray[np.float64],
-        counter_nm: NDArray[np.float64] | None = None,
-        speed_rpm: float = np.nan,
-        temperature_c: float = np.nan,
-    ) -> Torque:
-        """Compensate the next windows; those with a fault or out of range get no number.
-
-        Parameters
-        ----------
-        time_s, reading_nm, counter_nm : float64 array of shape (n,)
-            Centres of the windows, readings (NaN at a fault), and their uncertainty by counting.
-        speed_rpm, temperature_c : float
-            Over the block; NaN where it isn't measured.
-        """
-        known = self._readings(time_s, reading_nm, counter_nm, speed_rpm, temperature_c)
-        torque = self._stream.push(known)
-        self._recent.append(TimedTorque(time_s, torque))
+    def push(self, readings: StreamReadings) -> Torque:
+        """Compensate the next windows; those with a fault or out of range get no number."""
+        torque = self._stream.push(self._known(readings))
+        self._recent.append(TimedTorque(readings.time_s, torque))
         return torque
 
-    def push_fine(
-        self,
-        time_s: NDArray[np.float64],
-        reading_nm: NDArray[np.float64],
-        counter_nm: NDArray[np.float64] | None,
-        speed_rpm: float,
-        temperature_c: float,
-    ) -> None:
-        """Compensate shorter windows of a block, before `push` takes the block itself."""
+    def push_fine(self, readings: StreamReadings) -> None:
+        """Compensate shorter windows of blocks, before `push` takes the blocks themselves."""
         if self._fine is None:
             self._fine = self._stream.copy(), _Recent()
         stream, recent = self._fine
-        known = self._readings(time_s, reading_nm, counter_nm, speed_rpm, temperature_c)
-        recent.append(TimedTorque(time_s, stream.push(known)))
+        recent.append(TimedTorque(readings.time_s, stream.push(self._known(readings))))
 
     def end_fine(self) -> None:
         """Forget the shorter windows: nobody counts them any more."""
         self._fine = None
 
-    def _readings(
-        self,
-        time_s: NDArray[np.float64],
-        reading_nm: NDArray[np.float64],
-        counter_nm: NDArray[np.float64] | None,
-        speed_rpm: float,
-        temperature_c: float,
-    ) -> Readings:
+    def _known(self, readings: StreamReadings) -> Readings:
         zero = self.zero
-        age_h = None
-        if zero is not None and time_s.size:
-            age_h = max(float(time_s[-1]) - zero.time_s, 0.0) / 3600.0
+        age_h: NDArray[np.float64] | None = None
+        if zero is not None and readings.time_s.size:
+            until_s = readings.time_s[-1] if readings.until_s is None else readings.until_s
+            age_h = np.maximum(until_s - zero.time_s, 0.0) / 3600.0
         return Readings(
-            reading_nm,
-            counter_nm=counter_nm,
-            time_s=time_s,
-            speed_rpm=speed_rpm,
-            temperature_c=temperature_c,
+            readings.reading_nm,
+            counter_nm=readings.counter_nm,
+            time_s=readings.time_s,
+            speed_rpm=readings.speed_rpm,
+            temperature_c=readings.temperature_c,
             zero_age_h=age_h,
             zero_temperature_c=None if zero is None else zero.temperature_c,
             calibration_age_h=self._calibration_age_h,

@@ -214,6 +214,12 @@ class BenchClock:
         thinking = any(activity.busy for activity in self._loops.values())
         return bool(self._sleepers) and not thinking
 
+    def wakes(self, time_s: float) -> bool:
+        """Whether advancing to a bench time ends somebody's sleep, or nobody sleeps."""
+        with self._condition:
+            first_s = min((each.until_s for each in self._sleepers), default=-math.inf)
+        return first_s <= time_s + _TICK_S
+
     def advance_to(self, time_s: float, behind_s: float | None = None) -> None:
         """Set bench time and wake everybody whose time has come.
 

@@ -7,18 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.active_chain import ActiveChain, StreamPart, StreamReadings
 from torquebench.bench.channels import Channel
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.samples import (
     AcquiredBlock,
     ChannelSamples,
     SampleRing,
+    Stretch,
 )
 from torquebench.chain import Torque
 from torquebench.errors import BenchError
+from torquebench.signals import TorqueSamples
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["BlockEvaluator", "mean_speed"]
@@ -47,14 +49,8 @@ class BlockEvaluator:
         rows = round(KEPT_S * ANGLE_RATE_HZ)
         self.angles = {side: SampleRing(columns=1, capacity=rows) for side in SIDES}
 
-    def block(
-        self,
-        index: int,
-        raw: CounterBlock,
-        channels: Sequence[Channel],
-        compensations: Mapping[Side, ActiveChain],
-    ) -> AcquiredBlock:
-        """Return what a block of edges states.
+    def block(self, index: int, raw: CounterBlock, channels: Sequence[Channel]) -> AcquiredBlock:
+        """Return what a block of edges states, compensation aside.
 
         Parameters
         ----------
@@ -63,8 +59,6 @@ class BlockEvaluator:
         raw : CounterBlock
         channels : sequence of Channel
             Those in use.
-        compensations : mapping of ActiveChain
-            Those that are active, by side.
 
         Raises
         ------
@@ -72,32 +66,78 @@ class BlockEvaluator:
             An instrument fails, or an encoder is another one than described.
         """
         samples: dict[str, ChannelSamples] = {}
+        fine: dict[str, TorqueSamples] = {}
         readout = self._drivers.reference
         for channel in channels:
+            name = channel.name
             if channel.standard and readout is not None:
                 read = readout.read(channel.side, raw.stop_s, raw.timed_s)
-                samples[channel.name] = channel.take(read)
-            elif channel.name in raw.frequencies:
-                samples[channel.name] = channel.push_frequency(raw.frequencies[channel.name])
-            elif channel.name in raw.edges:  # else selected after this block was timed
-                samples[channel.name] = channel.push(raw.edges[channel.name])
+                samples[name] = channel.take(read)
+            elif name in raw.frequencies:
+                samples[name] = channel.push_frequency(raw.frequencies[name])
+            elif name in raw.edges:  # else selected after this block was timed
+                samples[name] = channel.push(raw.edges[name])
+            if channel.fine_samples is not None:
+                fine[name] = channel.fine_samples
         speeds: dict[Side, float] = {}
         for side, angle in raw.angles.items():
             self._check_encoder(side, angle)
             self.angles[side].append(angle.time_s, angle.counts)
             if angle.time_s.size >= 2:  # else the encoder is silent, which is no standstill
                 speeds[side] = mean_speed(angle.time_s, angle.counts, angle.counts_per_revolution)
-        temperatures = dict(self._drivers.temperature.temperatures())
         return AcquiredBlock(
             index=index,
             start_s=raw.start_s,
             stop_s=raw.stop_s,
             channels=samples,
-            compensated=self._compensated(channels, compensations, samples, speeds, temperatures),
             angles=raw.angles,
             speed_rad_s=speeds,
-            temperatures=temperatures,
+            temperatures=dict(self._drivers.temperature.temperatures()),
             edges=raw.edges,
+            fine=fine,
+        )
+
+    def stretch(
+        self, blocks: Sequence[AcquiredBlock], compensations: Mapping[Side, ActiveChain]
+    ) -> Stretch:
+        """Compensate blocks of which each follows the one before."""
+        bare = Stretch(tuple(blocks))
+        return Stretch(
+            bare.blocks,
+            {
+                side: self._compensated(bare, side, active)
+                for side, active in compensations.items()
+                if torque_channel(side) in blocks[0].channels
+            },
+        )
+
+    def _compensated(self, stretch: Stretch, side: Side, active: ActiveChain) -> Torque:
+        probe = self._description.module(side).temperature_probe
+        name, blocks = torque_channel(side), stretch.blocks
+        speed_rpm = [block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S for block in blocks]
+        temperature_c = [block.temperatures.get(probe, np.nan) for block in blocks]
+
+        def readings(parts: Sequence[StreamPart]) -> StreamReadings:
+            return StreamReadings.joined(parts, speed_rpm, temperature_c)
+
+        if name not in blocks[0].fine:
+            active.end_fine()
+        else:
+            active.push_fine(
+                readings(
+                    [
+                        (each.time_s, each.torque_nm, each.standard_uncertainty_nm)
+                        for each in (block.fine[name] for block in blocks)
+                    ]
+                )
+            )
+        return active.push(
+            readings(
+                [
+                    (each.time_s, each.torque_nm, each.counter_nm)
+                    for each in (block.channels[name] for block in blocks)
+                ]
+            )
         )
 
     def _check_encoder(self, side: Side, angle: AngleSamples) -> None:
@@ -108,32 +148,6 @@ class BlockEvaluator:
                 f"{described}, as described",
                 f"correct {side}.encoder.counts_per_revolution",
             )
-
-    def _compensated(
-        self,
-        channels: Sequence[Channel],
-        compensations: Mapping[Side, ActiveChain],
-        samples: Mapping[str, ChannelSamples],
-        speeds: Mapping[Side, float],
-        temperatures: Mapping[str, float],
-    ) -> dict[Side, Torque]:
-        torques: dict[Side, Torque] = {}
-        for channel in channels:
-            active, read = compensations.get(channel.side), samples.get(channel.name)
-            if channel.standard or active is None or read is None:
-                continue
-            probe = self._description.module(channel.side).temperature_probe
-            speed = speeds.get(channel.side, np.nan) * RPM_PER_RAD_S
-            temperature, fine = temperatures.get(probe, np.nan), channel.fine_samples
-            if fine is None:
-                active.end_fine()
-            else:
-                u = fine.standard_uncertainty_nm
-                active.push_fine(fine.time_s, fine.torque_nm, u, speed, temperature)
-            torques[channel.side] = active.push(
-                read.time_s, read.torque_nm, read.counter_nm, speed, temperature
-            )
-        return torques
 
 
 def mean_speed(

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import Side, torque_channel
 from torquebench.chain import Torque
 from torquebench.signals import EdgeBlock, SignalFaultKind, TorqueSamples
 
-__all__ = ["AcquiredBlock", "ChannelSamples", "SampleRing", "Viewer"]
+__all__ = ["AcquiredBlock", "ChannelSamples", "SampleRing", "Stretch", "Viewer"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,26 +78,122 @@ class AcquiredBlock:
         Bench time, s.
     channels : mapping of channel name to ChannelSamples
         The channels in use.
-    compensated : mapping of side to Torque
-        Only sides with an active measuring chain: torque and uncertainty of the windows of its
-        channel, NaN where the reading has a fault or lies outside the calibrated range.
     angles : mapping of side to AngleSamples
     speed_rad_s : mapping of side to float
         Mean speed over the block.
     temperatures : mapping of probe to °C
     edges : mapping of channel name to EdgeBlock
         The raw edges.
+    fine : mapping of channel name to TorqueSamples
+        Shorter windows of the channels that somebody has counted finely.
+    compensated : mapping of side to Torque
+        Only sides with an active measuring chain: torque and uncertainty of the windows of its
+        channel, NaN where the reading has a fault or lies outside the calibrated range. Empty as
+        long as the block is judged; see `Stretch`.
     """
 
     index: int
     start_s: float
     stop_s: float
     channels: Mapping[str, ChannelSamples]
-    compensated: Mapping[Side, Torque]
     angles: Mapping[Side, AngleSamples]
     speed_rad_s: Mapping[Side, float]
     temperatures: Mapping[str, float]
     edges: Mapping[str, EdgeBlock]
+    fine: Mapping[str, TorqueSamples] = field(default_factory=dict)
+    compensated: Mapping[Side, Torque] = field(default_factory=dict)
+
+    def follows(self, before: AcquiredBlock) -> bool:
+        """Whether the same signals go on from another block without a gap."""
+        return (
+            self.channels.keys() == before.channels.keys()
+            and self.fine.keys() == before.fine.keys()
+            and self.temperatures.keys() == before.temperatures.keys()
+            and self.speed_rad_s.keys() == before.speed_rad_s.keys()
+            and self.angles.keys() == before.angles.keys()
+            and all(
+                (each.time_s.size > 0) == (before.angles[side].time_s.size > 0)
+                for side, each in self.angles.items()
+            )
+            and all(
+                samples.time_s.size > 0
+                and (earlier := before.channels[name].time_s).size > 1
+                and samples.time_s[0] - earlier[-1] < 1.5 * (earlier[-1] - earlier[-2])
+                for name, samples in self.channels.items()
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """Blocks of the same signals one behind the other, and the compensated torque of all of them.
+
+    Parameters
+    ----------
+    blocks : tuple of AcquiredBlock
+        At least one.
+    compensated : mapping of side to Torque
+        Of all windows, as in `AcquiredBlock`.
+    """
+
+    blocks: tuple[AcquiredBlock, ...]
+    compensated: Mapping[Side, Torque] = field(default_factory=dict)
+
+    def channel(self, name: str) -> ChannelSamples | None:
+        """Return the windows of a channel; None where it isn't in use."""
+        first = self.blocks[0].channels.get(name)
+        if first is None or len(self.blocks) == 1:
+            return first
+        parts = [block.channels[name] for block in self.blocks]
+        return ChannelSamples(
+            first.channel,
+            first.side,
+            first.standard,
+            np.concatenate([each.time_s for each in parts]),
+            np.concatenate([each.frequency_hz for each in parts]),
+            np.concatenate([each.torque_nm for each in parts]),
+            np.concatenate([each.fault for each in parts]),
+            _joined([each.counter_nm for each in parts]),
+        )
+
+    def angles(self, side: Side) -> AngleSamples | None:
+        """Return the samples of an encoder; None without any."""
+        first = self.blocks[0].angles.get(side)
+        if first is None or len(self.blocks) == 1:
+            return first
+        parts = [block.angles[side] for block in self.blocks]
+        return AngleSamples(
+            np.concatenate([each.time_s for each in parts]),
+            np.concatenate([each.counts for each in parts]),
+            first.counts_per_revolution,
+        )
+
+    def windows(self, name: str, values: Sequence[float]) -> NDArray[np.float64] | float:
+        """Return for each window of a channel its block's value."""
+        if len(self.blocks) == 1:
+            return float(values[0])
+        counts = [block.channels[name].time_s.size for block in self.blocks]
+        return np.repeat(np.asarray(values, dtype=np.float64), counts)
+
+    def each(self) -> Iterator[AcquiredBlock]:
+        """Give the blocks, each with its own compensated torque."""
+        if len(self.blocks) == 1:  # in real time every block is
+            yield replace(self.blocks[0], compensated=self.compensated)
+            return
+        first = dict.fromkeys(self.compensated, 0)
+        for block in self.blocks:
+            parts: dict[Side, Torque] = {}
+            for side, torque in self.compensated.items():
+                count = block.channels[torque_channel(side)].time_s.size
+                parts[side] = torque.at(np.arange(first[side], first[side] + count))
+                first[side] += count
+            yield replace(block, compensated=parts)
+
+
+def _joined(parts: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    """Join columns of blocks; None where one has none."""
+    known = [each for each in parts if each is not None]
+    return np.concatenate(known) if known and len(known) == len(parts) else None
 
 
 class SampleRing:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import CHANNELS, SIDES, torque_channel
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.bench.samples import ChannelSamples, Stretch
 from torquebench.chain import Torque
 from torquebench.records import RunWriter
 
@@ -45,28 +45,36 @@ class RunJournal:
         self._probes = tuple(probes)
         self._edges = edges
 
-    def write(self, block: AcquiredBlock) -> None:
-        """Keep a block; raises `RecordError` when it can't."""
+    def write(self, stretch: Stretch) -> None:
+        """Keep blocks; raises `RecordError` when it can't."""
         if self._edges:
-            self._writer.edges(block.edges)
-        time_s = block.channels[torque_channel("input")].time_s
-        if time_s.size == 0:
+            for block in stretch.blocks:
+                self._writer.edges(block.edges)
+        axis = torque_channel("input")
+        first = stretch.channel(axis)
+        if first is None or first.time_s.size == 0:
             return
+        time_s, blocks = first.time_s, stretch.blocks
         columns: dict[str, NDArray[np.generic] | float] = {"time_s": time_s}
+        own = {}
         for name in CHANNELS:
-            frequency, torque, fault = _on_axis(time_s, block.channels.get(name))
+            own[name] = first if name == axis else stretch.channel(name)
+            frequency, torque, fault = _on_axis(time_s, own[name])
             columns[f"{name}_hz"] = frequency
             columns[f"{name}_nm"] = torque
             columns[f"{name}_fault"] = fault
         for side in SIDES:
-            columns[f"{side}_angle_counts"] = _counts(time_s, block.angles.get(side))
-            columns[f"{side}_speed_rad_s"] = float(block.speed_rad_s.get(side, np.nan))
-            own = block.channels.get(torque_channel(side))
-            torque, uncertainty = _compensated(time_s, own, block.compensated.get(side))
+            speeds = [block.speed_rad_s.get(side, np.nan) for block in blocks]
+            columns[f"{side}_angle_counts"] = _counts(time_s, stretch.angles(side))
+            columns[f"{side}_speed_rad_s"] = stretch.windows(axis, speeds)
+            torque, uncertainty = _compensated(
+                time_s, own[torque_channel(side)], stretch.compensated.get(side)
+            )
             columns[f"{side}_compensated_nm"] = torque
             columns[f"{side}_torque_uncertainty_nm"] = uncertainty
         for probe in self._probes:
-            columns[f"{probe}_c"] = float(block.temperatures.get(probe, np.nan))
+            temperatures = [block.temperatures.get(probe, np.nan) for block in blocks]
+            columns[f"{probe}_c"] = stretch.windows(axis, temperatures)
         self._writer.samples(columns)
 
 

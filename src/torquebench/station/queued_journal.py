@@ -6,7 +6,7 @@ import queue
 import threading
 
 from torquebench.bench.acquisition import JournalSink
-from torquebench.bench.samples import AcquiredBlock
+from torquebench.bench.samples import Stretch
 from torquebench.errors import RecordError
 
 __all__ = ["QueuedJournal"]
@@ -31,20 +31,20 @@ class QueuedJournal:
 
     def __init__(self, journal: JournalSink, maximum: int = WAITING_BLOCKS) -> None:
         self._journal = journal
-        self._waiting: queue.Queue[AcquiredBlock | None] = queue.Queue(maximum)
+        self._waiting: queue.Queue[Stretch | None] = queue.Queue(maximum)
         self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="torquebench-journal", daemon=True)
         self._thread.start()
 
-    def write(self, block: AcquiredBlock) -> None:
-        """Keep a block.
+    def write(self, stretch: Stretch) -> None:
+        """Keep blocks.
 
         Raises
         ------
         RecordError
-            The journal couldn't keep this block or an earlier one.
+            The journal couldn't keep these blocks or earlier ones.
         """
-        self._put(block)
+        self._put(stretch)
 
     def close(self) -> None:
         """Wait until every block is kept, and end the thread; raises like `write`."""
@@ -53,7 +53,7 @@ class QueuedJournal:
             self._thread.join()
         self._raise_failure()
 
-    def _put(self, item: AcquiredBlock | None) -> None:
+    def _put(self, item: Stretch | None) -> None:
         while True:
             self._raise_failure()
             try:
@@ -73,9 +73,9 @@ class QueuedJournal:
             ) from self._failure
 
     def _run(self) -> None:
-        while (block := self._waiting.get()) is not None:
+        while (stretch := self._waiting.get()) is not None:
             try:
-                self._journal.write(block)
+                self._journal.write(stretch)
             except Exception as error:  # a full disk or a bug: either way nothing is recorded
                 self._failure = error
                 return

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from torquebench.bench import acquisition
 from torquebench.bench.active_chain import ActiveChain
-from torquebench.bench.samples import AcquiredBlock
-from torquebench.chain import MeasuringChain
-from torquebench.compensation import make_model
+from torquebench.bench.samples import AcquiredBlock, Stretch
+from torquebench.chain import MeasuringChain, Temperature, Zero
+from torquebench.compensation import features, make_model
 from torquebench.errors import BenchError, SignalFault
 from torquebench.signals import SignalFaultKind
 
@@ -27,10 +28,10 @@ class Journal:
         self.blocks: list[AcquiredBlock] = []
         self.full = False
 
-    def write(self, block: AcquiredBlock) -> None:
+    def write(self, stretch: Stretch) -> None:
         if self.full:
             raise OSError(28, "No space left on device")
-        self.blocks.append(block)
+        self.blocks += stretch.each()
 
 
 def test_torque_comes_out_of_edges_within_the_chains_error(bench: LowBench) -> None:
@@ -175,9 +176,11 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     bench.acquisition.set_compensation(
         "output", ActiveChain(MeasuringChain(model), "1", "polynomial")
     )
+    viewer = bench.acquisition.add_viewer()
     bench.load_output(200.0)
     bench.clock.wait(0.8)
-    block = bench.acquisition.latest_block
+    block = viewer.drain()[-1]
+    assert block.index == bench.acquisition.latest_block.index
     reading = block.channels["output_torque"].torque_nm
     compensated = block.compensated["output"]
     np.testing.assert_allclose(compensated.value_nm, 1.01 * reading + 0.5, atol=1e-6)
@@ -187,11 +190,68 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     assert (counted > 0.0).all()
     bench.command_torque(500.0, 1e5)
     bench.clock.wait(0.5)
-    beyond = bench.acquisition.latest_block.compensated["output"]
+    beyond = viewer.drain()[-1].compensated["output"]
     assert np.isnan(beyond.value_nm).all(), "beyond the calibrated range there is no number"
     bench.acquisition.set_compensation("output", None)
     bench.clock.wait(0.1)
-    assert not bench.acquisition.latest_block.compensated
+    assert not viewer.drain()[-1].compensated
+
+
+@pytest.mark.parametrize("held", [1, 7])
+def test_blocks_kept_together_state_the_same_to_the_last_bit(
+    open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch, held: int
+) -> None:
+    """Fast time compensates and keeps many blocks at once; the records don't show it."""
+    size = np.concatenate((np.linspace(0.04, 1.0, 13), np.linspace(0.98, 0.02, 13)))
+    torque, up = 500.0 * np.concatenate((size, -size)), np.tile(np.repeat([1.0, -1.0], 13), 2)
+    loop = torque + 1e-3 * up * (500.0 - np.abs(torque)) * np.sign(torque)
+    model = make_model("physics", range_nm=500.0).fit(
+        features(torque, up, np.where(torque > 0, 1, 2)), loop
+    )
+    effects = (Zero("drift", 1.0), Temperature("data sheet", 0.1, 0.001, 23.0))
+
+    def run(held_blocks: int) -> list[AcquiredBlock]:
+        monkeypatch.setattr(acquisition, "HELD_BLOCKS", held_blocks)
+        journal = Journal()
+        with open_bench() as bench:
+            bench.acquisition.set_journal(journal)
+            bench.acquisition.set_compensation(
+                "output", ActiveChain(MeasuringChain(model, effects), "1", "physics")
+            )
+            bench.load_output(300.0)
+            bench.clock.wait(2.0)
+            bench.acquisition.set_zero("output_torque", 60_001.0)
+            bench.command_torque(-200.0, 1000.0)
+            bench.clock.wait(2.0)
+            bench.acquisition.set_journal(None)
+        return journal.blocks
+
+    together, single = run(20), run(held)
+    assert len(together) == len(single) == 80
+    for first, second in zip(together, single, strict=True):
+        for name, samples in first.channels.items():
+            np.testing.assert_array_equal(samples.torque_nm, second.channels[name].torque_nm)
+        assert first.speed_rad_s == second.speed_rad_s
+        assert first.temperatures == second.temperatures
+        for side, torque in first.compensated.items():
+            other = second.compensated[side]
+            np.testing.assert_array_equal(torque.value_nm, other.value_nm)
+            np.testing.assert_array_equal(
+                torque.standard_uncertainty_nm, other.standard_uncertainty_nm
+            )
+
+
+def test_fast_time_compensates_and_keeps_many_blocks_at_once(bench: LowBench) -> None:
+    counts: list[int] = []
+
+    class Counting(Journal):
+        def write(self, stretch: Stretch) -> None:
+            counts.append(len(stretch.blocks))
+
+    bench.acquisition.set_journal(Counting())
+    bench.clock.wait(1.0)
+    bench.clock.wait(0.1)
+    assert counts == [20, 2]
 
 
 def test_speed_angle_and_temperature_are_those_of_the_bench(bench: LowBench) -> None:

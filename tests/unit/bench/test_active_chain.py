@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from torquebench.bench.active_chain import ActiveChain, ZeroTaken
+from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
 from torquebench.chain import MeasuringChain, Temperature, Torque, Zero, joined
 from torquebench.compensation import MODELS, CompensationModel, features, make_model
 
@@ -36,7 +36,7 @@ class Stream:
     def push(self, reading_nm: np.ndarray, gap_s: float = 0.0, **known: float) -> Torque:
         time_s = self.stop_s + gap_s + 1e-3 * np.arange(1, reading_nm.size + 1)
         self.stop_s = float(time_s[-1]) if time_s.size else self.stop_s
-        return self.active.push(time_s, reading_nm, **known)
+        return self.active.push(StreamReadings(time_s, reading_nm, **known))
 
 
 @pytest.mark.parametrize("kind", SINGLE_CURVE)
@@ -68,7 +68,7 @@ def test_the_zeros_age_and_temperature_count_in_the_stream() -> None:
     known = Stream(active).push(np.zeros(3), temperature_c=25.0)
     for name in ("zero drift", "temperature of zero"):
         assert known.component(name)[0] < 0.2 * unknown.component(name)[0]
-    hour = active.push(np.array([3600.0]), np.zeros(1), temperature_c=35.0)
+    hour = active.push(StreamReadings(np.array([3600.0]), np.zeros(1), temperature_c=35.0))
     assert hour.component("zero drift")[0] == pytest.approx(1.0 / np.sqrt(3.0))
     assert hour.component("temperature of zero")[0] == pytest.approx(1.0 / np.sqrt(3.0), rel=0.01)
 

@@ -2,13 +2,13 @@ import threading
 
 import pytest
 
-from torquebench.bench.samples import AcquiredBlock
+from torquebench.bench.samples import AcquiredBlock, Stretch
 from torquebench.errors import RecordError
 from torquebench.station.queued_journal import QueuedJournal
 
 
-def block(index: int) -> AcquiredBlock:
-    return AcquiredBlock(index, index * 0.05, (index + 1) * 0.05, {}, {}, {}, {}, {}, {})
+def block(index: int) -> Stretch:
+    return Stretch((AcquiredBlock(index, index * 0.05, (index + 1) * 0.05, {}, {}, {}, {}, {}),))
 
 
 class Slow:
@@ -19,11 +19,12 @@ class Slow:
         self.allowed = threading.Semaphore(0)
         self.fails_at = fails_at
 
-    def write(self, block: AcquiredBlock) -> None:
+    def write(self, stretch: Stretch) -> None:
         self.allowed.acquire()
-        if block.index >= self.fails_at:
+        index = stretch.blocks[0].index
+        if index >= self.fails_at:
             raise OSError(28, "No space left on device")
-        self.kept.append(block.index)
+        self.kept.append(index)
 
 
 def test_a_slow_disk_gets_every_block_in_order_and_the_writer_waits() -> None:

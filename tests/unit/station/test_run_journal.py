@@ -1,11 +1,13 @@
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples
+from torquebench.bench.roles import SIDES
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Stretch
 from torquebench.chain import Component, Shared, Torque
 from torquebench.records import RunFolder
 from torquebench.signals import EdgeBlock, SignalFaultKind
@@ -37,12 +39,15 @@ def block(index: int, channels: list[ChannelSamples]) -> AcquiredBlock:
         start_s=start_s,
         stop_s=start_s + 0.05,
         channels={samples.channel: samples for samples in channels},
-        compensated={},
         angles={"input": angles, "output": angles},
         speed_rad_s={"input": 0.0, "output": 0.0},
         temperatures={"ambient": 23.0, "input_transducer": 25.0},
         edges={},
     )
+
+
+def kept(*blocks: AcquiredBlock) -> Stretch:
+    return Stretch(blocks)
 
 
 def times(index: int) -> np.ndarray:
@@ -53,10 +58,11 @@ def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -
     writer = RunFolder.create(tmp_path, {}, kind="test")
     journal = RunJournal(writer, PROBES)
     both = [channel("input_torque", times(0), 60e3), channel("output_torque", times(0), 61e3)]
-    journal.write(block(0, both))
+    journal.write(kept(block(0, both)))
     faulty = channel("output_torque", times(1), 0.0, SignalFaultKind.NO_PULSES)
     late = channel("output_reference", times(1)[2:], 62e3)
-    journal.write(block(1, [channel("input_torque", times(1), 60e3), faulty, late]))
+    second = block(1, [channel("input_torque", times(1), 60e3), faulty, late])
+    journal.write(kept(second))
     folder = writer.seal()
     columns = folder.raw().columns
     assert columns["time_s"].tolist() == pytest.approx([*times(0), *times(1)])
@@ -76,7 +82,7 @@ def test_torque_speed_and_compensated_torque_are_kept(tmp_path: Path) -> None:
     parts = (Component("own", Shared.LOADING, 0.15), Component("other", Shared.NOTHING, 0.2))
     found = Torque(own.torque_nm + 1.0, parts)
     first = block(0, [channel("input_torque", times(0), 60e3), own])
-    journal.write(replace(first, compensated={"output": found}, speed_rad_s={"output": 2.0}))
+    journal.write(Stretch((replace(first, speed_rad_s={"output": 2.0}),), {"output": found}))
     columns = writer.seal().raw().columns
     assert columns["output_torque_nm"].tolist() == own.torque_nm.tolist()
     assert columns["output_compensated_nm"].tolist() == found.value_nm.tolist()
@@ -91,7 +97,7 @@ def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
     for wanted in (False, True):
         writer = RunFolder.create(tmp_path, {}, kind="test")
         given = replace(block(0, [channel("input_torque", times(0), 60e3)]), edges=edges)
-        RunJournal(writer, PROBES, edges=wanted).write(given)
+        RunJournal(writer, PROBES, edges=wanted).write(kept(given))
         found = list(writer.seal().edges())
         assert len(found) == wanted
     assert found[0].channel == "output_torque"
@@ -100,7 +106,7 @@ def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
 
 def test_a_block_without_a_window_keeps_nothing(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
-    RunJournal(writer, PROBES).write(block(0, [channel("input_torque", np.empty(0), 60e3)]))
+    RunJournal(writer, PROBES).write(kept(block(0, [channel("input_torque", np.empty(0), 60e3)])))
     assert writer.seal().raw().rows == 0
 
 
@@ -108,19 +114,47 @@ def test_a_lost_probe_and_a_silent_encoder_do_not_end_the_recording(tmp_path: Pa
     writer = RunFolder.create(tmp_path, {}, kind="test")
     journal = RunJournal(writer, PROBES)
     whole = block(0, [channel("input_torque", times(0), 60e3)])
-    journal.write(whole)
+    journal.write(kept(whole))
     silent = AngleSamples(np.empty(0), np.empty(0, dtype=np.int64), 1000)
     later = block(1, [channel("input_torque", times(1), 60e3)])
-    journal.write(
-        replace(
-            later,
-            temperatures={"ambient": 23.0},
-            angles={"input": silent, "output": whole.angles["output"]},
-            speed_rad_s={"output": 0.0},
-        )
+    lost = replace(
+        later,
+        temperatures={"ambient": 23.0},
+        angles={"input": silent, "output": whole.angles["output"]},
+        speed_rad_s={"output": 0.0},
     )
+    assert not lost.follows(whole)
+    journal.write(kept(lost))
     columns = writer.seal().raw().columns
     assert columns["input_transducer_c"][:5].tolist() == [25.0] * 5
     assert np.isnan(columns["input_transducer_c"][5:]).all()
     assert columns["input_angle_counts"][5:].tolist() == [NO_COUNTS] * 5
     assert columns["output_angle_counts"][5:].min() >= 0
+
+
+def test_blocks_kept_together_are_the_same_rows_as_one_by_one(tmp_path: Path) -> None:
+    """Speeds, temperatures and counts are a block's own, whatever is kept beside it."""
+    blocks = [
+        replace(
+            block(index, [channel(f"{side}_torque", times(index), 60e3) for side in SIDES]),
+            speed_rad_s={"input": 0.1 * index, "output": -0.3 * index},
+            temperatures={"ambient": 23.0 + index, "input_transducer": 25.0 - index},
+        )
+        for index in range(4)
+    ]
+    assert all(later.follows(earlier) for earlier, later in pairwise(blocks))
+    parts = (Component("own", Shared.LOADING, 0.15),)
+    found = Torque(np.arange(4.0 * WINDOWS), parts)
+    whole = Stretch(tuple(blocks), {"output": found})
+    tables = []
+    for stretches in ([whole], [Stretch((each,), each.compensated) for each in whole.each()]):
+        writer = RunFolder.create(tmp_path, {}, kind="test")
+        journal = RunJournal(writer, PROBES)
+        for stretch in stretches:
+            journal.write(stretch)
+        tables.append(writer.seal().raw().columns)
+    assert tables[0].keys() == tables[1].keys()
+    for name, column in tables[0].items():
+        np.testing.assert_array_equal(column, tables[1][name], err_msg=name)
+    assert tables[0]["output_speed_rad_s"][-1] == -0.3 * 3
+    assert not blocks[2].follows(blocks[0])
