@@ -5,7 +5,6 @@ from datetime import date, datetime, timedelta
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from torquebench.calibration.data import CalibrationData
 from torquebench.errors import InputError
@@ -226,6 +225,8 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
     # Equal values have no order: the test sees no trend in them, and no correlation either.
     if np.ptp(x) == 0.0:
         return Trend(0.0, 1.0, 0.0, 0.0, significant=False)
+    from scipy import stats  # long to import; who evaluates a calibration needs none of it
+
     rank = stats.kendalltau(years, x)
     line = stats.linregress(years, x)
     return Trend(
@@ -282,6 +283,8 @@ def predict_drift(
         raise InputError(
             f"a prediction from {np.unique(years).size} moments", "at least 3", "calibrate again"
         )
+    from scipy import stats
+
     if not (np.isfinite(tolerance) and tolerance > 0):
         raise InputError(f"tolerance {tolerance}", "a finite tolerance above 0")
     line = stats.linregress(years, x)

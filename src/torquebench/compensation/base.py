@@ -11,9 +11,6 @@ from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.utils._param_validation import Interval, StrOptions
-from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import ThreadpoolController
 
 from torquebench.compensation.checks import (
@@ -31,6 +28,7 @@ from torquebench.compensation.columns import (
     feature_column,
     features,
 )
+from torquebench.compensation.estimator import Between, Estimator, Limit, OneOf, clone
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 
@@ -66,7 +64,7 @@ def single_blas_thread() -> AbstractContextManager[object]:
 _ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
 
 
-class CompensationModel(RegressorMixin, BaseEstimator, ABC):
+class CompensationModel(Estimator, ABC):
     """Base of all compensation models: scikit-learn regressors from reading to true torque.
 
     ``fit(X, y)`` takes readings (and what else is known) and the standard's torque, ``predict(X)``
@@ -245,7 +243,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         InputError
             NaN, another number of columns, a reading outside the calibrated range.
         """
-        check_is_fitted(self)
+        self._require_fit()
         X_checked = self._validated_rows(X)
         self._refuse_outside_range(X_checked[:, 0])
         torque, std = np.empty(X_checked.shape[0]), np.empty(X_checked.shape[0])
@@ -305,17 +303,10 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
 
     def with_range(self, range_nm: float) -> Self:
         """Return an unfitted copy for a range in N·m, unless this one states its own."""
-        model: Self = clone(self)
+        model = clone(self)
         if model.range_nm is None:
             model.range_nm = range_nm
         return model
-
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.required = True
-        # scikit-learn's test sets hide the signal in any column; here only the first is a reading.
-        tags.regressor_tags.poor_score = True
-        return tags
 
     # ---- state for the model file ---------------------------------------------------------
 
@@ -327,7 +318,7 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
         state : dict
             Keys `kind`, `parameters`, `fitted`; `model_from_state` rebuilds the model bit for bit.
         """
-        check_is_fitted(self)
+        self._require_fit()
         fitted = {
             name: encode_value(value)
             for name, value in sorted(vars(self).items())
@@ -356,32 +347,22 @@ class CompensationModel(RegressorMixin, BaseEstimator, ABC):
 
     # ---- checks ---------------------------------------------------------------------------
 
-    def check_parameters(self) -> None:
-        """Refuse parameters outside `_parameter_constraints` of the class and of this base."""
-        try:
-            self._validate_params()
-        except ValueError as problem:
-            raise InputError(str(problem), remedy="give a value within the limits") from problem
-
-    # A subclass adds its own: {**CompensationModel._parameter_constraints, "degree": [...]}.
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        "range_nm": [None, Interval(Real, 0, None, closed="neither")],
-        "range_margin": [Interval(Real, 0, 1, closed="left")],
-        "outliers": [StrOptions({"downweight", "refuse", "keep"})],
+    # A subclass adds its own: {**CompensationModel.limits, "degree": [...]}.
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        "range_nm": (None, Between(Real, 0, open_low=True)),
+        "range_margin": (Between(Real, 0, 1, open_high=True),),
+        "outliers": (OneOf(frozenset({"downweight", "refuse", "keep"})),),
     }
 
     def _validated(self, X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         try:
-            X_checked, y_checked = validate_data(
-                self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=1
-            )
+            return self._checked_points(X, y)
         except ValueError as problem:
             raise explain_rejection(problem, X, y) from problem
-        return X_checked, np.asarray(y_checked, dtype=np.float64)
 
     def _validated_rows(self, X: ArrayLike) -> FloatArray:
         try:
-            return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
+            return self._checked_rows(X)
         except ValueError as problem:
             raise explain_rejection(problem, X) from problem
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import lapack
-from sklearn.utils._param_validation import Interval, StrOptions
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.estimator import Between, Limit, OneOf
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
     GROUPS,
@@ -277,14 +277,14 @@ class BayesianNetworkModel(CompensationModel):
 
     complexity: ClassVar[int] = 30
     maximum_points: int | None = 600
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CompensationModel._parameter_constraints,
-        "ensemble": [Interval(Integral, 1, 100, closed="both")],
-        "start": [StrOptions({"nguyen-widrow", "small-uniform"})],
-        "hidden": [Interval(Integral, 1, 1000, closed="both")],
-        "iterations": [Interval(Integral, 1, None, closed="left")],
-        "tolerance": [Interval(Real, 0, 1, closed="left")],
-        "random_state": [Interval(Integral, 0, None, closed="left")],
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        **CompensationModel.limits,
+        "ensemble": (Between(Integral, 1, 100),),
+        "start": (OneOf(frozenset({"nguyen-widrow", "small-uniform"})),),
+        "hidden": (Between(Integral, 1, 1000),),
+        "iterations": (Between(Integral, 1),),
+        "tolerance": (Between(Real, 0, 1, open_high=True),),
+        "random_state": (Between(Integral, 0),),
     }
 
     members_: list[NetworkMember]

@@ -12,7 +12,6 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import clone
 
 from torquebench.compensation.base import CompensationModel, Progress
 from torquebench.compensation.columns import FloatArray, feature_column, features
@@ -21,6 +20,7 @@ from torquebench.compensation.curve_uncertainty import (
     CurveUncertainty,
     half_widths,
 )
+from torquebench.compensation.estimator import clone
 from torquebench.compensation.state import encode_value
 
 __all__ = [

@@ -45,7 +45,7 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
     3
     """
     kind, part_of_name = parsed_kind(name)
-    known = MODELS[kind]._get_param_names()
+    known = MODELS[kind].parameter_names()
     for parameter in parameters:
         if parameter not in known:
             raise InputError(

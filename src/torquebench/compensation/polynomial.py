@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.utils._param_validation import Interval
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.estimator import Between, Limit, Truth
 from torquebench.compensation.kinds import register
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
@@ -189,11 +189,11 @@ class PolynomialModel(CompensationModel):
 
     complexity: ClassVar[int] = 10
     maximum_points: int | None = None
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CompensationModel._parameter_constraints,
-        "degree": [Interval(Integral, 1, 30, closed="both")],
-        "per_direction": ["boolean"],
-        "through_zero": ["boolean"],
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        **CompensationModel.limits,
+        "degree": (Between(Integral, 1, 30),),
+        "per_direction": (Truth(),),
+        "through_zero": (Truth(),),
     }
 
     polynomials_: list[OrthogonalPolynomial]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from numbers import Integral, Real
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
-from sklearn.utils._param_validation import Interval, StrOptions
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.estimator import Between, Limit, OneOf
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
     NetworkParameters,
@@ -161,15 +161,15 @@ class PublishedNetworkModel(CompensationModel):
     complexity: ClassVar[int] = 30
     maximum_points: int | None = 600
     doubtful: ClassVar[bool] = True
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CompensationModel._parameter_constraints,
-        "mapping": [StrOptions({"residual", "direct"})],
-        "start": [StrOptions({"nguyen-widrow", "small-uniform"})],
-        "learning_rate": [Interval(Real, 0, None, closed="neither")],
-        "epochs": [Interval(Integral, 1, None, closed="left")],
-        "target_error_nm": [None, Interval(Real, 0, None, closed="neither")],
-        "hidden": [Interval(Integral, 1, 1000, closed="both")],
-        "random_state": [Interval(Integral, 0, None, closed="left")],
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        **CompensationModel.limits,
+        "mapping": (OneOf(frozenset({"residual", "direct"})),),
+        "start": (OneOf(frozenset({"nguyen-widrow", "small-uniform"})),),
+        "learning_rate": (Between(Real, 0, open_low=True),),
+        "epochs": (Between(Integral, 1),),
+        "target_error_nm": (None, Between(Real, 0, open_low=True)),
+        "hidden": (Between(Integral, 1, 1000),),
+        "random_state": (Between(Integral, 0),),
     }
 
     parameters_: NetworkParameters

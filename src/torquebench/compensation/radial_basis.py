@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from sklearn.utils._param_validation import Interval
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.estimator import Between, Limit
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import SpanScaling
 from torquebench.compensation.state import storable
@@ -163,13 +163,13 @@ class RadialBasisModel(CompensationModel):
     """
 
     complexity: ClassVar[int] = 35
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CompensationModel._parameter_constraints,
-        "neurons": [Interval(Integral, 1, 200, closed="both")],
-        "particles": [Interval(Integral, 2, 1000, closed="both")],
-        "swarm_steps": [Interval(Integral, 1, None, closed="left")],
-        "iterations": [Interval(Integral, 0, None, closed="left")],
-        "random_state": [Interval(Integral, 0, None, closed="left")],
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        **CompensationModel.limits,
+        "neurons": (Between(Integral, 1, 200),),
+        "particles": (Between(Integral, 2, 1000),),
+        "swarm_steps": (Between(Integral, 1),),
+        "iterations": (Between(Integral, 0),),
+        "random_state": (Between(Integral, 0),),
     }
 
     network_: RadialBasis

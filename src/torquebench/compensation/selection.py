@@ -11,7 +11,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
-from sklearn.base import clone
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
 from torquebench.compensation.checks import (
@@ -27,6 +26,7 @@ from torquebench.compensation.discrepancy import (
     DiscrepancyUncertainty,
     fit_posterior,
 )
+from torquebench.compensation.estimator import clone
 from torquebench.compensation.factory import make_model
 from torquebench.compensation.repeats import (
     IntArray,

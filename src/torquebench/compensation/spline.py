@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
-from sklearn.utils._param_validation import StrOptions
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.estimator import Limit, OneOf
 from torquebench.compensation.kinds import register
 
 __all__ = ["SplineModel", "integrated_wiener_kernel"]
@@ -81,9 +81,9 @@ class SplineModel(CompensationModel):
 
     complexity: ClassVar[int] = 20
     maximum_points: int | None = 600
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CompensationModel._parameter_constraints,
-        "criterion": [StrOptions({"reml", "gcv"})],
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        **CompensationModel.limits,
+        "criterion": (OneOf(frozenset({"reml", "gcv"})),),
     }
 
     knots_: FloatArray

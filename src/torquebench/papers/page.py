@@ -9,6 +9,7 @@ import numpy as np
 
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import RAW, CalibrationData, VerificationResult
+from torquebench.compensation import PublishedNetworkModel
 from torquebench.figures import Curve
 from torquebench.papers.items import ITEMS, Answer, Verdict
 from torquebench.papers.mechanics import (
@@ -335,6 +336,7 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
         curves = []
         for name in (BP_RESIDUAL, BP_DIRECT):
             fitted = module.models[name]
+            assert isinstance(fitted.model, PublishedNetworkModel)
             curve = fitted.model.training_curve_
             curves.append(Curve(fitted.choice.title, curve[:, 0], curve[:, 1]))
             reached.append(curve[-1, 1] / module.tables.calibration.range_nm)

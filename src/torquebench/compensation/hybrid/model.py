@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from numbers import Integral
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.utils._param_validation import Interval
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
+from torquebench.compensation.estimator import Between, Limit
 from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
 from torquebench.compensation.hybrid.effects import (
     KINDS,
@@ -99,9 +99,9 @@ class HybridModel(CompensationModel):
     present_: dict[str, float]
     uncertainty_: CurveUncertainty
 
-    _parameter_constraints: ClassVar[dict[str, list[Any]]] = {
-        **CompensationModel._parameter_constraints,
-        "maximum_points": [Interval(Integral, 8, None, closed="left")],
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
+        **CompensationModel.limits,
+        "maximum_points": (Between(Integral, 8),),
     }
 
     def __init__(

@@ -1,0 +1,245 @@
+"""What makes a model an estimator of scikit-learn, without importing scikit-learn to use one.
+
+A model that is fitted to arrays, read from a file or applied needs nothing of it; importing it
+takes longer than all of that. What scikit-learn asks of an estimator imports it when it asks.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import inspect
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeGuard, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from torquebench.compensation.columns import FloatArray
+from torquebench.errors import InputError
+
+__all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "clone"]
+
+
+Kind = TypeVar("Kind", bound="Estimator")
+
+
+@dataclass(frozen=True)
+class Between:
+    """Numbers between two limits, which belong to it unless it is open there.
+
+    Parameters
+    ----------
+    kind : type
+        `numbers.Integral` or `numbers.Real`.
+    low, high : float or None
+        None where there is no limit.
+    open_low, open_high : bool
+    """
+
+    kind: type
+    low: float | None
+    high: float | None = None
+    open_low: bool = False
+    open_high: bool = False
+
+    def allows(self, value: object) -> bool:
+        """Whether a value is one of them."""
+        if not isinstance(value, self.kind) or not isinstance(value, Real):
+            return False
+        number = float(value)
+        above = self.low is None or (number > self.low if self.open_low else number >= self.low)
+        below = self.high is None or (number < self.high if self.open_high else number <= self.high)
+        return above and below and np.isfinite(number).item()
+
+    def __str__(self) -> str:
+        low = "(-inf" if self.low is None else f"{'(' if self.open_low else '['}{self.low:g}"
+        high = "inf)" if self.high is None else f"{self.high:g}{')' if self.open_high else ']'}"
+        return f"{'an int' if self.kind is Integral else 'a float'} in the range {low}, {high}"
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """One of some words."""
+
+    words: frozenset[str]
+
+    def allows(self, value: object) -> bool:
+        """Whether a value is one of them."""
+        return isinstance(value, str) and value in self.words
+
+    def __str__(self) -> str:
+        return f"one of {', '.join(sorted(self.words))}"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True or False."""
+
+    def allows(self, value: object) -> bool:
+        """Whether a value is one of them."""
+        return isinstance(value, (bool, np.bool_))
+
+    def __str__(self) -> str:
+        return "True or False"
+
+
+Limit = Between | OneOf | Truth | None
+"""What a parameter may be; None allows None."""
+
+
+class Estimator:
+    """Parameters, limits of parameters and checks of data as scikit-learn's base class has them.
+
+    A constructor stores each of its arguments under its own name and does nothing else.
+    """
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **parameters: Any) -> None: ...
+
+    n_features_in_: int
+    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {}
+    """What each parameter may be, where it isn't free."""
+
+    @classmethod
+    @functools.cache
+    def parameter_names(cls) -> tuple[str, ...]:
+        """Return the names of the constructor's arguments in alphabetical order."""
+        names = inspect.signature(cls.__init__).parameters
+        return tuple(sorted(name for name in names if name != "self"))
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Return the constructor's arguments by name.
+
+        Parameters
+        ----------
+        deep : bool, default True
+            Those of models among them as well, as `name__parameter`.
+        """
+        found: dict[str, Any] = {}
+        for name in self.parameter_names():
+            value = found[name] = getattr(self, name)
+            if deep and isinstance(value, Estimator):
+                inner = value.get_params()
+                found |= {f"{name}__{key}": each for key, each in inner.items()}
+        return found
+
+    def set_params(self, **parameters: Any) -> Self:
+        """Set arguments of the constructor by name, those of models among them likewise.
+
+        Raises
+        ------
+        ValueError
+            There is no such parameter.
+        """
+        for key, value in parameters.items():
+            name, nested, rest = key.partition("__")
+            if name not in self.parameter_names():
+                raise ValueError(
+                    f"Invalid parameter {name!r} for estimator {self}. "
+                    f"Valid parameters are: {list(self.parameter_names())!r}."
+                )
+            if nested:
+                getattr(self, name).set_params(**{rest: value})
+            else:
+                setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        signature = inspect.signature(type(self).__init__).parameters
+        given = [
+            f"{name}={value!r}"
+            for name in signature
+            if name != "self"
+            and (value := getattr(self, name)) is not signature[name].default
+            and value != signature[name].default
+        ]
+        return f"{type(self).__name__}({', '.join(given)})"
+
+    def __sklearn_tags__(self) -> Any:
+        from sklearn.utils import RegressorTags, Tags, TargetTags
+
+        # scikit-learn's test sets hide the signal in any column; here only the first is a reading.
+        return Tags(
+            estimator_type="regressor",
+            target_tags=TargetTags(required=True),
+            regressor_tags=RegressorTags(poor_score=True),
+        )
+
+    def get_metadata_routing(self) -> Any:
+        """Return what scikit-learn's pipelines hand on to a model: nothing."""
+        from sklearn.utils.metadata_routing import MetadataRequest
+
+        return MetadataRequest(owner=self)
+
+    def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
+        """Return the coefficient of determination R² of the prediction."""
+        from sklearn.base import RegressorMixin
+
+        found: float = RegressorMixin.score(self, X, y, sample_weight)
+        return found
+
+    # ---- checks ---------------------------------------------------------------------------
+
+    def check_parameters(self) -> None:
+        """Refuse parameters outside their limits."""
+        for name in self.parameter_names():
+            value, allowed = getattr(self, name), self.limits.get(name, ())
+            if not allowed or any(
+                value is None if limit is None else limit.allows(value) for limit in allowed
+            ):
+                continue
+            raise InputError(
+                f"{name} = {value!r} of {type(self).__name__}",
+                " or ".join("None" if limit is None else str(limit) for limit in allowed),
+                "give a value within the limits",
+            )
+
+    def _require_fit(self) -> None:
+        """Raise scikit-learn's `NotFittedError` where the model isn't fitted."""
+        if "points_" not in vars(self):
+            from sklearn.utils.validation import check_is_fitted
+
+            check_is_fitted(self)
+
+    def _checked_points(self, X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return checked columns and values; raises `ValueError` as scikit-learn does."""
+        if _plain(X, 2) and _plain(y, 1) and X.shape[0] == y.shape[0]:
+            self.n_features_in_ = X.shape[1]
+            vars(self).pop("feature_names_in_", None)
+            return X, y
+        from sklearn.utils.validation import validate_data
+
+        X, y = validate_data(self, X, y, dtype=np.float64, y_numeric=True, ensure_min_samples=1)
+        return np.asarray(X), np.asarray(y, dtype=np.float64)
+
+    def _checked_rows(self, X: ArrayLike) -> FloatArray:
+        """Return as many checked columns as `fit` had; raises `ValueError` likewise."""
+        known = getattr(self, "n_features_in_", None)
+        if _plain(X, 2) and X.shape[1] == known and "feature_names_in_" not in vars(self):
+            return X
+        from sklearn.utils.validation import validate_data
+
+        return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
+
+
+def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:
+    """Whether values are an array of finite float64 with something in it."""
+    return (
+        type(values) is np.ndarray
+        and values.dtype == np.float64
+        and values.ndim == dimensions
+        and values.size > 0
+        and bool(np.isfinite(values).all())
+    )
+
+
+def clone(model: Kind) -> Kind:
+    """Return an unfitted copy with copies of the same parameters."""
+    parameters = {
+        name: clone(value) if isinstance(value, Estimator) else copy.deepcopy(value)
+        for name, value in model.get_params(deep=False).items()
+    }
+    return type(model)(**parameters)
