@@ -77,7 +77,7 @@ TareOption = Annotated[
     typer.Option(
         "--tare/--no-tare",
         help="Before no-load torque and efficiency: an empty run, with nothing mounted, whose "
-        "torque is taken off. Left out by --short.",
+        "torque is subtracted. Left out by --short.",
     ),
 ]
 

@@ -38,7 +38,7 @@ def test_the_described_flange_is_taken_off_and_said():
     )
     assert taken.result.backlash.value > 1.05 * left.result.backlash.value
     assert (
-        "what the output's flange takes to move, 0.25 kg·m² ± 10 %, is taken off" in taken.remarks
+        "what the output's flange takes to move, 0.25 kg·m² ± 10 %, is subtracted" in taken.remarks
     )
     assert any(
         "the inertia of the output's flange isn't described" in each for each in left.remarks

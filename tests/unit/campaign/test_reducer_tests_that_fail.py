@@ -96,7 +96,7 @@ def test_an_empty_run_is_taken_off_and_kept(station: Station) -> None:
     kinds = {line.kind for line in station.registry.runs()}
     assert kinds == {"empty-run", "test-no-load-short"}
     (outcome,) = record.outcomes
-    assert any("empty run is taken off" in each for each in outcome.remarks)
+    assert any("empty run is subtracted" in each for each in outcome.remarks)
     names = {line.name for line in outcome.result.points[0].torque.lines}
     assert {"tare", "tare transfer"} <= names
     assert "bearing drag" not in names

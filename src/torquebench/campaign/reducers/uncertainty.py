@@ -1,4 +1,4 @@
-"""What a bench adds to the uncertainty of a reducer test, and what is taken off for it."""
+"""What a bench adds to the uncertainty of a reducer test, and what is subtracted for it."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def finite_temperature(temperature_c: FloatArray) -> FloatArray | None:
 def tare_remarks(bench: Bench) -> list[str]:
     """Say whether an empty run was subtracted."""
     if bench.tares:
-        return ["what the shafts read in an empty run is taken off"]
+        return ["what the shafts read in an empty run is subtracted"]
     return [
         "no empty run: what speed does to the zero, and the drag of the bench's bearings, stand "
         "in the torque and in its uncertainty"

@@ -239,7 +239,7 @@ def outermost(
         Sets over how many samples torque and angle are averaged before.
     resolution_rad : float
         Of the angle. A step of the counts is passed where it begins for both directions: half of
-        it is taken off, so that it doesn't narrow the loop.
+        it is subtracted, so that it doesn't narrow the loop.
 
     Returns
     -------

@@ -141,7 +141,7 @@ def evaluate_no_load(
         Of the reducer.
     uncertainty : TorqueUncertainty, optional
     tare : Tare, optional
-        Of an empty run, to be taken off; then its uncertainty takes the place of what speed and
+        Of an empty run, to be subtracted; then its uncertainty takes the place of what speed and
         drag may do.
     tolerance_rpm : float, optional
         Largest gap between points of one speed; by default 0.2 % of the largest.

@@ -1,4 +1,4 @@
-"""What a turning chain reads with nothing mounted, to be taken off what it reads with a reducer."""
+"""What a turning chain reads with nothing mounted: subtracted from what it reads with a reducer."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -26,7 +26,7 @@ class TareValue:
     Parameters
     ----------
     torque_nm : float
-        To be taken off, N·m.
+        To be subtracted, N·m.
     scatter_nm, degrees_of_freedom : float
         Its standard uncertainty from the repeats, N·m.
     drag_nm : float
@@ -65,7 +65,7 @@ class Tare:
     residual_nm: float
 
     def at(self, speed_rpm: float) -> TareValue:
-        """Return what is to be taken off at a speed.
+        """Return what is to be subtracted at a speed.
 
         Raises
         ------

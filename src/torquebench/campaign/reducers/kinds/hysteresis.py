@@ -124,7 +124,7 @@ def _flange_remark(flange: FlangeInertia | None) -> str:
             "the inertia of the output's flange isn't described: where the torque's ripple turns "
             "round, what the flange takes to move counts as the reducer's"
         )
-    return f"what the output's flange takes to move, {flange}, is taken off"
+    return f"what the output's flange takes to move, {flange}, is subtracted"
 
 
 def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:
@@ -143,7 +143,7 @@ def _twist_remarks(bench: Bench) -> list[str]:
         return ["the bench's own twist isn't known: it counts as the reducer's"]
     return [
         f"the bench's own twist at the {side}, {each.rad_per_nm / ARCMIN:.3g} arcmin per "
-        f"N·m ({each.source}), is taken off"
+        f"N·m ({each.source}), is subtracted"
         for side, each in bench.twists.items()
     ]
 

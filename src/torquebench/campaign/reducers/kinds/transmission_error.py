@@ -31,7 +31,7 @@ def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float
     """Return the standard uncertainty of an encoder: resolution, and its error over a turn.
 
     An error that goes once around as a sine of the accuracy given has it divided by √2; where a
-    certificate is taken off, its uncertainty stays.
+    certificate is subtracted, its uncertainty stays.
     """
     if certified_rad is not None:
         return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), certified_rad))
