@@ -45,8 +45,9 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / 6.0, "revs": 60.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
     "temperature": {"c": 1.0, "degc": 1.0},
+    "acceleration": {"rads": 1.0, "rpms": RAD_S_PER_RPM},
 }
-"""Factors to N·m, rad, 1/min, s and °C; unit names without separators, in lower case."""
+"""Factors to N·m, rad, 1/min, s, °C and rad/s² (its square left out); names without separators."""
 
 _SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "℃": "degc", "µs": "us"}
 _SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/min", "rev/min"), "rpm")

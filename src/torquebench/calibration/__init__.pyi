@@ -7,6 +7,10 @@ from .adaptive import (
     extension_steps as extension_steps,
     place_points as place_points,
 )
+from .cells import (
+    Cell as Cell,
+    cells as cells,
+)
 from .classes import (
     CLASSES as CLASSES,
     Classification as Classification,

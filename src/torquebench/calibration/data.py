@@ -30,6 +30,7 @@ _OPTIONAL = (
     "time_s",
     "standard_error_nm",
     "true_torque_nm",
+    "acceleration_rad_s2",
 )
 
 
@@ -61,6 +62,8 @@ class CalibrationData:
         Speed, temperature and time of each point.
     standard_error_nm : array of float, shape (n,), optional
         Standard error of each reading's mean, in N·m.
+    acceleration_rad_s2 : array of float, shape (n,), optional
+        Angular acceleration of the shaft; 0 where it isn't given, as points are steady.
     true_torque_nm : array of float, shape (n,), optional
         The true torque, which only a simulated bench knows, in N·m.
     simulated : bool
@@ -97,6 +100,7 @@ class CalibrationData:
     standard_error_nm: NDArray[np.float64] | None = None
     true_torque_nm: NDArray[np.float64] | None = None
     simulated: bool = False
+    acceleration_rad_s2: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -164,6 +168,9 @@ class CalibrationData:
             branch=self.branch.astype(np.float64),
             counter_nm=self.standard_error_nm,
             speed_rpm=self.speed_rpm,
+            acceleration_rad_s2=0.0
+            if self.acceleration_rad_s2 is None
+            else self.acceleration_rad_s2,
             temperature_c=self.temperature_c,
             zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
             zero_temperature_c=None if zeroed is None else zeroed[begin],

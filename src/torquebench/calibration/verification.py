@@ -234,7 +234,11 @@ def summarise_errors(
     )
 
 
-def verify(data: CalibrationData, models: Mapping[str, Chain]) -> VerificationResult:
+def verify(
+    data: CalibrationData,
+    models: Mapping[str, Chain],
+    torques: Mapping[str, Torque] | None = None,
+) -> VerificationResult:
     """Verify models on points that they weren't fitted to; each series of the data is a group.
 
     Parameters
@@ -243,6 +247,9 @@ def verify(data: CalibrationData, models: Mapping[str, Chain]) -> VerificationRe
         Points of all groups; the number of the series is that of the group.
     models : mapping of str to MeasuringChain
         Measuring chains by the names of their models.
+    torques : mapping of str to Torque, optional
+        What a chain states of the points, where that isn't what it states of steady ones that were
+        zeroed with every series.
 
     Returns
     -------
@@ -271,7 +278,8 @@ def verify(data: CalibrationData, models: Mapping[str, Chain]) -> VerificationRe
     places = _Places.of(data)
     verified = [_verified(RAW, data.reading_nm, data, places)]
     for name, chain in models.items():
-        torque = chain.torque(data.readings())
+        stated = (torques or {}).get(name)
+        torque = chain.torque(data.readings()) if stated is None else stated
         found = _verified(name, torque.value_nm, data, places)
         largest = float(np.max(torque.expanded_uncertainty_nm))
         verified.append(replace(found, expanded_uncertainty_nm=largest))

@@ -1,3 +1,6 @@
+from .acceleration import (
+    AccelerationBySpeed as AccelerationBySpeed,
+)
 from .effect import (
     EFFECTS as EFFECTS,
     Effect as Effect,
@@ -5,17 +8,29 @@ from .effect import (
     register as register,
 )
 from .effects import (
+    SWITCHES as SWITCHES,
     Counter as Counter,
     Drift as Drift,
     Dynamics as Dynamics,
+    Inertia as Inertia,
+    MeasuredRotation as MeasuredRotation,
+    MeasuredTemperature as MeasuredTemperature,
     Mounting as Mounting,
     Reference as Reference,
     Rotation as Rotation,
     Scatter as Scatter,
     StaticCurve as StaticCurve,
+    SwitchedOff as SwitchedOff,
     Temperature as Temperature,
     Timebase as Timebase,
     Zero as Zero,
+)
+from .identification import (
+    EmptyRun as EmptyRun,
+    Identified as Identified,
+    TurningCalibration as TurningCalibration,
+    identify as identify,
+    stretches as stretches,
 )
 from .measuring_chain import (
     ChainStream as ChainStream,
@@ -24,6 +39,9 @@ from .measuring_chain import (
 )
 from .readings import (
     Readings as Readings,
+)
+from .recorded import (
+    RecordedStream as RecordedStream,
 )
 from .torque import (
     COVERAGE_FACTOR as COVERAGE_FACTOR,

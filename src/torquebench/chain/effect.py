@@ -7,16 +7,34 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from importlib import import_module
 from math import isfinite
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component
 from torquebench.errors import InputError
 
-__all__ = ["EFFECTS", "Effect", "effect_from", "register"]
+__all__ = ["EFFECTS", "Effect", "Refusal", "effect_from", "register"]
 
 EFFECTS: dict[str, type[Effect]] = {}
 """Every stored effect by the kind that chain files name."""
+
+
+class Refusal(NamedTuple):
+    """Readings that an effect doesn't hold for.
+
+    Parameters
+    ----------
+    rows : bool array of shape (n,)
+    found, allowed : str
+        What the first of them has, and what the effect's record covers.
+    """
+
+    rows: NDArray[np.bool_]
+    found: str
+    allowed: str
 
 
 @dataclass(frozen=True)
@@ -38,11 +56,14 @@ class Effect(ABC):
         the range that the effect states for it.
     corrects_reading : bool
         Whether it comes before the static curve, which then sees the corrected reading.
+    influence : str
+        Kind of the effect whose limits it replaces, because it was measured; "" for none.
     record : str
         Where its numbers come from: a certificate, a data sheet, a calibration.
     """
 
     kind: ClassVar[str] = ""
+    influence: ClassVar[str] = ""
     title: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     corrects_reading: ClassVar[bool] = False
@@ -59,6 +80,14 @@ class Effect(ABC):
         torque_nm : float64[n]
             Torque by all effects before this one, N·m.
         """
+
+    def outside(self, readings: Readings) -> Refusal | None:  # noqa: ARG002 - most refuse none
+        """Return which readings the effect refuses, None where it holds for all."""
+        return None
+
+    def gaps(self) -> tuple[str, ...]:
+        """Name what it would cover but wasn't identified: U doesn't contain it."""
+        return ()
 
     def stream(self) -> Effect:
         """Return what follows one stream of readings over its blocks; here, without memory."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,16 +11,29 @@ from typing import Any, Self
 import numpy as np
 
 from torquebench.chain.effect import EFFECTS, Effect, effect_from
-from torquebench.chain.effects import Scatter, StaticCurve, Timebase
+from torquebench.chain.effects import (
+    Inertia,
+    MeasuredRotation,
+    MeasuredTemperature,
+    Scatter,
+    StaticCurve,
+    SwitchedOff,
+    Timebase,
+)
 from torquebench.chain.readings import FloatArray, Readings
-from torquebench.chain.torque import Component, Torque
+from torquebench.chain.torque import Component, Torque, not_corrected
 from torquebench.compensation import CompensationModel, StoredModel, load_model
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 
-__all__ = ["ChainStream", "MeasuringChain", "load_chain"]
+__all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "load_chain"]
 
-_GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
+GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
+
+
+_OF_TURNING = (MeasuredTemperature, MeasuredRotation, Inertia)
+_NOT_EXPECTED = (Inertia, SwitchedOff, Timebase)
+"""Effects that a chain may well be without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,12 +76,24 @@ class MeasuringChain:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """All effects in the order in which they add to a reading."""
+        """All effects in the order in which they add to a reading.
+
+        Limits of an influence that was measured are left out.
+        """
         widening = student_widening(float(self.model.degrees_of_freedom_))
         scatter = Scatter("residuals of the calibration", widening * float(self.model.scatter_nm))
-        own = tuple(effect for effect in self.stored if effect.corrects_reading)
-        after = tuple(effect for effect in self.stored if not effect.corrects_reading)
+        measured = {effect.influence for effect in self.stored}
+        counted = tuple(effect for effect in self.stored if effect.kind not in measured)
+        own = tuple(effect for effect in counted if effect.corrects_reading)
+        after = tuple(effect for effect in counted if not effect.corrects_reading)
         return (*own, self.curve, scatter, *after)
+
+    @cached_property
+    def switched_off(self) -> frozenset[str]:
+        """Components that are not corrected, by their names; what they may be stays in U."""
+        return frozenset(
+            name for each in self.stored if isinstance(each, SwitchedOff) for name in each.names
+        )
 
     def with_effects(self, effects: Iterable[Effect]) -> MeasuringChain:
         """Return the chain with further effects, each in the place of one of its kind."""
@@ -82,37 +107,83 @@ class MeasuringChain:
     def missing(self) -> tuple[str, ...]:
         """Return the influences that nothing is recorded of: U doesn't contain them."""
         known = {effect.kind for effect in self.stored}
-        return tuple(
-            effect.title
-            for kind, effect in EFFECTS.items()
-            if kind not in known and effect is not Timebase
+        known |= {effect.influence for effect in self.stored}
+        return (
+            *sorted(
+                effect.title
+                for kind, effect in EFFECTS.items()
+                if kind not in known and not effect.influence and effect not in _NOT_EXPECTED
+            ),
+            *(gap for effect in self.stored for gap in effect.gaps()),
         )
 
-    def torque(self, readings: Readings) -> Torque:
+    def torque(self, readings: Readings, place: Callable[[int], str] = "row {}".format) -> Torque:
         """Return torque and uncertainty of readings that needn't have to do with each other.
+
+        Parameters
+        ----------
+        readings : Readings
+        place : callable, optional
+            From a row's number to its name in messages.
 
         Raises
         ------
         InputError
-            A reading outside of what was calibrated.
+            A reading outside of what was calibrated, or under circumstances that no effect's
+            record covers.
         """
-        outside = ~self.curve.inside(readings.reading_nm)
+        torque = self.compensated(readings)
+        if not np.isfinite(torque.value_nm).all():
+            self.refuse(readings, place)
+        return torque
+
+    def compensated(self, readings: Readings) -> Torque:
+        """Return the same as `torque`, with NaN for readings that it would refuse."""
+        return _sum(self.effects, readings, self.switched_off)
+
+    @property
+    def turns(self) -> bool:
+        """Whether speed, temperature or acceleration were measured on the chain."""
+        return any(isinstance(each, _OF_TURNING) for each in self.stored)
+
+    def unmeasured(self, readings: Readings) -> tuple[str, ...]:
+        """Return quantities that measured effects need and the readings don't have."""
+        needed = [
+            name for each in self.stored if isinstance(each, _OF_TURNING) for name in each.needs
+        ]
+        return tuple(
+            name
+            for name in dict.fromkeys(needed)
+            if getattr(readings, name) is None and name != "zero_temperature_c"
+        )
+
+    def refuse(self, readings: Readings, place: Callable[[int], str]) -> None:
+        """Raise an error that says which effect gives a reading no torque, and why."""
+        for effect in self.effects:
+            refusal = effect.outside(readings)
+            if refusal is not None:
+                row = int(np.argmax(refusal.rows))
+                raise InputError(
+                    f"{place(row)}: {effect.title}: {refusal.found}",
+                    refusal.allowed,
+                    "measure the effect that far, or leave such readings out",
+                )
+        before = [effect for effect in self.effects if effect.corrects_reading]
+        reading = _sum(before, readings, self.switched_off).value_nm
+        outside = ~self.curve.inside(reading)
         if outside.any():
             row = int(np.argmax(outside))
             raise InputError(
-                f"{self.curve.title}: reading {readings.reading_nm[row]:.6g} N·m (row {row}) "
+                f"{place(row)}: {self.curve.title}: reading {readings.reading_nm[row]:.6g} N·m is "
                 "outside the calibrated range",
                 f"{self.curve.low_nm:.6g} to {self.curve.high_nm:.6g} N·m, margin included",
                 "calibrate over the whole range that is measured",
             )
-        torque = _sum(self.effects, readings)
-        if not np.isfinite(torque.value_nm).all():
-            raise InputError(
-                f"{self.curve.title}: the model refuses a reading's speed or temperature",
-                f"the columns {', '.join(self.model.used_features)} where it was calibrated",
-                "give them in the readings' file",
-            )
-        return torque
+        raise InputError(
+            f"{self.curve.title}: the model refuses a reading's speed or temperature",
+            f"the columns {', '.join(self.model.used_features)} where it was calibrated",
+            "give them in the readings' file",
+        )
 
     def following(self) -> MeasuringChain:
         """Return the chain for tables of one stream that `torque` gets piece by piece, in order."""
@@ -146,7 +217,7 @@ class ChainStream:
         """Compensate the next readings; a fault (NaN) or one outside the range gets no number."""
         if readings.time_s is not None and self._has_gap(readings.time_s):
             self._forget()
-        return _sum(self._effects, readings)
+        return _sum(self._effects, readings, self.chain.switched_off)
 
     def copy(self) -> ChainStream:
         """Return another stream in the same state."""
@@ -170,7 +241,7 @@ class ChainStream:
             return False
         before, self._last_s = self._last_s, float(time_s[-1])
         step = float(time_s[1] - time_s[0]) if time_s.size > 1 else float(time_s[0]) - before
-        return bool(time_s[0] - before > _GAP_STEPS * step)
+        return bool(time_s[0] - before > GAP_STEPS * step)
 
 
 def load_chain(path: str | Path) -> MeasuringChain:
@@ -178,10 +249,11 @@ def load_chain(path: str | Path) -> MeasuringChain:
     return MeasuringChain.of(load_model(path))
 
 
-def _sum(effects: Iterable[Effect], readings: Readings) -> Torque:
+def _sum(effects: Iterable[Effect], readings: Readings, off: frozenset[str]) -> Torque:
     torque, components = readings.reading_nm, list[Component]()
     for effect in effects:
-        for part in effect.components(readings, torque):
+        for each in effect.components(readings, torque):
+            part = not_corrected(each, 1.0) if each.name in off else each
             components.append(part)
             if isinstance(part.value_nm, np.ndarray):
                 torque = torque + part.value_nm

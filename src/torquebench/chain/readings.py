@@ -30,6 +30,8 @@ class Readings:
         Centres of the windows; a stream sees gaps by them.
     speed_rpm, acceleration_rad_s2 : float64[n], float or None
         Of the shaft.
+    acceleration_uncertainty_rad_s2 : float64[n], float or None
+        Standard uncertainty of an acceleration that was derived from the speed.
     temperature_c : float64[n], float or None
         Of the transducer.
     zero_age_h, zero_temperature_c : float64[n], float or None
@@ -48,6 +50,7 @@ class Readings:
     time_s: FloatArray | None = None
     speed_rpm: Known = None
     acceleration_rad_s2: Known = None
+    acceleration_uncertainty_rad_s2: Known = None
     temperature_c: Known = None
     zero_age_h: Known = None
     zero_temperature_c: Known = None

@@ -19,7 +19,7 @@ from torquebench.uncertainty import (
     propagate,
 )
 
-__all__ = ["COVERAGE_FACTOR", "Component", "Shared", "Torque", "joined"]
+__all__ = ["COVERAGE_FACTOR", "Component", "Shared", "Torque", "joined", "not_corrected"]
 
 COVERAGE_FACTOR = 2.0
 """k of every U: effects state standard uncertainties that are widened for their degrees of freedom
@@ -65,6 +65,19 @@ class Component:
     distribution: Distribution = Distribution.NORMAL
 
 
+def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
+    """Return a component that adds nothing: its error may be as large as what it would add.
+
+    Parameters
+    ----------
+    component : Component
+    share : float
+        Standard uncertainty by that size: rectangular, unless it is known that it isn't corrected.
+    """
+    u = np.hypot(component.uncertainty_nm, share * component.value_nm)
+    return replace(component, value_nm=0.0, uncertainty_nm=u)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Torque:
     """Compensated torques and the components of their uncertainty.
@@ -96,6 +109,11 @@ class Torque:
 
     def __len__(self) -> int:
         return int(self.value_nm.size)
+
+    @property
+    def has_number(self) -> NDArray[np.bool_]:
+        """Which torques have a number."""
+        return np.isfinite(self.value_nm)
 
     @property
     def standard_uncertainty_nm(self) -> FloatArray:
@@ -149,14 +167,7 @@ class Torque:
     def without(self, name: str) -> Torque:
         """Return the torques without what one component added, which they may be wrong by now."""
         parts = tuple(
-            each
-            if each.name != name
-            else replace(
-                each,
-                value_nm=0.0,
-                uncertainty_nm=np.hypot(each.uncertainty_nm, each.value_nm / np.sqrt(3.0)),
-            )
-            for each in self.components
+            not_corrected(each) if each.name == name else each for each in self.components
         )
         return Torque(self.value_nm - self.added(name), parts)
 

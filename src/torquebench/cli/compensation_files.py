@@ -60,7 +60,11 @@ def export(
     check_export(result, decimal_comma=decimal_comma)
     stored = load_model(model)
 
+    from torquebench.chain import MeasuringChain
     from torquebench.compensation import compile_table, export_table
+
+    if MeasuringChain.of(stored).turns:
+        warn("the table is the static curve alone: temperature, rotation and inertia aren't in it")
 
     table = compile_table(stored.model, uncertainty=not no_uncertainty)
     export_table(result, table, stored.provenance, decimal_comma=decimal_comma)
@@ -123,7 +127,7 @@ def budget(
     stored = load_model(model)
 
     from torquebench.campaign.chains import stated_effects
-    from torquebench.chain import MeasuringChain, Readings, Temperature
+    from torquebench.chain import MeasuredTemperature, MeasuringChain, Readings, Temperature
     from torquebench.cli.chain_words import tell_missing
 
     chain = MeasuringChain.of(stored)
@@ -138,7 +142,8 @@ def budget(
             zero_nm=zero,
         )
     )
-    calibrated = next((e.calibrated_c for e in chain.effects if isinstance(e, Temperature)), 0.0)
+    of_temperature = (Temperature, MeasuredTemperature)
+    calibrated = next((e.calibrated_c for e in chain.effects if isinstance(e, of_temperature)), 0.0)
     warm = None if temperature_change is None else calibrated + temperature_change
     torque = chain.torque(
         Readings(

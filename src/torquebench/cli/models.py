@@ -14,7 +14,7 @@ from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.console import out, say, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.model_parameters import ParameterOption, model_parameters
-from torquebench.cli.options import ColumnOption, RangeOption, check_output
+from torquebench.cli.options import ColumnOption, RangeOption, WithoutOption, check_output
 from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from torquebench.calibration import CalibrationData
     from torquebench.campaign.results import FitResult
+    from torquebench.chain import Readings, Torque
     from torquebench.compensation import StoredModel
     from torquebench.records import ReadingsTable
 
@@ -73,6 +74,14 @@ def fit(
     outliers: Annotated[
         Outliers, typer.Option(help="What happens to an outlier, which is named anyway.")
     ] = Outliers.DOWNWEIGHT,
+    empty: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="A CSV file of an empty run: time_s, reading_nm, speed_rpm, temperature_c. "
+            "Repeat it for runs at other temperatures."
+        ),
+    ] = None,
+    without: WithoutOption = None,
     column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Which clock counted the pulses.")] = "",
@@ -94,19 +103,24 @@ def fit(
     """Fit a compensation model to a calibration.
 
     The model averages over what a chain may show, a plain straight line or quadratic included.
+    With --empty, temperature, rotation and inertia are identified too, from runs with nothing
+    mounted and from points at other temperatures and speeds.
     --compare shows it beside all other kinds, by their errors at steps that they weren't fitted to
     (cross-validation); --model takes another.
     U of every torque by the model contains what is stated here; `budget` says what is missing.
     Points that contradict each other end with 1, and the model file says so.
     """
     from torquebench.calibration import load_profile
+    from torquebench.chain import SwitchedOff
     from torquebench.compensation import check_kind
-    from torquebench.records import read_calibration_csv
+    from torquebench.records import read_calibration_csv, read_empty_run
+    from torquebench.records.columns import maps_one
 
-    check_output(result, data)
+    off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
+    check_output(result, data, *(empty or ()))
     page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
     if page is not None:
-        check_output(page, data, result)
+        check_output(page, data, result, *(empty or ()))
     if model is not None:
         check_kind(model)
     parameters = model_parameters(model or DEFAULT_KIND, parameter)
@@ -124,19 +138,23 @@ def fit(
         transducer_serial=serial,
         counter_identity=counter,
         remark=warn,
-        mapping=column or (),
+        mapping=maps_one(column or (), data, empty or ()),
     )
+    runs = [read_empty_run(file, column or ()) for file in empty or ()]
 
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model
+    from torquebench.campaign.turning import identify_turning
     from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.tables import effects_table
     from torquebench.compensation import RECOMMENDED
     from torquebench.reports.fit_report import fit_page
     from torquebench.reports.page import write_page
 
     with TerminalProgress() as progress:
+        turning = identify_turning(points, runs, progress)
         fitted = fit_table(
-            points,
+            turning.points,
             data.name,
             model or RECOMMENDED,
             progress,
@@ -145,9 +163,11 @@ def fit(
             limits=limits,
             parameters=parameters,
         )
-    for remark in fitted.remarks:
+    for remark in (*turning.remarks, *fitted.remarks):
         warn(remark)
     _print_fit(fitted)
+    if turning.effects:
+        out().print(effects_table(turning.effects, points.range_nm))
     store_model(
         result,
         fitted.model,
@@ -158,7 +178,12 @@ def fit(
             **fitted.cross_validated,
             "noise_nm": fitted.model.scatter_nm,
         },
-        (*reference_effect(reference, points.range_nm), *mounting_effect(points)),
+        (
+            *turning.effects,
+            *reference_effect(reference, points.range_nm),
+            *mounting_effect(turning.points),
+            *off,
+        ),
         fitted.contradictions,
         accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
     )
@@ -216,12 +241,15 @@ def apply(
         Path | None,
         typer.Option(help="A file of `evaluate dynamics`: quick torques, by rows at its rate."),
     ] = None,
+    without: WithoutOption = None,
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
     U is that of the torque by the whole measuring chain; `budget` shows what it contains. Columns
     branch, speed_rpm, temperature_c and standard_error_nm are used where there are any: what isn't
-    measured widens U by what it may be on this chain.
+    measured widens U by what it may be on this chain. For a chain with empty runs, a file with
+    time_s is one record in the order of time: the acceleration follows from the speed where no
+    column acceleration_rad_s2 gives it, the branch from the readings before where there is none.
     """
     from torquebench.compensation import load_model
     from torquebench.records.table_formats import check_formats
@@ -231,7 +259,7 @@ def apply(
     stored = load_model(model)
     _warn_of_contradictions(stored)
 
-    from torquebench.chain import MeasuringChain
+    from torquebench.chain import MeasuringChain, RecordedStream, SwitchedOff
     from torquebench.cli.progress import TerminalProgress
     from torquebench.records.readings_stream import compensate_file
 
@@ -242,15 +270,34 @@ def apply(
 
         filtering = load_dynamics(dynamics)
         chain = chain.with_effects([filtering])
-    followed = chain if filtering is None else chain.following()
+    if without:
+        chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
+    stream = RecordedStream(chain)
+    unmeasured: dict[str, None] = {}
+
+    def known(table: ReadingsTable) -> Readings:
+        return table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
+
+    def columns(known: Readings, torque: Torque) -> tuple[NDArray[np.float64], ...]:
+        unmeasured.update(dict.fromkeys(chain.unmeasured(known)))
+        return torque.value_nm, torque.value_nm - known.reading_nm, torque.expanded_uncertainty_nm
 
     def compensate(table: ReadingsTable) -> tuple[NDArray[np.float64], ...]:
-        table.check_range(chain.curve.low_nm, chain.curve.high_nm)
-        known = table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
+        block = known(table)
         if filtering is not None:
-            filtering.check_rate(known.time_s)
-        torque = followed.torque(known)
-        return torque.value_nm, torque.value_nm - known.reading_nm, torque.expanded_uncertainty_nm
+            filtering.check_rate(block.time_s)
+        return columns(block, chain.torque(block, table.place))
+
+    def follow(
+        table: ReadingsTable, following: ReadingsTable | None
+    ) -> tuple[NDArray[np.float64], ...]:
+        block = known(table)
+        if filtering is not None:
+            filtering.check_rate(block.time_s)
+        torque = stream.torque(block, None if following is None else known(following))
+        if not torque.has_number.all():
+            chain.refuse(block, table.place)
+        return columns(stream.completed_last, torque)
 
     with TerminalProgress() as progress:
         shown = 0
@@ -266,9 +313,9 @@ def apply(
             readings,
             result,
             compensate,
+            timed=follow if chain.turns or filtering is not None else None,
             mapping=column or (),
             progress=show,
-            one_after_the_other=filtering is not None,
         )
     simulated = " (simulated)" if done.simulated else ""
     say(f"{done.rows} readings compensated{simulated}, written to {result}")
@@ -278,6 +325,8 @@ def apply(
     )
     if filtering is not None:
         say(f"each torque belongs to the time of its row less {1e3 * filtering.delay_s:.4g} ms")
+    if unmeasured:
+        say(f"not in the file, U contains what it may be: {', '.join(unmeasured)}")
     tell_missing(chain)
 
 
@@ -291,8 +340,16 @@ def verify(
         typer.Option(min=0, help="Largest allowed error of a single reading, % of full scale."),
     ] = SOURCES_TOLERANCE_PERCENT_FS,
     column: ColumnOption = None,
+    zero_temperature: Annotated[
+        float | None, typer.Option(help="Temperature at which the points' zero was taken, °C.")
+    ] = None,
+    without: WithoutOption = None,
 ) -> None:
-    """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance."""
+    """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance.
+
+    Points of a chain with empty runs may lie at any speed and temperature within its record; their
+    zero is that of the calibration unless --zero-temperature says otherwise.
+    """
     from torquebench.compensation import load_model
     from torquebench.records import read_calibration_csv
 
@@ -303,10 +360,20 @@ def verify(
 
     from torquebench.calibration import verify as verify_models
     from torquebench.campaign.fitting import model_title
-    from torquebench.chain import MeasuringChain
-    from torquebench.cli.tables import error_blocks
+    from torquebench.campaign.turning import recorded_readings
+    from torquebench.chain import MeasuringChain, RecordedStream, SwitchedOff
+    from torquebench.cli.tables import cells_table, error_blocks
 
-    result = verify_models(points, {"model": MeasuringChain.of(stored)})
+    chain = MeasuringChain.of(stored)
+    if without:
+        chain = chain.with_effects([SwitchedOff.of("stated with verify", *without)])
+    readings = points.readings()
+    if chain.turns:
+        readings = RecordedStream(chain).completed(
+            recorded_readings(points, zero_temperature), None
+        )
+    torque = chain.torque(readings)
+    result = verify_models(points, {"model": chain}, {"model": torque})
     title = model_title(stored.model.kind, stored.model.kind_parameters)
     raw, compensated = result.models
     rows = (("raw reading", raw), (f"*{title}", compensated))
@@ -335,6 +402,8 @@ def verify(
             f"({found.pooled_percent_fs:.3g} % FS)"
         )
     say(f"U (k = 2) of these torques up to {compensated.expanded_uncertainty_nm:.3g} N·m")
+    if chain.turns:
+        out().print(cells_table(points, torque))
     worst = compensated.against_standard.worst_percent_fs
     passed = worst <= tolerance
     verdict = "[green]within[/green]" if passed else "[red]out of[/red]"

@@ -25,6 +25,7 @@ __all__ = [
     "DataOption",
     "RangeOption",
     "RealTimeOption",
+    "WithoutOption",
     "accepted_counter",
     "bench_description",
     "check_output",
@@ -63,6 +64,15 @@ ColumnOption = Annotated[
 ]
 RangeOption = Annotated[
     float | None, typer.Option("--range", help="Full scale in N·m: what % FS refers to.")
+]
+WithoutOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="EFFECT",
+        help="Don't correct hysteresis, temperature, rotation or inertia: U contains it instead. "
+        "Repeat it.",
+    ),
 ]
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Simulated time follows the wall clock.")

@@ -59,6 +59,7 @@ from .tables import (
     calibration_csv as calibration_csv,
     parse_calibration_csv as parse_calibration_csv,
     read_calibration_csv as read_calibration_csv,
+    read_empty_run as read_empty_run,
     read_readings_csv as read_readings_csv,
     write_calibration_csv as write_calibration_csv,
     write_torque_csv as write_torque_csv,

@@ -3,12 +3,13 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
-from torquebench.records.csv_text import CsvTable
+from torquebench.records.csv_text import CsvTable, read_csv
 from torquebench.units import DEGREE, UNITS, plain_unit
 
 __all__ = [
@@ -16,6 +17,8 @@ __all__ = [
     "branches",
     "check_direction",
     "find_columns",
+    "maps",
+    "maps_one",
     "quantity",
     "series",
     "word_values",
@@ -23,7 +26,13 @@ __all__ = [
 
 TORQUES = ("reading", "standard", "nominal", "standard_error", "true_torque")
 _TORQUE_UNITS = {"nm": 1.0, "knm": 1e3, "mnm": 1e-3}
-_OTHERS = {"position": "deg", "speed": "rpm", "temperature": "c", "time": "s"}
+_OTHERS = {
+    "position": "deg",
+    "speed": "rpm",
+    "temperature": "c",
+    "time": "s",
+    "acceleration": "rad_s2",
+}
 
 NUMERIC_COLUMNS = tuple(f"{name}_nm" for name in TORQUES) + tuple(
     f"{name}_{unit}" for name, unit in _OTHERS.items()
@@ -59,6 +68,7 @@ _FOREIGN_OTHER = {
     "speed": {"rads", "radpers", "degs", "hz", "rps", "radmin"},
     "temperature": {"k", "f", "degf", "degc", "kelvin", "celsius", "fahrenheit"},
     "time": {"ms", "us", "ns", "min", "h", "hours", "minutes"},
+    "acceleration": {"rpms", "rpmpers", "degs2", "revs2"},
 }
 
 LABELS = ("series", "branch", "direction")
@@ -98,6 +108,7 @@ _STEMS = {
     **dict.fromkeys(("drehzahl", "转速"), "speed"),
     **dict.fromkeys(("temperatur", "temp", "温度"), "temperature"),
     **dict.fromkeys(("zeit", "时间"), "time"),
+    **dict.fromkeys(("winkelbeschleunigung", "角加速度"), "acceleration"),
     **dict.fromkeys(("reihe", "messreihe", "序列", "系列"), "series"),
     **dict.fromkeys(("ast", "belastungsrichtung", "行程", "分支"), "branch"),
     **dict.fromkeys(("richtung", "drehrichtung", "方向"), "direction"),
@@ -111,6 +122,7 @@ _KINDS = {
     "speed": "speed",
     "temperature": "temperature",
     "time": "time",
+    "acceleration": "acceleration",
 }
 _HEADER_UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$|\s*/\s*([^/]+)$|\s+in\s+(\S+)$")
 
@@ -213,6 +225,23 @@ def _key(name: str) -> str:
 
 def _scale(name: str) -> float:
     return DEGREE if name == "position" else 1.0
+
+
+def maps(text: str, table: CsvTable) -> bool:
+    """Return whether a mapping names a header of a table."""
+    source = text.partition("=")[2].strip().lower().removeprefix("-").strip()
+    unit = _HEADER_UNIT.search(source)
+    return source in table.header or bool(unit and source[: unit.start()].strip() in table.header)
+
+
+def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> list[str]:
+    """Return the mappings for a table, less those that name a header of another table only."""
+    tables = [read_csv(path) for path in (first, *others)] if others else []
+    return [
+        text
+        for text in mapping
+        if not tables or maps(text, tables[0]) or not any(maps(text, each) for each in tables)
+    ]
 
 
 def _mapped(text: str, table: CsvTable) -> tuple[str, tuple[str, float]]:

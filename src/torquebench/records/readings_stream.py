@@ -24,19 +24,27 @@ from torquebench.errors import InputError
 from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import CsvTable, csv_encoding, is_comment, parse_csv
 from torquebench.records.table_formats import check_formats, is_parquet
-from torquebench.records.tables import ADDED_COLUMNS, ReadingsTable, readings_of
+from torquebench.records.tables import (
+    ADDED_COLUMNS,
+    READING_QUANTITIES,
+    ReadingsTable,
+    readings_of,
+)
 
 __all__ = ["CompensatedFile", "compensate_file"]
 
 Compensate = Callable[[ReadingsTable], tuple[NDArray[np.float64], ...]]
 """From readings to torque, additional torque and expanded uncertainty, all in N·m."""
 
+Follow = Callable[[ReadingsTable, ReadingsTable | None], tuple[NDArray[np.float64], ...]]
+"""The same of one block after the other, each with the one that follows it."""
+
 _BLOCK_BYTES = 1 << 21
 _BLOCK_ROWS = 1 << 16
 _HEAD_LINES = 6
 _WORKERS = 2
 _WAITING = 1
-_NUMBERS = ("reading_nm", "time_s", "speed_rpm", "temperature_c", "standard_error_nm")
+_NUMBERS = ("reading_nm", *READING_QUANTITIES)
 
 
 @dataclass(frozen=True)
@@ -67,12 +75,17 @@ class _Block(NamedTuple):
     plain: bool = False  # no cell needs quotation marks
 
 
+_Encoded = tuple[Any, tuple[int, float, float, float]]
+"""Cells as the target takes them; rows, extremes of the additional torque and largest U."""
+
+
 class _Source(Protocol):
     """A file of readings: `pieces` as they lie in it, each made a block by itself."""
 
     header: tuple[str, ...]
     remarks: dict[str, str]
     simulated: bool
+    timed: bool
 
     def pieces(self) -> Iterator[tuple[Any, float]]:
         """Yield pieces and the share of the file that is read with each."""
@@ -86,9 +99,9 @@ def compensate_file(
     target: Path,
     compensate: Compensate,
     *,
+    timed: Follow | None = None,
     mapping: Sequence[str] = (),
     progress: Callable[[float], None] | None = None,
-    one_after_the_other: bool = False,
 ) -> CompensatedFile:
     """Compensate a file of readings into another, whole or not at all.
 
@@ -103,12 +116,12 @@ def compensate_file(
         CSV or Parquet by its ending; see `atomic_write` for links, pipes and ``-``.
     compensate : callable
         Called for one block after the other and from two threads.
+    timed : callable, optional
+        Called instead where the file has ``time_s``, for blocks in the order of time.
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `columns.understood`.
     progress : callable, optional
         Called with the share that is done, 0 to 1.
-    one_after_the_other : bool
-        Whether `compensate` gets the blocks in order, from one thread.
 
     Raises
     ------
@@ -129,22 +142,24 @@ def compensate_file(
         sink = kind(opened.enter_context(atomic_file(target)), readings)
         found: list[tuple[int, float, float, float]] = []
 
-        def work(piece: Any) -> tuple[Any, tuple[int, float, float, float]] | None:
-            block = readings.block(piece)
-            if block is None:
-                return None
-            added = compensate(block.readings)
-            encoded = sink.encoded(block, added)
+        def encoded(block: _Block, added: tuple[NDArray[np.float64], ...]) -> _Encoded:
             _, additional, expanded = added
             extremes = (float(np.min(additional)), float(np.max(additional)))
-            return encoded, (additional.size, *extremes, float(np.max(expanded)))
+            figures = (additional.size, *extremes, float(np.max(expanded)))
+            return sink.encoded(block, added), figures
 
-        for done, share in _in_order(
-            work, readings.pieces(), 1 if one_after_the_other else _WORKERS
-        ):
-            if done is not None:
-                sink.write(done[0])
-                found.append(done[1])
+        def work(piece: Any) -> _Encoded | None:
+            block = readings.block(piece)
+            return None if block is None else encoded(block, compensate(block.readings))
+
+        done: Iterator[tuple[_Encoded | None, float]] = _in_order(work, readings.pieces())
+        if timed is not None and readings.timed:
+            blocks = _in_order(readings.block, readings.pieces())
+            done = _followed(blocks, timed, encoded)
+        for result, share in done:
+            if result is not None:
+                sink.write(result[0])
+                found.append(result[1])
             if progress is not None:
                 progress(share)
         if not found:
@@ -154,16 +169,34 @@ def compensate_file(
     return CompensatedFile(sum(rows), readings.simulated, min(lowest), max(highest), max(largest))
 
 
+def _followed(
+    blocks: Iterable[tuple[_Block | None, float]],
+    follow: Follow,
+    encoded: Callable[[_Block, tuple[NDArray[np.float64], ...]], _Encoded],
+) -> Iterator[tuple[_Encoded, float]]:
+    """Compensate blocks one after the other, each when the next one is known."""
+    waiting: _Block | None = None
+    reached = 0.0
+    for block, share in blocks:
+        if block is None:
+            continue
+        if waiting is not None:
+            yield encoded(waiting, follow(waiting.readings, block.readings)), reached
+        waiting, reached = block, share
+    if waiting is not None:
+        yield encoded(waiting, follow(waiting.readings, None)), 1.0
+
+
 def _in_order(
-    work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]], workers: int
+    work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]]
 ) -> Iterator[tuple[Any, float]]:
-    """Work on pieces in threads; yield results in the order of the pieces."""
+    """Work on pieces in two threads; yield results in the order of the pieces."""
     waiting: deque[tuple[Future[Any], float]] = deque()
     iterator = iter(pieces)
     for piece, share in iterator:  # the first one alone: it compiles what all others use
         yield work(piece), share
         break
-    with ThreadPoolExecutor(workers) as threads:
+    with ThreadPoolExecutor(_WORKERS) as threads:
         try:
             for piece, share in iterator:
                 waiting.append((threads.submit(work, piece), share))
@@ -217,6 +250,7 @@ class _CsvSource:
         self.header, self.remarks = self._table.header, self._table.remarks
         self._mapping = mapping
         named, self._columns = understood(self._table, ("reading_nm",), mapping)
+        self.timed = "time_s" in self._columns
         self._names = named.header  # with labels by their own names
         self._comma = self._table.separator != "," and any(
             "," in cell for cell in self._table.texts(self._columns["reading_nm"][0])
@@ -301,6 +335,7 @@ class _CsvSource:
             temperature_c=numbers.get("temperature_c"),
             standard_error_nm=numbers.get("standard_error_nm"),
             time_s=numbers.get("time_s"),
+            acceleration_rad_s2=numbers.get("acceleration_rad_s2"),
             simulated=self.simulated,
         )
 
@@ -361,7 +396,8 @@ class _CsvSource:
         cells = pa.table(
             {name: list(cells) for name, cells in zip(self.header, columns, strict=True)}
         )
-        return _Block(cells, replace(readings_of(table, self._mapping), simulated=self.simulated))
+        readings = readings_of(table, self._mapping)
+        return _Block(cells, replace(readings, simulated=self.simulated))
 
 
 def _head(content: bytes) -> tuple[bytes, int]:
@@ -402,6 +438,7 @@ class _ParquetSource:
         self.simulated = self.remarks.get("simulated", "").lower() in ("true", "yes", "1")
         self._table = CsvTable(self.origin, ",", self.header, (), (), self.remarks, "row")
         named, self._columns = understood(self._table, ("reading_nm",), mapping)
+        self.timed = "time_s" in self._columns
         self._names = named.header
 
     def pieces(self) -> Iterator[tuple[tuple[Any, int], float]]:
@@ -437,6 +474,7 @@ class _ParquetSource:
             numbers.get("temperature_c"),
             numbers.get("standard_error_nm"),
             numbers.get("time_s"),
+            numbers.get("acceleration_rad_s2"),
             self.simulated,
         )
         return _Block(cells, table)

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.atomic_write import atomic_write
 from torquebench.calibration import RANGE_MARGIN, CalibrationData, infer_branch
-from torquebench.chain import Readings
+from torquebench.chain import EmptyRun, Readings, stretches
 from torquebench.errors import InputError
 from torquebench.records.columns import (
     branches,
     check_direction,
+    maps,
     quantity,
     series,
     understood,
@@ -26,6 +27,7 @@ __all__ = [
     "calibration_csv",
     "parse_calibration_csv",
     "read_calibration_csv",
+    "read_empty_run",
     "read_readings_csv",
     "write_calibration_csv",
     "write_torque_csv",
@@ -39,7 +41,16 @@ _OPTIONAL = (
     "time_s",
     "standard_error_nm",
     "true_torque_nm",
+    "acceleration_rad_s2",
 )
+READING_QUANTITIES = (
+    "time_s",
+    "speed_rpm",
+    "acceleration_rad_s2",
+    "temperature_c",
+    "standard_error_nm",
+)
+"""What a file of readings may have beside them."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """What compensation adds to a table of readings."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
@@ -62,8 +73,9 @@ def read_calibration_csv(
 
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
-    ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order; others are
-    passed over. Lines are in measuring order: where there is no branch, it follows from it.
+    ``acceleration_rad_s2``, ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in
+    any order; others are passed over. Lines are in measuring order: where there is no branch, it
+    follows from it.
     Comments such as ``# range_nm = 2000`` may give the range, the side, the transducer's serial
     and the counter's identity; arguments take precedence over them.
 
@@ -172,6 +184,7 @@ def _calibration(
         time_s=quantity(table, columns, "time_s"),
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
         true_torque_nm=quantity(table, columns, "true_torque_nm"),
+        acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
         simulated=is_simulated(noted),
     )
     _check_duplicates(table, data)
@@ -204,6 +217,7 @@ class ReadingsTable:
     temperature_c: NDArray[np.float64] | None
     standard_error_nm: NDArray[np.float64] | None
     time_s: NDArray[np.float64] | None
+    acceleration_rad_s2: NDArray[np.float64] | None
     simulated: bool
 
     def __len__(self) -> int:
@@ -225,31 +239,15 @@ class ReadingsTable:
             counter_nm=self.standard_error_nm,
             time_s=self.time_s,
             speed_rpm=self.speed_rpm,
+            acceleration_rad_s2=self.acceleration_rad_s2,
             temperature_c=self.temperature_c,
             zero_age_h=zero_age_h,
             zero_temperature_c=zero_temperature_c,
         )
 
-    def check_range(self, low_nm: float, high_nm: float) -> None:
-        """Check that all readings lie where a model may be used.
-
-        Parameters
-        ----------
-        low_nm, high_nm : float
-            Limits in N·m.
-
-        Raises
-        ------
-        InputError
-            Naming the line of the first reading outside them.
-        """
-        for row in np.flatnonzero((self.reading_nm < low_nm) | (self.reading_nm > high_nm)):
-            raise InputError(
-                f"{self.table.place(int(row), 'reading_nm')}: {self.reading_nm[row]:.6g} N·m "
-                "is outside the calibrated range",
-                f"{low_nm:.6g} to {high_nm:.6g} N·m",
-                "remove the line, or use a model that was calibrated that far",
-            )
+    def place(self, row: int) -> str:
+        """Return where a reading stands in its file, for messages."""
+        return self.table.place(row, "reading_nm")
 
 
 def read_readings_csv(path: Path | str) -> ReadingsTable:
@@ -269,7 +267,7 @@ def read_readings_csv(path: Path | str) -> ReadingsTable:
 def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
     """Return the readings in a table; see `read_readings_csv`."""
     table, columns = understood(table, ("reading_nm",), mapping)
-    used = ("reading_nm", "speed_rpm", "temperature_c", "standard_error_nm", "time_s")
+    used = ("reading_nm", *READING_QUANTITIES)
     table.check_decimal_marks([columns[key][0] for key in used if key in columns])
     reading = quantity(table, columns, "reading_nm")
     assert reading is not None
@@ -283,8 +281,37 @@ def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
         temperature_c=quantity(table, columns, "temperature_c"),
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
         time_s=quantity(table, columns, "time_s"),
+        acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
         simulated=is_simulated(table.remarks),
     )
+
+
+def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
+    """Return the empty run in a CSV file.
+
+    Columns are ``time_s``, ``reading_nm``, ``speed_rpm``, ``temperature_c`` and optionally
+    ``acceleration_rad_s2``, at an even rate.
+
+    Parameters
+    ----------
+    path : pathlib.Path or str
+    mapping : sequence of str
+        ``name=Header[unit]`` of columns that have other names; those whose header isn't in the
+        file are passed over, as they are another table's.
+
+    Raises
+    ------
+    InputError
+        Naming file, line and column of what can't be used, and what to do.
+    """
+    table = read_csv(Path(path))
+    wanted = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
+    table, columns = understood(table, wanted, [text for text in mapping if maps(text, table)])
+    table.check_decimal_marks([name for name, _ in columns.values()])
+    values = [quantity(table, columns, name) for name in wanted]
+    time_s, reading, speed, temperature = (each for each in values if each is not None)
+    acceleration = quantity(table, columns, "acceleration_rad_s2")
+    return EmptyRun(Path(path).name, time_s, reading, speed, temperature, acceleration)
 
 
 def write_torque_csv(
@@ -456,12 +483,14 @@ def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_
 def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
     """Refuse two points at one standard value of one series, branch, direction and position.
 
-    A ramp that was recorded point by point meets the same values again and again.
+    A ramp that was recorded point by point meets the same values again and again; a series at
+    another speed or temperature may.
     """
     if len(data) > _MOST_STEPS:
         return
     direction = data.loading_direction()
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
+    stretch = np.broadcast_to(stretches(data.speed_rpm, data.temperature_c), (len(data),))
     seen: dict[tuple[float, ...], int] = {}
     for row in range(len(data)):
         key = (
@@ -470,6 +499,7 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
             float(data.branch[row]),
             float(direction[row]),
             float(position[row]),
+            float(stretch[row]),
         )
         before = seen.setdefault(key, row)
         if before == row:

@@ -3,7 +3,7 @@
 import doctest
 from pathlib import Path
 
-from tests.unit.chain.test_measuring_chain import EFFECTS_OF_ALL_KINDS, calibration
+from tests.unit.chain.test_measuring_chain import EFFECTS_OF_ALL_KINDS, OF_LIMITS, calibration
 
 from torquebench.chain import MeasuringChain, Readings
 from torquebench.compensation import make_model
@@ -20,8 +20,9 @@ def test_the_worked_example_is_what_the_software_computes() -> None:
 def test_every_component_is_explained() -> None:
     features, standard = calibration()
     model = make_model("physics", range_nm=2000.0).fit(features, standard)
-    torque = MeasuringChain(model, EFFECTS_OF_ALL_KINDS).torque(Readings(features[:1, 0]))
+    limits = MeasuringChain(model, OF_LIMITS).torque(Readings(features[:1, 0]))
+    measured = MeasuringChain(model, EFFECTS_OF_ALL_KINDS).torque(Readings(features[:1, 0]))
     table = PAGE.read_text(encoding="utf-8").split("## The effects")[1].split("\n\n")[1]
     named = table.replace("of zero, of span", "of zero, temperature of span")
-    for component in torque.components:
+    for component in (*limits.components, *measured.components):
         assert component.name in named, component.name

@@ -21,7 +21,9 @@ def _blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def compensate(table: ReadingsTable) -> tuple[np.ndarray, ...]:
-    table.check_range(-100.0, 100.0)
+    for row in np.flatnonzero(np.abs(table.reading_nm) > 100.0):
+        reading = f"{table.reading_nm[row]:g} N·m"
+        raise InputError(f"{table.place(int(row))}: {reading} is outside the calibrated range")
     branch = np.zeros(len(table)) if table.branch is None else table.branch
     return table.reading_nm + branch, branch * 1.0, 0.5 + 0.0 * branch
 

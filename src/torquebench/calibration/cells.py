@@ -1,0 +1,104 @@
+"""Errors and coverage of verified points in cells of speed, temperature and torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration.data import CalibrationData
+from torquebench.chain import Torque
+
+__all__ = ["Cell", "cells"]
+
+_BINS = 3
+_WHOLE = 10.0
+"""Limits of cells are round: of speeds in 1/min and of temperatures in 0.1 °C, times ten."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Points of one cell.
+
+    Parameters
+    ----------
+    speed_rpm, temperature_c, torque_share : tuple of float or None
+        Limits of speed, temperature and torque over range; None where they aren't known.
+    points : int
+    rms_percent_fs, worst_percent_fs : float
+        Error against the standard, or the true torque where it is known.
+    coverage : float
+        Share of points whose error lies within U.
+    """
+
+    speed_rpm: tuple[float, float] | None
+    temperature_c: tuple[float, float] | None
+    torque_share: tuple[float, float]
+    points: int
+    rms_percent_fs: float
+    worst_percent_fs: float
+    coverage: float
+
+
+def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
+    """Return the cells that hold points, three bins a quantity.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    torque : Torque
+        What the measuring chain states of its points.
+
+    Examples
+    --------
+    >>> data = CalibrationData([1.0, 9.0], [1.0, 9.1], [1, 1], [1, 1], 10.0)
+    >>> [(each.points, each.torque_share) for each in cells(data, Torque(data.reading_nm, ()))]
+    [(1, (-0.33, 0.33)), (1, (0.33, 1.02))]
+    """
+    reference = data.standard_nm if data.true_torque_nm is None else data.true_torque_nm
+    error = torque.value_nm - reference
+    inside = np.abs(error) <= torque.expanded_uncertainty_nm
+    share = reference / data.range_nm
+    percent = 100.0 / data.range_nm
+    found = []
+    for speed, warmth, load in product(
+        _parts(data.speed_rpm, _WHOLE),
+        _parts(data.temperature_c, 1.0 / _WHOLE),
+        [(low, high, (share >= low) & (share < high)) for low, high in _LOADS],
+    ):
+        rows = load[2].copy()
+        for _, _, member in (part for part in (speed, warmth) if part is not None):
+            rows &= member
+        if rows.any():
+            found.append(
+                Cell(
+                    None if speed is None else speed[:2],
+                    None if warmth is None else warmth[:2],
+                    load[:2],
+                    int(np.sum(rows)),
+                    percent * float(np.sqrt(np.mean(error[rows] ** 2))),
+                    percent * float(np.max(np.abs(error[rows]))),
+                    float(np.mean(inside[rows])),
+                )
+            )
+    return tuple(found)
+
+
+_LOADS = ((-1.02, -0.33), (-0.33, 0.33), (0.33, 1.02))
+_Part = tuple[float, float, NDArray[np.bool_]]
+
+
+def _parts(values: NDArray[np.float64] | None, whole: float) -> Iterator[_Part | None]:
+    """Yield bins of a quantity with the rows in them; one None where it isn't known or constant."""
+    if values is None or np.ptp(values) < whole:
+        yield None
+        return
+    limits = np.round(np.linspace(np.min(values), np.max(values), _BINS + 1) / whole) * whole
+    for number in range(_BINS):
+        low, high = float(limits[number]), float(limits[number + 1])
+        above = values >= low if number else np.ones(values.size, dtype=bool)
+        below = values < high if number < _BINS - 1 else np.ones(values.size, dtype=bool)
+        yield low, high, above & below

@@ -1,0 +1,55 @@
+"""Inertia of what turns between transducer and flange."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.torque import Component, Shared
+
+__all__ = ["Inertia"]
+
+
+@register("inertia")
+@dataclass(frozen=True)
+class Inertia(Effect):
+    """Torque that accelerates the flange and what else turns behind the transducer.
+
+    Parameters
+    ----------
+    moment_nm_s2 : float
+        What a reading rises by per acceleration, N·m per rad/s²: the moment of inertia in kg·m²,
+        with the sign of the mounting.
+    uncertainty_nm_s2 : float
+        Its standard uncertainty.
+    largest_rad_s2 : float
+        Largest acceleration of the bench: what counts where none is known.
+    """
+
+    title: ClassVar[str] = "inertia between transducer and flange"
+    needs: ClassVar[tuple[str, ...]] = ("acceleration_rad_s2",)
+    corrects_reading: ClassVar[bool] = True
+    moment_nm_s2: float
+    uncertainty_nm_s2: float = field(default=0.0, metadata={"least": 0.0})
+    largest_rad_s2: float = field(default=0.0, metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the inertia's torque at the acceleration of each reading."""
+        acceleration = np.broadcast_to(
+            known_or(readings.acceleration_rad_s2, np.nan), torque_nm.shape
+        )
+        known = ~np.isnan(acceleration)
+        now = np.where(known, acceleration, 0.0)
+        of_acceleration = np.where(
+            known,
+            known_or(readings.acceleration_uncertainty_rad_s2, 0.0),
+            self.largest_rad_s2 / np.sqrt(3.0),
+        )
+        u = np.hypot(self.uncertainty_nm_s2 * now, self.moment_nm_s2 * of_acceleration)
+        return (
+            Component("inertia", Shared.CALIBRATION, np.copysign(u, now), -self.moment_nm_s2 * now),
+        )

@@ -1,0 +1,54 @@
+"""Corrections that a person has switched off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.torque import Component
+from torquebench.errors import InputError
+
+__all__ = ["SWITCHES", "SwitchedOff"]
+
+SWITCHES: Mapping[str, tuple[str, ...]] = {
+    "hysteresis": ("hysteresis",),
+    "temperature": ("temperature of zero", "temperature of span"),
+    "rotation": ("zero over speed", "bearing drag", "running-in"),
+    "inertia": ("inertia",),
+}
+"""What can be switched off by itself, and the components that each stands for."""
+
+
+@register("switched off")
+@dataclass(frozen=True)
+class SwitchedOff(Effect):
+    """Components that aren't corrected: what each would add is a standard uncertainty instead.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of components.
+    """
+
+    title: ClassVar[str] = "corrections switched off"
+    names: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, record: str, *switches: str) -> Self:
+        """Return the effect for names of `SWITCHES`; raises `InputError` for others."""
+        for each in switches:
+            if each not in SWITCHES:
+                raise InputError(f"nothing called {each!r}", ", ".join(SWITCHES))
+        return cls(record, tuple(name for each in switches for name in SWITCHES[each]))
+
+    @classmethod
+    def from_specification(cls, values: Mapping[str, Any]) -> Self:
+        """Return the effect that `specification` described."""
+        return cls(values["record"], tuple(values["names"]))
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return nothing: the chain leaves the named components out."""
+        return ()

@@ -1,0 +1,9 @@
+"""Temperature, rotation and inertia of one chain, identified from empty runs and calibrations.
+
+Physical forms and smooth functions over speed and temperature, all of them at once and weighed by
+the evidence (`evidence`, `basis`); what comes out are tables that effects interpolate.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

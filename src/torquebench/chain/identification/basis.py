@@ -1,0 +1,239 @@
+"""Functions of temperature, speed, load, acceleration and time that a reading may contain.
+
+Physical forms (Coulomb, powers of the speed, Stribeck's fall at low speeds, viscosity that falls
+about exponentially with temperature) and bumps for what no form has. All speeds are shares of the
+largest one that was measured, so that no form has a constant of its own: falls of every width
+between that speed and a hundredth of it are in the basis at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from torquebench.chain.effects.rotation import STANDSTILL_RPM
+from torquebench.chain.readings import FloatArray
+
+__all__ = ["Block", "Circumstances", "blocks", "running_in_columns"]
+
+_KELVIN = 20.0
+"""Unit of changes of temperature."""
+_FALLS = 2.0 ** -np.arange(1, 8)
+_POWERS = (0.5, 1.0, 1.5, 2.0)
+_SPEED_CENTRES, _SPEED_WIDTH = np.linspace(0.0, 1.0, 9), 0.15
+_WARM_CENTRES, _WARM_WIDTH = np.arange(-40.0, 41.0, 10.0), 13.0
+_VISCOSITIES = (0.02, 0.05)  # 1/K, as oils and greases have
+
+
+@dataclass(frozen=True, eq=False)
+class Circumstances:
+    """Under which circumstances something was read; arrays of one length.
+
+    Parameters
+    ----------
+    share : float64 array of shape (n,)
+        True torque as a share of full scale.
+    speed : float64 array of shape (n,)
+        As a share of the largest measured one.
+    turning : float64 array of shape (n,)
+        Direction of the speed, 0 at standstill.
+    warmth_k : float64 array of shape (n,)
+        Temperature less that of the static curve.
+    acceleration, time_s : float64 array of shape (n,)
+        Acceleration as a share of the largest measured one.
+    branch : float64 array of shape (n,)
+    empty : float64 array of shape (n,)
+        1 for empty runs, 0 for points of a calibration.
+    """
+
+    share: FloatArray
+    speed: FloatArray
+    turning: FloatArray
+    warmth_k: FloatArray
+    acceleration: FloatArray
+    time_s: FloatArray
+    branch: FloatArray
+    empty: FloatArray
+
+    @classmethod
+    def of(cls, size: int, **known: FloatArray | float) -> Circumstances:
+        """Return circumstances that are 0 but for those that are given."""
+        values = {
+            each.name: np.broadcast_to(np.asarray(known.get(each.name, 0.0), float), (size,))
+            for each in fields(cls)
+        }
+        return cls(**values)
+
+    def __len__(self) -> int:
+        return int(self.share.size)
+
+
+def direction(speed_rpm: FloatArray) -> FloatArray:
+    """Return the direction of rotation, 0 at standstill."""
+    return np.where(np.abs(speed_rpm) > STANDSTILL_RPM, np.sign(speed_rpm), 0.0)
+
+
+Columns = Callable[[Circumstances], FloatArray]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Columns whose weights have one common scale.
+
+    Parameters
+    ----------
+    name : str
+    group : str
+        The table that it counts for, "" for what only the calibration itself has.
+    columns : callable
+        From circumstances to float64 array of shape (n, k).
+    scale : float
+        Usual size of the weights, 1e-4 of full scale.
+    spread : float
+        Standard deviation of the logarithm of that size over chains.
+    """
+
+    name: str
+    group: str
+    columns: Columns
+    scale: float
+    spread: float = 1.5
+
+
+def _stack(*columns: FloatArray) -> FloatArray:
+    return np.column_stack(columns)
+
+
+def _warm(c: Circumstances, power: int) -> FloatArray:
+    return (c.warmth_k / _KELVIN) ** power
+
+
+def _warm_bumps(c: Circumstances) -> FloatArray:
+    """Bumps over temperature, less their value at that of the static curve."""
+    bumps = np.exp(-0.5 * ((c.warmth_k[:, None] - _WARM_CENTRES) / _WARM_WIDTH) ** 2)
+    return np.asarray(bumps - np.exp(-0.5 * (_WARM_CENTRES / _WARM_WIDTH) ** 2))
+
+
+def _speed_bumps(c: Circumstances) -> FloatArray:
+    size = np.abs(c.speed)[:, None]
+    return np.asarray(np.exp(-0.5 * ((size - _SPEED_CENTRES) / _SPEED_WIDTH) ** 2))
+
+
+def _powers(c: Circumstances) -> FloatArray:
+    return _stack(*(np.abs(c.speed) ** power for power in _POWERS))
+
+
+def _falls(c: Circumstances) -> FloatArray:
+    ratio = np.abs(c.speed)[:, None] / _FALLS
+    return np.concatenate([np.exp(-ratio), np.exp(-(ratio**2))], axis=1)
+
+
+def _thinning(c: Circumstances) -> FloatArray:
+    """Viscosity over temperature less its value at that of the static curve."""
+    limited = np.clip(c.warmth_k, -60.0, 60.0)
+    return _stack(*(np.exp(-rate * limited) - 1.0 for rate in _VISCOSITIES))
+
+
+def _times(columns: FloatArray, others: FloatArray) -> FloatArray:
+    product = columns[:, :, None] * others[:, None, :]
+    return np.asarray(product.reshape(columns.shape[0], -1))
+
+
+def _forms(c: Circumstances) -> FloatArray:
+    return _stack(np.ones(len(c)), _powers(c), _falls(c))
+
+
+def _static_columns(c: Circumstances) -> FloatArray:
+    """Return what the first fit of the static curve may have got wrong."""
+    x, side = c.share, np.sign(c.share)
+    waves = [f(k * np.pi * x) for k in range(1, 5) for f in (np.sin, np.cos)]
+    loops = [c.branch * side * (1 - np.abs(x)) ** k for k in (1, 2)]
+    return _stack(np.ones(len(c)), x, np.abs(x), x**2, x * np.abs(x), x**3, *waves, *loops)
+
+
+def _on(factor: Columns | str, columns: Columns) -> Columns:
+    def product(c: Circumstances) -> FloatArray:
+        of = getattr(c, factor) if isinstance(factor, str) else factor(c)
+        return np.asarray(np.reshape(of, (len(c), -1))[:, :1] * columns(c))
+
+    return product
+
+
+def _size_of_torque(c: Circumstances) -> FloatArray:
+    return np.abs(c.share)
+
+
+def _turns(c: Circumstances) -> FloatArray:
+    return np.abs(c.turning)
+
+
+def _drag_on_load(c: Circumstances) -> FloatArray:
+    size = np.abs(c.share)
+    return _stack(size, size * np.abs(c.speed), size * _falls(c)[:, 2], size * _falls(c)[:, 4])
+
+
+def _bent_drag_on_load(c: Circumstances) -> FloatArray:
+    size = np.abs(c.share)
+    return _stack(size**2, size**0.5)
+
+
+def blocks() -> tuple[Block, ...]:
+    """Return all blocks of columns."""
+
+    def warm(power: int) -> Columns:
+        return lambda c: _stack(_warm(c, power))
+
+    one: Columns = lambda c: np.ones((len(c), 1))  # noqa: E731
+    return (
+        Block("zero, linear in temperature", "zero", warm(1), 10.0),
+        Block("zero, square of temperature", "zero", warm(2), 2.0),
+        Block("zero, bumps over temperature", "zero", _warm_bumps, 0.5, 1.0),
+        Block("span, linear in temperature", "span", _on("share", warm(1)), 5.0),
+        Block("span, square of temperature", "span", _on("share", warm(2)), 1.0),
+        Block("span, bumps over temperature", "span", _on("share", _warm_bumps), 0.3, 1.0),
+        Block("zero, powers of speed", "even", _on(_turns, _powers), 0.5),
+        Block("zero, bumps over speed", "even", _on(_turns, _speed_bumps), 0.1),
+        Block("zero, falls over speed", "even", _on(_turns, _falls), 0.05),
+        Block(
+            "zero, speed and temperature",
+            "even",
+            _on(_turns, lambda c: _times(_powers(c), _thinning(c))),
+            0.1,
+        ),
+        Block("drag, Coulomb", "odd", _on("turning", one), 0.7),
+        Block("drag, powers of speed", "odd", _on("turning", _powers), 0.7),
+        Block("drag, Stribeck", "odd", _on("turning", _falls), 0.3),
+        Block("drag, bumps over speed", "odd", _on("turning", _speed_bumps), 0.1),
+        Block(
+            "drag, viscosity", "odd", _on("turning", lambda c: _times(_forms(c), _thinning(c))), 0.3
+        ),
+        Block(
+            "drag, bumps over speed and temperature",
+            "odd",
+            _on("turning", lambda c: _times(_speed_bumps(c), _warm_bumps(c)[:, 1::2])),
+            0.05,
+        ),
+        Block("drag over load", "load", _on("turning", _drag_on_load), 0.3),
+        Block("drag over load, bent", "load", _on("turning", _bent_drag_on_load), 0.1),
+        Block(
+            "span over speed",
+            "speed span",
+            _on(_turns, lambda c: c.share[:, None] * _powers(c)[:, 1::2]),
+            0.15,
+        ),
+        Block("inertia", "inertia", lambda c: c.acceleration[:, None], 10.0, 2.5),
+        Block("zero of empty runs", "", lambda c: c.empty[:, None], 1.0),
+        Block("static curve", "", _on(lambda c: 1.0 - c.empty, _static_columns), 0.3),
+    )
+
+
+def running_in_columns(time_s: float) -> Columns:
+    """Return columns of a drag that dies away within a time."""
+
+    def columns(c: Circumstances) -> FloatArray:
+        left = c.turning * np.exp(-np.maximum(c.time_s, 0.0) / time_s)
+        return left[:, None] * _stack(np.ones(len(c)), _powers(c)[:, :2])
+
+    return columns

@@ -1,0 +1,118 @@
+"""What an identification starts from: empty runs, and a calibration with its circumstances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.chain.acceleration import AccelerationBySpeed
+from torquebench.chain.readings import FloatArray
+from torquebench.errors import InputError
+
+__all__ = ["SAME_K", "EmptyRun", "TurningCalibration", "stretches"]
+
+SAME_K = 2.0
+"""Points within it were taken at one temperature."""
+
+_FEWEST_ROWS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class EmptyRun:
+    """A run with nothing mounted: the true torque is 0 but for the inertia of what turns.
+
+    Parameters
+    ----------
+    source : str
+        Name of the file, for messages and records.
+    time_s, reading_nm, speed_rpm, temperature_c : float64 array of shape (n,)
+        At an even rate.
+    acceleration_rad_s2 : float64 array of shape (n,), optional
+        From the speed where it isn't given.
+
+    Raises
+    ------
+    InputError
+        Too few samples, times that don't rise or aren't even, values that aren't finite.
+    """
+
+    source: str
+    time_s: FloatArray
+    reading_nm: FloatArray
+    speed_rpm: FloatArray
+    temperature_c: FloatArray
+    acceleration_rad_s2: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if self.time_s.size < _FEWEST_ROWS:
+            raise InputError(
+                f"{self.source}: an empty run of {self.time_s.size} samples",
+                f"at least {_FEWEST_ROWS}, through the speeds that are used",
+            )
+        step = np.diff(self.time_s)
+        if not np.all(step > 0.0):
+            row = int(np.argmin(step > 0.0)) + 1
+            raise InputError(
+                f"{self.source}: time {self.time_s[row]:.9g} s after {self.time_s[row - 1]:.9g} s",
+                "rising times",
+                "give every run its own file",
+            )
+        if np.mean(np.abs(step - np.median(step)) > 0.5 * np.median(step)) > 0.01:
+            raise InputError(
+                f"{self.source}: steps of {step.min():.3g} to {step.max():.3g} s",
+                "an even rate, single gaps at most",
+                "record the run at a fixed rate",
+            )
+
+    @cached_property
+    def acceleration(self) -> FloatArray:
+        """Angular acceleration, by the speed where it wasn't recorded, rad/s²."""
+        if self.acceleration_rad_s2 is not None:
+            return self.acceleration_rad_s2
+        by_speed = AccelerationBySpeed.of(self.time_s, self.speed_rpm)
+        return by_speed(self.time_s, self.speed_rpm)[0]
+
+    def __len__(self) -> int:
+        return int(self.time_s.size)
+
+
+@dataclass(frozen=True, eq=False)
+class TurningCalibration:
+    """Points of a calibration with speed and temperature.
+
+    Parameters
+    ----------
+    reading_nm, standard_nm, branch : float64 array of shape (n,)
+    speed_rpm : float64 array of shape (n,)
+        0 where it was at standstill.
+    temperature_c : float64 array of shape (n,) or None
+        None where it wasn't measured.
+    """
+
+    reading_nm: FloatArray
+    standard_nm: FloatArray
+    branch: FloatArray
+    speed_rpm: FloatArray
+    temperature_c: FloatArray | None
+
+
+def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:
+    """Return numbers of points that rise wherever temperature or speed changed.
+
+    Stretches lie apart in time. A single 1 where neither is known.
+
+    Examples
+    --------
+    >>> stretches(np.array([0.0, 0.0, 300.0, 301.0]), None)
+    array([1, 1, 2, 2])
+    """
+    known = [each for each in (speed_rpm, temperature_c) if each is not None]
+    changed = np.zeros(known[0].size - 1 if known else 0, dtype=bool)
+    if speed_rpm is not None:
+        changed |= np.abs(np.diff(speed_rpm)) > np.maximum(0.05 * np.abs(speed_rpm[1:]), 1.0)
+    if temperature_c is not None:
+        changed |= np.abs(np.diff(temperature_c)) > SAME_K
+    return np.concatenate([[1], 1 + np.cumsum(changed)]).astype(np.int64)

@@ -1,0 +1,553 @@
+"""Identify what temperature, rotation and acceleration add, as tables that effects hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.chain.effect import Effect
+from torquebench.chain.effects import Inertia, MeasuredRotation, MeasuredTemperature
+from torquebench.chain.grid import numbers
+from torquebench.chain.identification.basis import (
+    Block,
+    Circumstances,
+    blocks,
+    direction,
+    running_in_columns,
+)
+from torquebench.chain.identification.evidence import Normal, Posterior, explore, gain
+from torquebench.chain.identification.records import (
+    SAME_K,
+    EmptyRun,
+    TurningCalibration,
+    stretches,
+)
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.compensation import features, make_model
+from torquebench.errors import InputError
+
+__all__ = ["Identified", "identify"]
+
+_UNIT = 1e-4
+"""Columns' weights count in this share of full scale."""
+_NOISE, _NOISE_SPREAD = 1.0, 1.5
+_LEAST_KELVIN = 4.0
+"""A smaller spread of temperatures says nothing of zero or span."""
+_LEAST_SPEEDS = 4
+_LEAST_RAD_S2 = 1.0
+_LEAST_LOAD = 0.2
+_FEWEST_POINTS = 8
+_BEND = 0.045
+"""Usual size of bumps over temperature, as a share of the linear part over 20 K."""
+_WILD = 5.0
+_RUNNING_IN_GAIN = 6.0
+_LEAST_EXTENSION_K = 10.0
+_NODE_K = 2.0
+_SPEED_NODES = 48
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What was identified of one chain.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        Measured temperature, rotation, inertia: those that the data identify.
+    corrected_nm : float64 array of shape (n,)
+        Readings of the calibration as they would be at standstill and at its temperature.
+    series : int array of shape (n,)
+        Number of the stretch of points under the same circumstances, in the order of time.
+    remarks : tuple of str
+        What wasn't identified, and what would do it.
+    """
+
+    effects: tuple[Effect, ...]
+    corrected_nm: FloatArray
+    series: NDArray[np.int64]
+    remarks: tuple[str, ...]
+
+
+def identify(
+    calibration: TurningCalibration, runs: Sequence[EmptyRun], range_nm: float
+) -> Identified:
+    """Identify temperature, rotation and inertia of a chain.
+
+    Parameters
+    ----------
+    calibration : TurningCalibration
+        Points at standstill, and optionally at other temperatures and against a turning reference.
+    runs : sequence of EmptyRun
+        None at all where the calibration alone tells the temperature's effects.
+    range_nm : float
+        Full scale, N·m.
+
+    Raises
+    ------
+    InputError
+        Empty runs that say nothing, or that can't be put together with the calibration.
+    """
+    data = _Data.of(calibration, runs, range_nm)
+    remarks = list(data.gaps())
+    used = [block for block in blocks() if block.group == "" or block.group in data.groups]
+    if not data.groups:
+        return Identified(
+            (),
+            calibration.reading_nm,
+            stretches(calibration.speed_rpm, calibration.temperature_c),
+            tuple(remarks),
+        )
+    fitted = _Fit.of(data, used)
+    effects = _effects(fitted)
+    corrected = _corrected(calibration, effects)
+    return Identified(
+        effects,
+        corrected,
+        stretches(calibration.speed_rpm, calibration.temperature_c),
+        tuple(remarks),
+    )
+
+
+def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> FloatArray:
+    readings = Readings(
+        calibration.reading_nm,
+        speed_rpm=calibration.speed_rpm,
+        temperature_c=calibration.temperature_c,
+        acceleration_rad_s2=0.0,
+        time_s=np.full(calibration.reading_nm.size, np.inf),  # run in
+    )
+    torque = calibration.reading_nm
+    for effect in effects:
+        for part in effect.components(readings, torque):
+            torque = torque + part.value_nm
+    return torque
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Rows of calibration and empty runs in units of the fit, and what they can tell."""
+
+    range_nm: float
+    calibrated_c: float
+    largest_rpm: float
+    largest_rad_s2: float
+    limits_rpm: tuple[float, float]
+    limits_c: tuple[float, float]
+    groups: frozenset[str]
+    points: Circumstances
+    target: FloatArray
+    runs: tuple[tuple[Circumstances, FloatArray], ...]
+    words: str
+
+    @classmethod
+    def of(
+        cls, calibration: TurningCalibration, runs: Sequence[EmptyRun], range_nm: float
+    ) -> _Data:
+        """Put the rows together."""
+        warm, still = calibration.temperature_c, np.abs(calibration.speed_rpm) <= 0.5
+        warmth = [run.temperature_c for run in runs]
+        if warm is None and runs and np.ptp(np.concatenate(warmth)) >= _LEAST_KELVIN:
+            raise InputError(
+                "a calibration without temperature_c beside empty runs at several temperatures",
+                "the temperature of every point, so that the runs can be related to it",
+                "add the column, or give empty runs at the calibration's temperature only",
+            )
+        known = np.concatenate([*warmth, *([] if warm is None else [warm])] or [np.zeros(1)])
+        if warm is None:
+            warm = np.full(calibration.reading_nm.size, float(np.mean(known)))
+        usual = still if still.any() else np.ones(still.size, dtype=bool)
+        near = usual & (np.abs(warm - np.median(warm[usual])) <= SAME_K)
+        calibrated_c = float(np.mean(warm[near]))
+        speeds = np.concatenate([calibration.speed_rpm, *(run.speed_rpm for run in runs)])
+        largest_rpm = max(float(np.max(np.abs(speeds))), 1.0)
+        accelerations = [np.abs(run.acceleration) for run in runs]
+        # a few derived values at the ends of ramps are no measure of what was driven
+        largest_rad_s2 = float(np.quantile(np.concatenate(accelerations), 0.995)) if runs else 0.0
+        share = calibration.standard_nm / range_nm
+        data = cls(
+            range_nm,
+            calibrated_c,
+            largest_rpm,
+            largest_rad_s2,
+            (float(np.min(speeds)), float(np.max(speeds))),
+            (float(np.min(known)), float(np.max(known))),
+            frozenset(),
+            Circumstances.of(
+                share.size,
+                share=share,
+                branch=calibration.branch,
+                speed=calibration.speed_rpm / largest_rpm,
+                turning=direction(calibration.speed_rpm),
+                warmth_k=warm - calibrated_c,
+                time_s=np.full(share.size, np.inf),
+            ),
+            (
+                calibration.reading_nm
+                - calibration.standard_nm
+                + _static_additional(calibration, near, range_nm)
+            )
+            / (_UNIT * range_nm),
+            (),
+            _words(calibration, runs),
+        )
+        data = replace(data, runs=tuple(data._run(run) for run in runs))
+        return replace(data, groups=data._identified(warm, calibration, runs))
+
+    def _run(self, run: EmptyRun) -> tuple[Circumstances, FloatArray]:
+        rows = Circumstances.of(
+            len(run),
+            speed=run.speed_rpm / self.largest_rpm,
+            turning=direction(run.speed_rpm),
+            warmth_k=run.temperature_c - self.calibrated_c,
+            acceleration=run.acceleration / max(self.largest_rad_s2, 1e-9),
+            time_s=run.time_s,
+            empty=1.0,
+        )
+        return rows, run.reading_nm / (_UNIT * self.range_nm)
+
+    def _identified(
+        self, warm: FloatArray, calibration: TurningCalibration, runs: Sequence[EmptyRun]
+    ) -> frozenset[str]:
+        found = set()
+        if self.limits_c[1] - self.limits_c[0] >= _LEAST_KELVIN:
+            found.add("zero")
+        loaded = np.abs(calibration.standard_nm) > _LEAST_LOAD * self.range_nm
+        if loaded.any() and np.ptp(warm[loaded]) >= _LEAST_KELVIN:
+            found.add("span")
+        turning = np.concatenate([direction(run.speed_rpm) for run in runs] or [np.zeros(0)])
+        speeds = [run.speed_rpm[direction(run.speed_rpm) != 0] for run in runs]
+        shares = np.unique(
+            np.round(20.0 * np.concatenate([*speeds, np.zeros(0)]) / self.largest_rpm)
+        )
+        if shares.size >= _LEAST_SPEEDS:
+            found.add("odd")
+            if {-1.0, 1.0} <= set(turning.tolist()):
+                found.add("even")
+            turned = loaded & (direction(calibration.speed_rpm) != 0)
+            if turned.any():
+                found |= {"load", "speed span"} if "even" in found else {"load"}
+        if runs and self.largest_rad_s2 >= _LEAST_RAD_S2:
+            found.add("inertia")
+        return frozenset(found)
+
+    def gaps(self) -> list[str]:
+        """Return what isn't identified, and what would do it."""
+        has_runs = bool(self.runs)
+        said = {
+            "zero": f"zero over temperature: all data lie within {_LEAST_KELVIN:g} K; an empty run "
+            "at another temperature would tell",
+            "span": "span over temperature: a series at another temperature would tell",
+            "odd": "zero and drag over speed: an empty run through the speeds that are used, in "
+            "both directions, would tell",
+            "even": "the zero's shift apart from the drag: the empty run turned in one direction "
+            "only; torques in the other direction are refused until it turns in both",
+            "load": "drag over load: series against a turning reference would tell",
+            "inertia": "inertia: an empty run with ramps would tell",
+        }
+        if not self.groups and has_runs:
+            raise InputError(
+                "empty runs at one speed, one temperature and without a ramp",
+                f"different speeds, or temperatures {_LEAST_KELVIN:g} K apart",
+                "drive the empty run through the speeds that are used, or repeat it warm and cold",
+            )
+        if not self.groups:
+            return []
+        missing = [name for name in said if name not in self.groups]
+        if "odd" in missing:
+            missing = [name for name in missing if name not in ("even", "load")]
+        return [f"not identified: {said[name]}" for name in missing]
+
+
+def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
+    """Return the record that the effects state."""
+    points = f"{calibration.reading_nm.size} points of the calibration"
+    if not runs:
+        return points
+    names = ", ".join(run.source for run in runs)
+    return f"empty run{'s' if len(runs) > 1 else ''} {names}; {points}"
+
+
+def _static_additional(
+    calibration: TurningCalibration, near: NDArray[np.bool_], range_nm: float
+) -> FloatArray:
+    """Return the additional torque at the points by those at standstill and at one temperature."""
+    rows = near if np.sum(near) >= _FEWEST_POINTS else np.ones(near.size, dtype=bool)
+    if np.sum(rows) < _FEWEST_POINTS:
+        raise InputError(
+            f"{int(np.sum(rows))} points", f"at least {_FEWEST_POINTS} for a chain that turns"
+        )
+    model = make_model("hybrid", range_nm=range_nm)
+    X = features(calibration.reading_nm[rows], calibration.branch[rows], 0.0)
+    model.fit(X, calibration.standard_nm[rows])
+    low, high = model.reading_low_nm_, model.reading_high_nm_
+
+    def additional(reading_nm: FloatArray) -> FloatArray:
+        inside = np.clip(reading_nm, low, high)
+        return np.asarray(model.predict(features(inside, calibration.branch, 0.0)) - inside)
+
+    standard = calibration.standard_nm
+    return additional(standard - additional(standard))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """The posterior of all blocks, and functions of it."""
+
+    data: _Data
+    used: tuple[Block, ...]
+    members: dict[str, NDArray[np.intp]]
+    posterior: Posterior
+    running_in_s: float
+
+    @classmethod
+    def of(cls, data: _Data, used: Sequence[Block]) -> _Fit:
+        """Fit, look for outliers and correlated noise, and fit again."""
+        points = Normal.of(_columns(used, data.points), data.target)
+        runs = [(_columns(used, rows), target, rows) for rows, target in data.runs]
+        sizes = [block.columns(_one(data.points)).shape[1] for block in used]
+        centres, widths = _prior(used, 2 if runs else 1)
+        first = explore(_groups(runs, points), sizes, centres, widths, doubtful=False)
+        runs, slowness = _cleaned(runs, first)
+        centres = _tied(
+            centres, used, data, _Fit(data, tuple(used), _members(used, sizes), first, 0.0)
+        )
+        groups = _groups(runs, points, slowness)
+        fitted = explore(groups, sizes, centres, widths, first.theta, doubtful=False)
+        time_s = _running_in(runs, slowness, fitted, points, sizes, (centres, widths), data)
+        if time_s:
+            block = Block("running-in", "running-in", running_in_columns(time_s), 0.3)
+            used, sizes = [*used, block], [*sizes, 3]
+            runs = [(np.hstack([c, _columns([block], rows)]), t, rows) for c, t, rows in runs]
+            points = Normal.of(_columns(used, data.points), data.target)
+            groups = _groups(runs, points, slowness)
+            at = len(used) - 1
+            centres, widths = np.insert(centres, at, np.log(0.3)), np.insert(widths, at, 1.5)
+            start = np.insert(fitted.theta, at, np.log(0.3))
+        else:
+            start = fitted.theta
+        posterior = explore(groups, sizes, centres, widths, start)
+        return cls(data, tuple(used), _members(used, sizes), posterior, time_s)
+
+    def function(self, group: str, at: Circumstances) -> tuple[FloatArray, FloatArray]:
+        """Return value and standard uncertainty of a group of blocks, share of full scale."""
+        own = [block for block in self.used if block.group == group]
+        members = np.concatenate([self.members[block.name] for block in own])
+        value, u = self.posterior.at(_columns(own, at), members)
+        return _UNIT * value, _UNIT * u
+
+
+_Run = tuple[FloatArray, FloatArray, Circumstances]
+
+
+def _columns(used: Sequence[Block], rows: Circumstances) -> FloatArray:
+    return np.concatenate([block.columns(rows) for block in used], axis=1)
+
+
+def _one(rows: Circumstances) -> Circumstances:
+    return Circumstances.of(1, share=float(rows.share[0]))
+
+
+def _members(used: Sequence[Block], sizes: Sequence[int]) -> dict[str, NDArray[np.intp]]:
+    ends = np.cumsum(sizes)
+    return {
+        block.name: np.arange(end - size, end)
+        for block, size, end in zip(used, sizes, ends, strict=True)
+    }
+
+
+def _prior(used: Sequence[Block], groups: int) -> tuple[FloatArray, FloatArray]:
+    centres = [np.log(block.scale) for block in used] + [np.log(_NOISE)] * groups
+    widths = [block.spread for block in used] + [_NOISE_SPREAD] * groups
+    return np.array(centres), np.array(widths)
+
+
+def _groups(runs: Sequence[_Run], points: Normal, slowness: float = 1.0) -> list[Normal]:
+    if not runs:
+        return [points]
+    total = sum((Normal.of(c, t) for c, t, _ in runs[1:]), Normal.of(*runs[0][:2]))
+    return [total.thinned(slowness), points]
+
+
+def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
+    """Return runs without outliers, and by how much their noise is correlated over time."""
+    if not runs:
+        return runs, 1.0
+    residuals = [target - columns @ fit.mean for columns, target, _ in runs]
+    noise = 1.4826 * float(np.median(np.abs(np.concatenate(residuals))))
+    slowness = float(np.mean([_slowness(each) for each in residuals]))
+    kept = [np.flatnonzero(np.abs(each) <= _WILD * noise) for each in residuals]
+    cleaned = [
+        (
+            columns[rows],
+            target[rows],
+            Circumstances(**{n: getattr(at, n)[rows] for n in at.__dataclass_fields__}),
+        )
+        for (columns, target, at), rows in zip(runs, kept, strict=True)
+    ]
+    return cleaned, slowness
+
+
+def _slowness(residual: FloatArray) -> float:
+    """Return the integrated autocorrelation time in samples: 1 for white noise."""
+    centred = residual - np.mean(residual)
+    size = int(2 ** np.ceil(np.log2(2 * centred.size)))
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
+    correlation = np.fft.irfft(spectrum)[: centred.size]
+    correlation = correlation / max(correlation[0], 1e-300)
+    below = np.flatnonzero(correlation < 2.0 / np.sqrt(centred.size))
+    end = int(below[0]) if below.size else centred.size
+    return float(1.0 + 2.0 * np.sum(correlation[1:end]))
+
+
+def _tied(centres: FloatArray, used: Sequence[Block], data: _Data, fit: _Fit) -> FloatArray:
+    """Return centres with bumps over temperature in proportion to the slope that was found."""
+    tied = centres.copy()
+    low, high = (limit - data.calibrated_c for limit in data.limits_c)
+    at = Circumstances.of(2, share=1.0, warmth_k=np.array([low, high]))
+    for number, block in enumerate(used):
+        if "bumps over temperature" in block.name and block.group in ("zero", "span"):
+            value, _ = fit.function(block.group, at)
+            slope = abs(value[1] - value[0]) / _UNIT / (high - low) * 20.0
+            tied[number] = np.log(max(_BEND * slope, 0.02))
+    return tied
+
+
+def _running_in(
+    runs: Sequence[_Run],
+    slowness: float,
+    fit: Posterior,
+    points: Normal,
+    sizes: Sequence[int],
+    prior: tuple[FloatArray, FloatArray],
+    data: _Data,
+) -> float:
+    """Return the time in which drag dies away, s; 0 where the runs show no such thing."""
+    if not runs or "odd" not in data.groups:
+        return 0.0
+    longest = max(float(np.max(rows.time_s)) for _, _, rows in runs)
+    shortest = max(longest / 100.0, 1.0)
+    together, target = (np.concatenate([run[which] for run in runs]) for which in (0, 1))
+    total = Normal.of(together, target)
+    beside = Normal(
+        np.pad(points.matrix, (0, 3)), np.pad(points.vector, (0, 3)), points.square, points.rows
+    )
+    best, time_s = _RUNNING_IN_GAIN, 0.0
+    for candidate in np.geomspace(shortest, longest, 8):
+        columns = running_in_columns(candidate)
+        more = np.concatenate([columns(rows) for _, _, rows in runs])
+        wider = total.widened(together, more, target).thinned(slowness)
+        found = gain([wider, beside], [*sizes, 3], prior, fit, np.log(0.3))
+        if found > best:
+            best, time_s = found, float(candidate)
+    return time_s
+
+
+# --- tables ---
+
+
+def _effects(fit: _Fit) -> tuple[Effect, ...]:
+    effects: list[Effect] = []
+    groups = fit.data.groups
+    if groups & {"zero", "span"}:
+        effects.append(_temperature(fit))
+    if "odd" in groups:
+        effects.append(_rotation(fit))
+    if "inertia" in groups:
+        effects.append(_inertia(fit))
+    return tuple(effects)
+
+
+def _warm_nodes(data: _Data) -> FloatArray:
+    low, high = data.limits_c
+    further = max(high - low, _LEAST_EXTENSION_K)
+    return np.linspace(
+        low - further, high + further, 1 + int(np.ceil((high - low + 2 * further) / _NODE_K))
+    )
+
+
+def _temperature(fit: _Fit) -> MeasuredTemperature:
+    data, range_nm = fit.data, fit.data.range_nm
+    nodes = _warm_nodes(data)
+    at = Circumstances.of(nodes.size, share=1.0, warmth_k=nodes - data.calibrated_c)
+    nothing = np.zeros(nodes.size)
+    zero, zero_u = fit.function("zero", at) if "zero" in data.groups else (nothing, nothing)
+    span, span_u = fit.function("span", at) if "span" in data.groups else ((), ())
+    return MeasuredTemperature(
+        data.words,
+        data.calibrated_c,
+        *data.limits_c,
+        numbers(nodes),
+        numbers(range_nm * zero),
+        numbers(range_nm * zero_u),
+        numbers(span),
+        numbers(span_u),
+    )
+
+
+def _rotation(fit: _Fit) -> MeasuredRotation:
+    data, range_nm = fit.data, fit.data.range_nm
+    warm = _warm_nodes(data)
+    largest = 1.1 * data.largest_rpm
+    speeds = np.concatenate([[0.0], np.geomspace(largest / 600.0, largest, _SPEED_NODES)])
+    grid_n, grid_c = (each.ravel() for each in np.meshgrid(speeds, warm, indexing="ij"))
+    at = Circumstances.of(
+        grid_n.size,
+        speed=grid_n / data.largest_rpm,
+        turning=1.0,
+        warmth_k=grid_c - data.calibrated_c,
+    )
+
+    def table(values: FloatArray) -> tuple[tuple[float, ...], ...]:
+        return tuple(numbers(row) for row in values.reshape(speeds.size, -1))
+
+    nothing = np.zeros(grid_n.size)
+    odd, odd_u = fit.function("odd", at)
+    even, even_u = fit.function("even", at) if "even" in data.groups else (nothing, nothing)
+    rotation = MeasuredRotation(
+        data.words,
+        data.calibrated_c,
+        *data.limits_rpm,
+        *data.limits_c,
+        numbers(speeds),
+        numbers(warm),
+        table(range_nm * even),
+        table(range_nm * even_u),
+        table(range_nm * odd),
+        table(range_nm * odd_u),
+    )
+    along = Circumstances.of(speeds.size, share=1.0, speed=speeds / data.largest_rpm, turning=1.0)
+    if "load" in data.groups:
+        loads = np.linspace(0.0, 1.1, 12)
+        grid_n, grid_x = (each.ravel() for each in np.meshgrid(speeds, loads, indexing="ij"))
+        at = Circumstances.of(
+            grid_n.size, share=grid_x, speed=grid_n / data.largest_rpm, turning=1.0
+        )
+        load, load_u = fit.function("load", at)
+        rotation = replace(
+            rotation,
+            load_at_nm=numbers(range_nm * loads),
+            load_nm=table(range_nm * load),
+            load_uncertainty_nm=table(range_nm * load_u),
+        )
+    if "speed span" in data.groups:
+        span, span_u = fit.function("speed span", along)
+        rotation = replace(rotation, span=numbers(span), span_uncertainty=numbers(span_u))
+    if fit.running_in_s:
+        start, start_u = fit.function("running-in", along)
+        rotation = replace(
+            rotation,
+            running_in_s=fit.running_in_s,
+            running_in_nm=numbers(range_nm * start),
+            running_in_uncertainty_nm=numbers(range_nm * start_u),
+        )
+    return rotation
+
+
+def _inertia(fit: _Fit) -> Inertia:
+    data = fit.data
+    value, u = fit.function("inertia", Circumstances.of(1, acceleration=1.0))
+    per = data.range_nm / data.largest_rad_s2
+    return Inertia(data.words, per * float(value[0]), per * float(u[0]), data.largest_rad_s2)

@@ -1,0 +1,124 @@
+"""A chain that turns, by command and by files: fit with empty runs, apply, verify."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.system.command_line import run, widest_line
+from tests.unit.chain.test_turning_chains import (
+    INERTIA,
+    NOISE_NM,
+    RANGE_NM,
+    calibration,
+    drag,
+    empty_run,
+    zero_shift,
+)
+
+from torquebench.units import RAD_S_PER_RPM
+
+RUNS = (12.0, 23.0, 38.0)
+
+
+def write(path: Path, names: str, *columns: np.ndarray) -> None:
+    table = np.column_stack(columns)
+    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.9g")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Files of a calibration, three empty runs, and a record of all quantities with its truth."""
+    path = tmp_path_factory.mktemp("turning")
+    points = calibration()
+    assert points.temperature_c is not None
+    write(
+        path / "calibration.csv",
+        "reading_nm,standard_nm,branch,temperature_c",
+        points.reading_nm,
+        points.standard_nm,
+        points.branch,
+        points.temperature_c,
+    )
+    for number, celsius in enumerate(RUNS):
+        each = empty_run(celsius, number)
+        columns = (each.time_s, each.reading_nm, each.speed_rpm, each.temperature_c)
+        write(path / f"{celsius:g}.csv", "time_s,reading_nm,speed_rpm,temperature_c", *columns)
+    time_s = 0.05 * np.arange(2000)
+    torque = 0.9 * RANGE_NM * np.sin(0.11 * time_s)
+    speed, warm = 900.0 * np.sin(0.3 * time_s), 25.0 + 14.0 * np.sin(0.05 * time_s)
+    reading = torque * (1 + 1e-4 * (warm - 23.0)) - 0.05 * (torque / RANGE_NM) ** 2
+    reading = reading + zero_shift(warm) + drag(speed, warm)
+    reading = reading + INERTIA * RAD_S_PER_RPM * np.gradient(speed, time_s)
+    reading = reading + NOISE_NM * np.random.default_rng(5).standard_normal(time_s.size)
+    branch = np.where(np.gradient(np.abs(torque)) >= 0, 1.0, -1.0)
+    known = (time_s, reading, speed, warm, branch)
+    write(path / "readings.csv", "time_s,reading_nm,speed_rpm,temperature_c,branch", *known)
+    names = "time_s,reading_nm,speed_rpm,temperature_c,branch,standard_nm"
+    write(path / "points.csv", names, *known, torque)
+    return path
+
+
+@pytest.fixture(scope="module")
+def fitted(folder: Path) -> str:
+    runs = [word for celsius in RUNS for word in ("--empty", f"{celsius:g}.csv")]
+    result = run(
+        "fit", "calibration.csv", *runs, "--range", RANGE_NM, "--out", "chain.json", cwd=folder
+    )
+    assert result.returncode == 0, result.stderr
+    assert widest_line(result.stdout) <= 80
+    assert "turning reference would tell" in " ".join(result.stderr.split())
+    return result.stdout
+
+
+def columns(path: Path) -> dict[str, np.ndarray]:
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {name: table[name] for name in table.dtype.names}
+
+
+def test_readings_become_torque_whatever_turns_and_warms(folder: Path, fitted: str) -> None:
+    assert "inertia" in fitted
+    assert "zero over temperature" in fitted
+    result = run("apply", "chain.json", "readings.csv", "--out", "torque.csv", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    found, truth = columns(folder / "torque.csv"), columns(folder / "points.csv")["standard_nm"]
+    error = found["torque_nm"] - truth
+    raw = found["reading_nm"] - truth
+    assert np.sqrt(np.mean(error**2)) < 0.15 * np.sqrt(np.mean(raw**2))
+    covered = np.mean(np.abs(error) <= found["expanded_uncertainty_nm"])
+    assert covered > 0.9
+    verified = run("verify", "chain.json", "points.csv", cwd=folder)
+    assert verified.returncode == 0, verified.stdout
+    assert "coverage of U" in " ".join(verified.stdout.split())
+    assert widest_line(verified.stdout) <= 80
+
+
+def test_a_correction_is_switched_off_by_itself(folder: Path, fitted: str) -> None:
+    assert fitted
+    arguments = ("--without", "temperature", "--out", "off.csv")
+    result = run("apply", "chain.json", "readings.csv", *arguments, cwd=folder)
+    assert result.returncode == 0, result.stderr
+    off, truth = columns(folder / "off.csv"), columns(folder / "points.csv")["standard_nm"]
+    error = off["torque_nm"] - truth
+    shift = zero_shift(off["temperature_c"]) + truth * 1e-4 * (off["temperature_c"] - 23.0)
+    assert np.corrcoef(error, shift)[0, 1] > 0.9
+    assert np.mean(np.abs(error) <= off["expanded_uncertainty_nm"]) > 0.9
+
+
+def test_what_the_record_of_an_effect_does_not_cover_is_refused_by_line(
+    folder: Path, fitted: str
+) -> None:
+    assert fitted
+    (folder / "fast.csv").write_text(
+        "time_s,reading_nm,speed_rpm,temperature_c\n0,1,500,23\n0.1,1,1500,23\n0.2,1,500,23\n"
+    )
+    result = run("apply", "chain.json", "fast.csv", "--out", "no.csv", cwd=folder)
+    assert result.returncode == 2
+    said = " ".join(result.stderr.split())
+    assert "fast.csv, line 3" in said
+    assert "rotation, measured: speed 1500 1/min" in said
+    assert not (folder / "no.csv").exists()
+    (folder / "still.csv").write_text("reading_nm\n1\n2\n")
+    result = run("apply", "chain.json", "still.csv", "--out", "still-torque.csv", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    assert "temperature_c" in result.stdout
+    assert "acceleration_rad_s2" in result.stdout
