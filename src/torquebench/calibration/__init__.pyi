@@ -7,7 +7,7 @@ from .adaptive import (
     extension_steps as extension_steps,
     place_points as place_points,
 )
-from .cells import (
+from .condition_cells import (
     Cell as Cell,
     cells as cells,
 )

@@ -22,6 +22,7 @@ from torquebench.chain import (
     TurningCalibration,
     identify,
 )
+from torquebench.chain.identification import tables
 from torquebench.compensation import features, make_model
 from torquebench.errors import InputError
 from torquebench.units import RAD_S_PER_RPM
@@ -334,6 +335,18 @@ def test_uncertainty_grows_beyond_what_was_measured(identified: Identified) -> N
         for t in (37.0, 52.0)
     )
     assert outside > 3.0 * inside
+
+
+def test_a_long_run_is_averaged_and_tells_the_same(
+    identified: Identified, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tables, "_MOST_ROWS", 300)  # three samples together
+    runs = [empty_run(celsius, number) for number, celsius in enumerate((12.0, 23.0, 38.0))]
+    short = identify(calibration(), runs, RANGE_NM)
+    warm, of_all = short.effects[0], identified.effects[0]
+    assert isinstance(warm, MeasuredTemperature)
+    assert isinstance(of_all, MeasuredTemperature)
+    assert warm.zero_nm == pytest.approx(of_all.zero_nm, abs=0.01)
 
 
 def test_a_run_that_says_nothing_is_refused() -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.readings import FloatArray
@@ -68,6 +69,10 @@ class Circumstances:
 
     def __len__(self) -> int:
         return int(self.share.size)
+
+    def at(self, rows: slice | NDArray[np.intp]) -> Circumstances:
+        """Return some of them."""
+        return Circumstances(*(getattr(self, each.name)[rows] for each in fields(self)))
 
 
 def direction(speed_rpm: FloatArray) -> FloatArray:

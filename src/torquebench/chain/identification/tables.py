@@ -47,6 +47,8 @@ _RUNNING_IN_GAIN = 6.0
 _LEAST_EXTENSION_K = 10.0
 _NODE_K = 2.0
 _SPEED_NODES = 48
+_MOST_ROWS = 20_000
+"""Rows of a run; samples of longer ones are averaged in groups."""
 
 
 @dataclass(frozen=True)
@@ -306,7 +308,8 @@ class _Fit:
     def of(cls, data: _Data, used: Sequence[Block]) -> _Fit:
         """Fit, look for outliers and correlated noise, and fit again."""
         points = Normal.of(_columns(used, data.points), data.target)
-        runs = [(_columns(used, rows), target, rows) for rows, target in data.runs]
+        together = int(np.ceil(max((len(rows) for rows, _ in data.runs), default=1) / _MOST_ROWS))
+        runs = [_averaged(used, rows, target, together) for rows, target in data.runs]
         sizes = [block.columns(_one(data.points)).shape[1] for block in used]
         centres, widths = _prior(used, 2 if runs else 1)
         first = explore(_groups(runs, points), sizes, centres, widths, doubtful=False)
@@ -346,6 +349,26 @@ def _columns(used: Sequence[Block], rows: Circumstances) -> FloatArray:
     return np.concatenate([block.columns(rows) for block in used], axis=1)
 
 
+def _averaged(
+    used: Sequence[Block], rows: Circumstances, target: FloatArray, together: int
+) -> _Run:
+    """Return a run in means of some samples each, so that a long one stays small."""
+    if together == 1:
+        return _columns(used, rows), target, rows
+    count = target.size // together
+
+    def means(values: FloatArray) -> FloatArray:
+        return np.asarray(values.reshape(-1, together, *values.shape[1:]).mean(axis=1))
+
+    parts = []
+    for start in range(0, count, _MOST_ROWS // together):
+        chunk = slice(start * together, min(start + _MOST_ROWS // together, count) * together)
+        parts.append(means(_columns(used, rows.at(chunk))))
+    whole = slice(0, count * together)
+    mean = {name: means(getattr(rows, name)[whole]) for name in rows.__dataclass_fields__}
+    return np.concatenate(parts), means(target[whole]), Circumstances(**mean)
+
+
 def _one(rows: Circumstances) -> Circumstances:
     return Circumstances.of(1, share=float(rows.share[0]))
 
@@ -383,7 +406,7 @@ def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
         (
             columns[rows],
             target[rows],
-            Circumstances(**{n: getattr(at, n)[rows] for n in at.__dataclass_fields__}),
+            at.at(rows),
         )
         for (columns, target, at), rows in zip(runs, kept, strict=True)
     ]
