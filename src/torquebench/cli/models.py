@@ -111,12 +111,10 @@ def fit(
     Points that contradict each other end with 1, and the model file says so.
     """
     from torquebench.calibration import load_profile
-    from torquebench.chain import SwitchedOff
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv, read_empty_run
     from torquebench.records.columns import maps_one
 
-    off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
     check_output(result, data, *(empty or ()))
     page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
     if page is not None:
@@ -145,12 +143,14 @@ def fit(
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model
     from torquebench.campaign.turning import identify_turning
+    from torquebench.chain import SwitchedOff
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.tables import effects_table
     from torquebench.compensation import RECOMMENDED
     from torquebench.reports.fit_report import fit_page
     from torquebench.reports.page import write_page
 
+    off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
     with TerminalProgress() as progress:
         turning = identify_turning(points, runs, progress)
         fitted = fit_table(
