@@ -182,14 +182,19 @@ class Database:
         lost = "" if given else lost_registry(data_dir)
         if lost:
             raise RecordError(f"the registry {file} {lost}", "a registry that has them", WAY_BACK)
-        deadline = time.monotonic() + (longest_s if given else 0.0)
+        waits_s = longest_s if given else 0.0
+        deadline = time.monotonic() + waits_s
         while True:
             try:
                 return cls(given or URL.create("sqlite", database=str(file)), data_dir)
-            except UnavailableError:
-                if time.monotonic() >= deadline:
+            except UnavailableError as error:
+                if time.monotonic() < deadline:
+                    time.sleep(RETRY_S)
+                    continue
+                if not waits_s:
                     raise
-                time.sleep(RETRY_S)
+                found = f"{error.found}; it was tried for {waits_s:g} s"
+                raise UnavailableError(found, error.allowed, error.remedy) from error
 
     def __enter__(self) -> Self:
         return self

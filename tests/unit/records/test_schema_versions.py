@@ -100,6 +100,12 @@ def test_a_server_that_does_not_answer_is_named_without_its_password(tmp_path):
     assert "secret" not in str(caught.value)
 
 
+def test_a_refusal_says_how_long_a_server_was_tried(tmp_path):
+    url = f"postgresql://user@/registry?unix_sock={tmp_path / 'none'}"
+    with pytest.raises(RecordError, match=r"can't be opened: .*; it was tried for 0.3 s"):
+        Registry.open(tmp_path, url, longest_s=0.3)
+
+
 def enter_runs(engine, count):
     runs = [
         {
