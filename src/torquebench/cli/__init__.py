@@ -55,6 +55,7 @@ def _add_commands(wanted: str) -> None:
         papers,
         reducer_test,
         simulate,
+        turn,
     )
 
     for group in (
@@ -65,6 +66,7 @@ def _add_commands(wanted: str) -> None:
         models,
         compensation_files,
         measure,
+        turn,
         reducer_test,
         panel,
         papers,

@@ -27,10 +27,12 @@ from torquebench.twin.parameters import TwinParameters
 from torquebench.twin.presets import Preset
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.twin.reducers import REDUCERS, ReducerName, draw_reducer
+from torquebench.twin.turning import LUBRICANTS, LubricantName, TurningConstants
 
 __all__ = [
     "CHANNELS",
     "FAULT_KINDS",
+    "LUBRICANTS",
     "MODES",
     "MOUNTINGS",
     "REDUCERS",
@@ -40,6 +42,7 @@ __all__ = [
     "Certificate",
     "Channel",
     "FaultKind",
+    "LubricantName",
     "Mode",
     "Mounting",
     "Nameplate",
@@ -49,6 +52,7 @@ __all__ = [
     "Side",
     "StaticSweep",
     "Truth",
+    "TurningConstants",
     "TwinBlock",
     "TwinParameters",
     "draw_reducer",

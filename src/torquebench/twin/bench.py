@@ -32,6 +32,7 @@ from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, L
 from torquebench.twin.faults import Fault, broken_edges, broken_frequency, make_fault
 from torquebench.twin.parameters import TwinParameters
 from torquebench.twin.reducer_truth import true_no_load_nm
+from torquebench.twin.turning import LubricantName, fresh_lubrication
 
 __all__ = ["BenchTwin"]
 
@@ -109,7 +110,7 @@ class BenchTwin:
             held_speed_rad_s=np.zeros(2),
             inertia_kgm2=np.ones(2),
             plant=np.zeros(2, dtype=np.int64),
-            ambient_c=np.full(1, parameters.thermal.ambient_c),
+            climate=_climate(parameters.thermal.ambient_c),
         )
         self._state = simulation.fresh_state(parameters.thermal.ambient_c)
         for k, channel in enumerate(CHANNELS):
@@ -236,9 +237,66 @@ class BenchTwin:
 
         Before the first block everything is put at this temperature.
         """
-        self._orders.ambient_c[0] = _finite(temperature_c, "temperature", "°C")
+        self.set_climate(temperature_c)
+
+    def set_climate(
+        self,
+        mean_c: float,
+        *,
+        swing_k: float = 0.0,
+        period_h: float = 24.0,
+        drop_k: float = 0.0,
+        drop_every_h: float = 1.0,
+        drop_min: float = 10.0,
+    ) -> None:
+        """Let the hall's temperature swing, as over a day, and drop, as when a gate is opened.
+
+        Before the first block everything is put at the mean.
+
+        Parameters
+        ----------
+        mean_c : float
+            Middle of the swing.
+        swing_k, period_h : float
+            Half of the swing, which begins upwards now, and its period.
+        drop_k, drop_every_h, drop_min : float
+            Depth of a drop, how often there is one, and how long it lasts.
+        """
+        _finite(mean_c, "temperature", "°C")
+        if not (swing_k >= 0.0 and drop_k >= 0.0 and min(period_h, drop_every_h, drop_min) > 0.0):
+            raise InputError(
+                f"a climate with a swing of {swing_k} K in {period_h} h and drops of {drop_k} K "
+                f"for {drop_min} min every {drop_every_h} h",
+                "sizes of at least 0 K, times above 0",
+            )
+        self._orders.climate[:] = _climate(
+            mean_c, swing_k, period_h, self.time_s, drop_k, drop_every_h, drop_min
+        )
         if self._tick == 0:
-            self._state.temperature_c[:] = temperature_c
+            self._state.temperature_c[:] = mean_c
+            self._state.shaft_c[:] = mean_c
+
+    def lubricate(
+        self,
+        side: Side,
+        lubricant: LubricantName = "grease",
+        *,
+        amount: float = 1.0,
+        hours: float = 0.0,
+    ) -> None:
+        """Fill the bearings between transducer and flange of a side anew.
+
+        Parameters
+        ----------
+        side : str
+            "input" or "output".
+        lubricant : {"grease", "thin-grease", "oil"}
+        amount : float
+            Share of what is specified.
+        hours : float
+            Hours of turning that it counts as having had: a fresh one runs in.
+        """
+        self._state.lubrication[_index(side)] = fresh_lubrication(lubricant, amount, hours)
 
     def inject_fault(
         self,
@@ -375,6 +433,7 @@ class BenchTwin:
         return readout.static_sweep(
             without_chain(chain) if alone else chain,
             self._constants.transducers[index],
+            self._constants.turning[index],
             self._references[index],
             self.nameplate("input_torque" if side == "input" else "output_torque"),
             true_torque_nm,
@@ -431,6 +490,7 @@ class BenchTwin:
             (first.transducer, second.transducer),
             self._parameters.reducer,
             self._parameters.thermal,
+            (first.turning, second.turning),
         )
 
     def _holds(self) -> bool:
@@ -501,6 +561,29 @@ def _index(side: str) -> int:
     if side not in SIDES:
         raise InputError(f"side {side!r}", f"one of {', '.join(SIDES)}")
     return SIDES.index(side)
+
+
+def _climate(
+    mean_c: float,
+    swing_k: float = 0.0,
+    period_h: float = 24.0,
+    start_s: float = 0.0,
+    drop_k: float = 0.0,
+    drop_every_h: float = 1.0,
+    drop_min: float = 10.0,
+) -> FloatArray:
+    hour = 3600.0
+    return np.array(
+        [
+            mean_c,
+            swing_k,
+            hour * period_h,
+            start_s,
+            drop_k,
+            hour * drop_every_h,
+            60.0 * drop_min,
+        ]
+    )
 
 
 def _finite(value: float, name: str, unit: str) -> float:

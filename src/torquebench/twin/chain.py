@@ -103,9 +103,15 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
 
 
 @njit(cache=True)
-def rotation_torque(chain: ChainConstants, speed_rad_s: float, angle_rad: float) -> float:
-    """Torque that rotation adds to the true torque: misalignment ripple minus bearing drag."""
-    result = -chain.drag_nm * math.tanh(speed_rad_s / 0.05) - chain.drag_viscous_nm_s * speed_rad_s
+def rotation_torque(
+    chain: ChainConstants, speed_rad_s: float, angle_rad: float, thickness: float = 1.0
+) -> float:
+    """Torque that rotation adds to the true torque: misalignment ripple minus bearing drag.
+
+    The viscous part of the drag grows with the thickness of the lubricant.
+    """
+    viscous = thickness * chain.drag_viscous_nm_s
+    result = -chain.drag_nm * math.tanh(speed_rad_s / 0.05) - viscous * speed_rad_s
     square = speed_rad_s * speed_rad_s
     if square > 1e-6:
         for k in range(3):

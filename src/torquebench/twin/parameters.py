@@ -18,9 +18,13 @@ from torquebench.twin.reducer import ReducerConstants
 from torquebench.twin.reducers import ReducerName, draw_reducer
 from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
+from torquebench.twin.turning import TurningConstants, draw_turning
 from torquebench.units import ARCSEC
 
 __all__ = ["EncoderConstants", "SideParameters", "TwinParameters"]
+
+
+_TURNING = 11  # keeps the draws of turning apart from all others
 
 
 class EncoderConstants(NamedTuple):
@@ -51,7 +55,7 @@ class SideParameters:
     geometry : pair of Chain
         The chain's design for clockwise and counterclockwise torque; its equations give the
         coefficients in ``chain``.
-    chain, transducer, drive, encoder
+    chain, transducer, drive, encoder, turning
         Constants of the parts.
     calibrator, verification_standard : ReferenceParameters
         The reference transducers that can be mounted on this side.
@@ -62,6 +66,7 @@ class SideParameters:
     transducer: TransducerConstants
     drive: DriveConstants
     encoder: EncoderConstants
+    turning: TurningConstants
     calibrator: ReferenceParameters
     verification_standard: ReferenceParameters
 
@@ -147,7 +152,10 @@ class TwinParameters:
         wear = WEAR[preset]
         generators = np.random.default_rng(seed).spawn(5)
         sides = [
-            _draw_side(generators[k], preset, side, carrier_hz) for k, side in enumerate(SIDES)
+            _draw_side(
+                generators[k], np.random.default_rng([seed, k, _TURNING]), preset, side, carrier_hz
+            )
+            for k, side in enumerate(SIDES)
         ]
         return cls(
             preset=preset,
@@ -167,7 +175,11 @@ class TwinParameters:
 
 
 def _draw_side(
-    generator: np.random.Generator, preset: Preset, side: Side, carrier_hz: float
+    generator: np.random.Generator,
+    turning: np.random.Generator,
+    preset: Preset,
+    side: Side,
+    carrier_hz: float,
 ) -> SideParameters:
     """Draw a side; a chain that couldn't be inverted (a step too steep) is drawn again."""
     design, wear = DESIGNS[side], WEAR[preset]
@@ -194,6 +206,13 @@ def _draw_side(
         transducer=presets.draw_transducer(generator, design, wear, carrier_hz),
         drive=presets.draw_drive(generator, design, wear),
         encoder=encoder,
+        turning=draw_turning(
+            turning,
+            range_nm=design.range_nm,
+            largest_speed_rad_s=design.largest_speed_rad_s,
+            temperature_effect_per_k=design.temperature_effect_per_k,
+            wear=wear,
+        ),
         calibrator=calibrator,
         verification_standard=standard,
     )

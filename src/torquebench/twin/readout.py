@@ -26,6 +26,7 @@ from torquebench.twin.transducer import (
     TransducerConstants,
     fresh_transducer_state,
 )
+from torquebench.twin.turning import TurningConstants
 
 __all__ = ["encoder_samples", "nameplate", "new_sources", "side_of", "static_sweep"]
 
@@ -104,6 +105,7 @@ def _graduation_error(encoder: EncoderConstants, angle_rad: FloatArray) -> Float
 def static_sweep(
     chain: ChainConstants,
     transducer: TransducerConstants,
+    turning: TurningConstants,
     reference: ReferenceParameters,
     plate: Nameplate,
     path_nm: FloatArray,
@@ -126,6 +128,7 @@ def static_sweep(
         simulation.sweep(
             chain,
             transducer,
+            turning,
             reference.constants,
             table,
             points,

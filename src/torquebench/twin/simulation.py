@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from torquebench.twin import calibrator, chain, counter, mechanism, thermal, transducer
+from torquebench.twin import calibrator, chain, counter, mechanism, thermal, transducer, turning
 from torquebench.twin import drive as drv
 from torquebench.twin import reducer as red
 
@@ -42,6 +42,7 @@ class Constants(NamedTuple):
     transducers: tuple[transducer.TransducerConstants, transducer.TransducerConstants]
     reducer: red.ReducerConstants
     thermal: thermal.ThermalConstants
+    turning: tuple[turning.TurningConstants, turning.TurningConstants]
 
 
 class State(NamedTuple):
@@ -52,6 +53,8 @@ class State(NamedTuple):
     transducers: FloatArray  # [2, TRANSDUCER_STATES]
     reducer: FloatArray  # [REDUCER_STATES]
     temperature_c: FloatArray  # [5]
+    shaft_c: FloatArray  # [2] behind the transducers' gradient
+    lubrication: FloatArray  # [2, LUBRICATION_STATES]
     raw_hz: FloatArray  # [4] frequency before the bandwidth's lag
     lagged_hz: FloatArray  # [4] and behind it
 
@@ -65,7 +68,7 @@ class Orders(NamedTuple):
     held_speed_rad_s: FloatArray  # [2]
     inertia_kgm2: FloatArray  # [2] what the speed control believes to turn
     plant: IntArray  # [2] flange state, and whether a reference is mounted
-    ambient_c: FloatArray  # [1]
+    climate: FloatArray  # [CLIMATE]
 
 
 class Recording(NamedTuple):
@@ -86,6 +89,8 @@ def fresh_state(temperature_c: float) -> State:
         np.zeros((2, transducer.TRANSDUCER_STATES)),
         np.zeros(red.REDUCER_STATES),
         np.full(len(thermal.PLACES), temperature_c),
+        np.full(2, temperature_c),
+        np.array([turning.fresh_lubrication() for _ in range(2)]),
         np.zeros(4),
         np.zeros(4),
     )
@@ -110,8 +115,11 @@ def _added_torque(constants: Constants, state: State, orders: Orders, side: int)
     row = state.shafts[side]
     angle, speed = row[mechanism.FLANGE_ANGLE], row[mechanism.FLANGE_SPEED]
     shaft = row[mechanism.SHAFT_TORQUE]
+    warmth = state.temperature_c[thermal.INPUT_TRANSDUCER + side]
+    thickness = turning.thickness(state.lubrication[side], warmth)
     added = chain.additional_torque(constants.chains[side], shaft, angle)
-    return float(added + chain.rotation_torque(constants.chains[side], speed, angle))
+    added += chain.rotation_torque(constants.chains[side], speed, angle, thickness)
+    return float(added - turning.drag(constants.turning[side], speed, shaft, thickness))
 
 
 @njit(cache=True)
@@ -173,6 +181,13 @@ def _signals(
             row[mechanism.MOTOR_SPEED],
             STEP_S,
             normal[5 * side : 5 * side + 5],
+        )
+        signal += constant.nominal_torque_nm * turning.signal_shift(
+            constants.turning[side],
+            row[mechanism.SHAFT_TORQUE] / constant.nominal_torque_nm,
+            state.temperature_c[thermal.INPUT_TRANSDUCER + side],
+            state.shaft_c[side],
+            row[mechanism.MOTOR_SPEED],
         )
         before = state.raw_hz[side]
         state.raw_hz[side] = transducer.transducer_frequency(constant, signal)
@@ -246,13 +261,18 @@ def simulate(
         thermal.warm(
             constants.thermal,
             state.temperature_c,
-            orders.ambient_c[0],
+            thermal.hall_c(orders.climate, time_s),
             speed,
             state.reducer[red.LOSS_J],
             STEP_S,
             normal[14],
         )
         state.reducer[red.LOSS_J] = 0.0
+        for side in range(2):
+            warmth = state.temperature_c[thermal.INPUT_TRANSDUCER + side] - state.shaft_c[side]
+            state.shaft_c[side] += STEP_S / constants.turning[side].gradient_time_s * warmth
+            if abs(state.shafts[side, mechanism.FLANGE_SPEED]) > 1e-3:
+                state.lubrication[side, turning.HOURS] += STEP_S / 3600.0
         _signals(constants, references, tables, state, orders.plant[1] == 1, normal)
     recording.frequency_hz[:, offset + steps] = state.lagged_hz
 
@@ -261,6 +281,7 @@ def simulate(
 def sweep(
     chain_constants: chain.ChainConstants,
     transducer_constants: transducer.TransducerConstants,
+    turning_constants: turning.TurningConstants,
     reference: calibrator.ReferenceConstants,
     table: FloatArray,
     path_nm: FloatArray,
@@ -277,6 +298,13 @@ def sweep(
         torque = chain.transducer_torque(chain_constants, path_nm[k], angle_rad)
         signal = transducer.transducer_signal(
             transducer_constants, state, torque, temperature_c, speed_rad_s, 0.0, silent
+        )
+        signal += transducer_constants.nominal_torque_nm * turning.signal_shift(
+            turning_constants,
+            torque / transducer_constants.nominal_torque_nm,
+            temperature_c,
+            temperature_c,
+            speed_rad_s,
         )
         frequency_hz[k] = transducer.transducer_frequency(transducer_constants, signal)
         indication = calibrator.reference_indication(reference, table, path_nm[k], 23.0, 0.0)

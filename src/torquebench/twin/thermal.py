@@ -7,12 +7,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["PLACES", "ThermalConstants", "warm"]
+__all__ = ["CLIMATE", "PLACES", "ThermalConstants", "hall_c", "warm"]
 
 FloatArray = NDArray[np.float64]
 
 PLACES = ("ambient", "input_transducer", "output_transducer", "reducer", "calibrator")
 AMBIENT, INPUT_TRANSDUCER, OUTPUT_TRANSDUCER, REDUCER, CALIBRATOR = range(5)
+
+
+CLIMATE = 7
+"""Length of the hall's climate: mean, swing, its period, its start, drop, its spacing and length.
+
+°C, K, s, s, K, s, s: a slow swing as over a day, and drops as of a gate that is opened."""
 
 
 class ThermalConstants(NamedTuple):
@@ -45,6 +51,18 @@ class ThermalConstants(NamedTuple):
     heat_capacity_j_k: float
     cooling_w_k: float
     probe_error_k: tuple[float, float, float, float, float]
+
+
+@njit(cache=True)
+def hall_c(climate: FloatArray, time_s: float) -> float:
+    """Temperature that the hall tends to."""
+    target = climate[0]
+    since = time_s - climate[3]
+    if climate[1] != 0.0:
+        target += climate[1] * math.sin(2.0 * math.pi * since / climate[2])
+    if climate[4] != 0.0 and since % climate[5] < climate[6]:
+        target -= climate[4]
+    return float(target)
 
 
 @njit(cache=True)

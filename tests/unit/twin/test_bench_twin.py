@@ -18,6 +18,7 @@ from torquebench.twin.transducer import (
     transducer_frequency,
     transducer_signal,
 )
+from torquebench.twin.turning import signal_shift
 
 
 def counted_hz(ticks, timebase_hz=100e6):
@@ -409,7 +410,8 @@ def test_sweep_is_made_of_the_operators(path, speed, side):
     expected = [
         transducer_frequency(
             part.transducer,
-            transducer_signal(part.transducer, state, t, 23.0, speed, 0.0, silent),
+            transducer_signal(part.transducer, state, t, 23.0, speed, 0.0, silent)
+            + RANGE[side] * signal_shift(part.turning, t / RANGE[side], 23.0, 23.0, speed),
         )
         for t in at_transducer
     ]

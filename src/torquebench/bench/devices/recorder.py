@@ -18,8 +18,9 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.errors import SignalFault
+from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["Recorder", "SynchronousRecording", "group_delay_s"]
+__all__ = ["ModuleRecording", "Recorder", "SynchronousRecording", "group_delay_s"]
 
 FloatArray = NDArray[np.float64]
 
@@ -90,6 +91,25 @@ class SynchronousRecording:
         return self.input_angle_rad if side == "input" else self.output_angle_rad
 
 
+@dataclass(frozen=True, eq=False)
+class ModuleRecording:
+    """What one module read in the counter's windows while it turned, without compensation.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Bench time at which the torques acted, s.
+    reading_nm : float64[n]
+        By the zero in use, N·m.
+    speed_rpm : float64[n]
+        Mean over the same windows, 1/min.
+    """
+
+    time_s: FloatArray
+    reading_nm: FloatArray
+    speed_rpm: FloatArray
+
+
 class Recorder(Device, AsyncReadable, Triggerable):
     """Takes what the bench has recorded since a mark.
 
@@ -107,6 +127,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self._stamp_s = time.time()
         self.taken: SynchronousRecording | None = None
         self.angles: dict[Side, AngleSamples] = {}
+        self.modules: dict[Side, ModuleRecording] = {}
         super().__init__(name=name)
 
     @AsyncStatus.wrap
@@ -115,7 +136,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self._fine = value == "fine" and self._window_s > FINE_WINDOW_S
         self._count_finely()
         self._start_s = self._context.clock.now()
-        self.taken, self.angles = None, {}
+        self.taken, self.angles, self.modules = None, {}, {}
 
     @property
     def _window_s(self) -> float:
@@ -144,8 +165,21 @@ class Recorder(Device, AsyncReadable, Triggerable):
         for side, samples in self.angles.items():
             _check_jumps(side, samples)
         self.taken = self._recording(start_s, self._stop_s)
+        self.modules = {side: self._module(side, start_s, self._stop_s) for side in SIDES}
         self._count_finely()
         self._stamp_s = time.time()
+
+    def _module(self, side: Side, start_s: float, stop_s: float) -> ModuleRecording:
+        context, half_s = self._context, 0.5 * self._window_s
+        samples = context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
+        samples.raise_on_fault()
+        option = context.description.module(side).transducer.option_khz
+        acted_s = samples.time_s - group_delay_s(option)
+        angles = context.acquisition.angles(side, start_s - 2.0 * self._window_s, stop_s)
+        at, angle = angles.time_s, angles.angle_rad
+        first, last = (np.interp(acted_s + each, at, angle) for each in (-half_s, half_s))
+        speed = (last - first) / (2.0 * half_s * RAD_S_PER_RPM)
+        return ModuleRecording(acted_s, samples.torque_nm, speed)
 
     def _recording(self, start_s: float, stop_s: float) -> SynchronousRecording:
         fine = [self._fine_torque(side, start_s, stop_s) for side in SIDES]

@@ -40,6 +40,7 @@ from torquebench.signals import EdgeBlock
 from torquebench.twin import (
     CHANNELS,
     BenchTwin,
+    LubricantName,
     ReducerName,
     TwinBlock,
     TwinParameters,
@@ -66,6 +67,14 @@ class SimulatedOptions(BaseModel):
     seed: Annotated[int, Field(ge=0, le=2**32 - 1, description="(any seed)")] = 1
     reference: Literal["edges", "readout"] = "edges"
     ambient_c: Annotated[float, Field(ge=-10, le=50, description="°C")] | None = None
+    ambient_swing_k: Annotated[float, Field(ge=0, le=30, description="K")] = 0.0
+    ambient_period_h: Annotated[float, Field(gt=0, le=1000, description="h")] = 24.0
+    ambient_drop_k: Annotated[float, Field(ge=0, le=30, description="K")] = 0.0
+    lubricant: LubricantName = "grease"
+    lubricant_amount: Annotated[float, Field(ge=0.1, le=3, description="of what is specified")] = (
+        1.0
+    )
+    lubricant_hours: Annotated[float, Field(ge=0, le=1e6, description="h")] = 1000.0
     reducer: ReducerName = "standard"
     reducer_seed: Annotated[int, Field(ge=0, le=2**32 - 1, description="(any seed)")] | None = None
     reducer_wear: Annotated[float, Field(ge=0.5, le=5.0, description="(1: as new)")] = 1.0
@@ -152,8 +161,21 @@ class SimulatedBench:
             timebase_hz=description.counter.timebase_hz,
         )
         self._check_nameplates()
-        if options.ambient_c is not None:
-            self._twin.set_ambient(options.ambient_c)
+        if {"ambient_c", "ambient_swing_k", "ambient_drop_k"} & options.model_fields_set:
+            mean_c = options.parameters().thermal.ambient_c
+            self._twin.set_climate(
+                mean_c if options.ambient_c is None else options.ambient_c,
+                swing_k=options.ambient_swing_k,
+                period_h=options.ambient_period_h,
+                drop_k=options.ambient_drop_k,
+            )
+        for side in SIDES:
+            self._twin.lubricate(
+                side,
+                options.lubricant,
+                amount=options.lubricant_amount,
+                hours=options.lubricant_hours,
+            )
         self._lock = threading.RLock()
         self._axes: dict[Side, _Axes] = {side: _Axes() for side in SIDES}
         self._modes: dict[Side, Mode] = dict.fromkeys(SIDES, "free")

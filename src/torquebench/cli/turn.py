@@ -1,0 +1,198 @@
+"""`torquebench turn`: runs while a module turns, by profiles."""
+
+from __future__ import annotations
+
+import signal
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.console import narrow_table, note, out, say, warn
+from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    bench_description,
+    check_output,
+)
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.procedures.turning.profile import TurningProfile
+
+__all__ = ["register"]
+
+
+class Side(StrEnum):
+    """Which module."""
+
+    input = "input"
+    output = "output"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("turn")(turn)
+
+
+def turn(
+    side: Annotated[Side, typer.Argument(help="Which module.")],
+    result: Annotated[Path, typer.Option("--out", help="The CSV file to write.")],
+    profile: Annotated[
+        str, typer.Option(help="A profile's name, or the path of a .toml.")
+    ] = "empty-run",
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be driven and how long it takes.")
+    ] = False,
+    no_wait: Annotated[
+        bool, typer.Option("--no-wait", help="Don't wait for temperatures: they are there.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the interrupted run in the file of --out.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+    ] = False,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Turn a module with nothing mounted, or against the turning calibrator, and write the table.
+
+    Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (what the bench
+    does by itself), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted empty
+    run keeps its complete series; --resume goes on with the others. `fit --empty` takes the table
+    of an empty run.
+    """
+    from torquebench.procedures.turning.profile import load_turning_profile
+
+    chosen = load_turning_profile(profile)
+    description = bench_description(bench)
+    if dry_run:
+        _dry_run(description, side, chosen)
+        return
+    if resume and chosen.kind != "empty":
+        raise InputError(f"--resume with profile {chosen.name}", "an empty run", "measure it again")
+    if not resume:
+        check_output(result)
+    _confirm(description, side, chosen, yes)
+    _run(description, side, chosen, result, data, (resume, not no_wait, yes, real_time))
+
+
+def _confirm(description: BenchDescription, side: str, profile: TurningProfile, yes: bool) -> None:
+    """Ask before a shaft turns, where the bench is a real one."""
+    import sys
+
+    if yes or description.simulated:
+        return
+    if not sys.stdin.isatty():
+        raise InputError(
+            f"{description.name} is a real bench and nobody is there to confirm",
+            "a person at the terminal, or --yes",
+            "check that nobody is at the bench, then give --yes",
+        )
+    top = profile.top_rpm(side)  # type: ignore[arg-type]
+    note(f"{description.name}: {side} will turn at up to {top:g} rpm by {profile.name}.")
+    if not typer.confirm("Is the bench clear and may it turn?"):
+        raise typer.Exit(1)
+
+
+def _run(
+    description: BenchDescription,
+    side: Side,
+    profile: TurningProfile,
+    result: Path,
+    data: Path,
+    options: tuple[bool, bool, bool, bool],
+) -> None:
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.campaign.turning_runs import measure_turning, read_begun
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.station import Station
+
+    resume, wait, yes, real_time = options
+    serial = description.module(side.value).transducer.serial
+    begun = read_begun(result, side.value, profile, serial) if resume else None
+    if description.simulated:
+        note("simulated bench")
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
+    with Station.open(description, data, real_time=real_time, operator=operator) as station:
+        tell_recovered(station)
+        progress = TerminalProgress()
+        interrupts = BenchInterrupts(station, progress)
+        try:
+            with (
+                progress,
+                tell_warnings(station, progress),
+                attending(station, progress),
+                interrupts.watching(),
+                answering(prompts, progress, yes=yes),
+            ):
+                done = measure_turning(
+                    station,
+                    side.value,
+                    profile,
+                    result,
+                    begun=begun,
+                    wait=wait,
+                    progress=progress,
+                    on_pause=interrupts.ask,
+                )
+        except RunAbortedError as aborted:
+            warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
+            if profile.kind == "empty" and result.exists():
+                say(f"Complete series: {result}; --resume goes on with the others.")
+            by_key = interrupts.signal == signal.SIGINT
+            raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
+    simulated = " (simulated)" if description.simulated else ""
+    say(f"{done.rows} rows{simulated} in {done.bench_seconds / 60.0:.3g} min of bench time")
+    say(f"Table: {result}")
+    say(f"Run: {done.run_id}")
+
+
+def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
+    """Rehearse the plan that would run, and print it."""
+    import tempfile
+
+    from torquebench.campaign.turning_runs import rehearse_turning
+    from torquebench.station import Station
+
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        Station.open(description, Path(scratch)) as station,
+    ):
+        rehearsal = rehearse_turning(station, side.value, profile)
+    table = narrow_table(f"{profile.title or profile.name}, {side.value}")
+    table.show_header = False
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    top = profile.top_rpm(side.value)
+    speeds = ", ".join(f"{share * top:g}" for share in profile.speed_shares)
+    table.add_row("speeds", f"{speeds} rpm, both directions")
+    if profile.kind == "empty":
+        ramps = profile.ramps
+        table.add_row("ramps", f"{top / ramps.gentle_s:.3g} and {top / ramps.steep_s:.3g} rpm/s")
+        table.add_row("series", f"{profile.series()} of {len(profile.legs(side.value))} legs")
+    else:
+        torques = ", ".join(f"{100 * share:g}" for share in profile.torque_shares)
+        table.add_row("torques", f"±{torques} % of range, and 0")
+        table.add_row("points", str(rehearsal.points))
+    if profile.temperatures is not None:
+        wanted = ", ".join(f"{each:g}" for each in profile.temperatures.wanted_c)
+        table.add_row("temperatures", f"{wanted} °C, waited for up to "
+                      f"{profile.temperatures.longest_h:g} h each")  # fmt: skip
+    waiting = " and the waiting" if profile.temperatures is not None else ""
+    table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min{waiting}")
+    out().print(table)
+    say("Limits and interlocks checked; nothing was moved.")

@@ -1,0 +1,343 @@
+"""Empty run of one module: speeds, ramps and swings with nothing mounted, at temperatures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky.utils import Msg
+from numpy.typing import NDArray
+
+from torquebench import __version__
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.devices.recorder import ModuleRecording
+from torquebench.bench.roles import Side
+from torquebench.errors import BenchError
+from torquebench.procedures.guarding import guarded, turning_limits
+from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.reducers.setup import (
+    angle_rad,
+    speed_ramp,
+    stamp,
+    temperature_c,
+    turn_at,
+)
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    other_side,
+    power_off,
+    power_on,
+    set_mode,
+    unloaded_after,
+)
+from torquebench.procedures.turning.profile import Leg, TurningProfile
+from torquebench.procedures.zeroing import zero
+
+__all__ = ["EmptySummary", "EmptyTable", "run_metadata", "turn_empty"]
+
+FloatArray = NDArray[np.float64]
+
+LONGEST_PIECE_S = 30.0
+"""Bench time of one stretch of the recorder: acquisition keeps two minutes."""
+
+
+@dataclass(frozen=True)
+class EmptySummary:
+    """What came of an empty run; its rows are in the table and in the run's raw stream.
+
+    Parameters
+    ----------
+    side : {"input", "output"}
+    series, rows : int
+    zero_hz : float
+        Frequency of the zero that all readings count from.
+    lowest_c, highest_c : float
+        Temperatures of the transducer; NaN without a probe.
+    """
+
+    side: Side
+    series: int
+    rows: int
+    zero_hz: float
+    lowest_c: float
+    highest_c: float
+
+
+@dataclass
+class EmptyTable:
+    """Rows of an empty run, one a window of the counter.
+
+    Parameters
+    ----------
+    side : {"input", "output"}
+    series_done : int
+        Series that are complete; rows after them belong to one that isn't.
+    zero_hz : float
+        Frequency of the zero that all readings count from; NaN before it was taken.
+    shift_s : float
+        Added to the bench's time, so that rows of a resumed run go on behind the others.
+    """
+
+    side: Side
+    series_done: int = 0
+    zero_hz: float = float("nan")
+    shift_s: float = 0.0
+    _pieces: list[FloatArray] = field(default_factory=list)
+    _complete: int = 0
+
+    def add(self, found: ModuleRecording, before_c: float, after_c: float) -> None:
+        """Add a stretch, its temperature linear between two looks."""
+        warm = np.linspace(before_c, after_c, found.time_s.size)
+        rows = np.column_stack(
+            [found.time_s + self.shift_s, found.reading_nm, found.speed_rpm, warm]
+        )
+        self._pieces.append(rows)
+
+    def end_series(self) -> None:
+        """Count the series as complete."""
+        self.series_done += 1
+        self._complete = len(self._pieces)
+
+    def drop_incomplete(self) -> None:
+        """Drop rows of a series that isn't complete."""
+        del self._pieces[self._complete :]
+
+    def begin_with(self, rows: FloatArray, series_done: int, zero_hz: float) -> None:
+        """Take over the rows of an interrupted run."""
+        self._pieces, self._complete = [rows], 1
+        self.series_done, self.zero_hz = series_done, zero_hz
+
+    def summary(self) -> EmptySummary:
+        """Return what came of the run."""
+        rows = self.rows
+        warm = rows[:, 3] if rows.size else np.full(1, np.nan)
+        lowest, highest = float(np.min(warm)), float(np.max(warm))
+        return EmptySummary(self.side, self.series_done, len(rows), self.zero_hz, lowest, highest)
+
+    @property
+    def rows(self) -> FloatArray:
+        """Columns time_s, reading_nm, speed_rpm, temperature_c."""
+        return np.concatenate([np.empty((0, 4)), *self._pieces])
+
+
+def run_metadata(
+    devices: BenchDevices, side: Side, profile: TurningProfile, points: int
+) -> dict[str, Any]:
+    """Return what the start document of a run while a module turns says."""
+    context = devices.context
+    module = context.description.module(side)
+    return {
+        "side": side,
+        "range_nm": module.range_nm,
+        "transducer_serial": module.transducer.serial,
+        "counter_identity": context.drivers.counter.clock_identity,
+        "profile": {
+            "name": profile.name,
+            "sha256": profile.sha256,
+            "settings": profile.model_dump(mode="json"),
+        },
+        "num_points": points,
+        "simulated": context.drivers.truth is not None,
+        "software_version": __version__,
+    }
+
+
+def turn_empty(
+    devices: BenchDevices,
+    side: Side,
+    profile: TurningProfile,
+    table: EmptyTable,
+    *,
+    wait: bool = True,
+    on_series: Callable[[EmptyTable], None] | None = None,
+) -> Plan[EmptySummary]:
+    """Turn a module with nothing mounted, and record what it reads.
+
+    The zero is taken once, at rest before the first series: later series show what temperature
+    does to it. A leg that a pause interrupts is driven again from rest.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    side : {"input", "output"}
+    profile : TurningProfile
+        Of kind "empty".
+    table : EmptyTable
+        Gets the rows; complete series that are in it already aren't driven again.
+    wait : bool
+        Whether a series waits for its temperature; else somebody has seen to it.
+    on_series : callable, optional
+        Called with the table after every complete series.
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a speed exceeds the bench.
+    BenchError
+        A temperature isn't reached in time.
+    """
+    legs, series = profile.legs(side), profile.series()
+    top = profile.top_rpm(side)
+    metadata = {
+        **run_metadata(devices, side, profile, series * len(legs)),
+        "plan_name": "turn_empty",
+    }
+    runner = _Runner(devices, side, profile, table, series * len(legs))
+
+    def measured() -> Plan[None]:
+        for number in range(table.series_done, series):
+            yield from runner.reach_temperature(number, wait=wait)
+            yield from runner.take_zero()
+            if profile.warm_up is not None and number:
+                yield from runner.warm_up()
+            table.drop_incomplete()
+            runner.speed_rpm = 0.0
+            for place, leg in enumerate(legs):
+                yield from runner.drive(number, place, leg)
+            table.end_series()
+            if on_series is not None:
+                on_series(table)
+        yield from progress(runner.total, runner.total, "done")
+
+    def in_bench() -> Plan[None]:
+        yield from power_off(devices)
+        mounted = yield from bps.rd(devices.mounting.mounted)
+        if mounted != "nothing":
+            yield from bps.mv(devices.clamp, False)
+            yield from bps.mv(devices.mounting, "nothing")
+        yield from set_mode(devices, other_side(side), "free")
+        yield from set_mode(devices, side, "driven")
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    limits = turning_limits(devices, side, top)
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    return table.summary()
+
+
+@dataclass
+class _Runner:
+    """Drives the legs of an empty run."""
+
+    devices: BenchDevices
+    side: Side
+    profile: TurningProfile
+    table: EmptyTable
+    total: int
+    speed_rpm: float = 0.0
+    seen: int = 0
+
+    def _temperature(self) -> Plan[float]:
+        probe = self.devices.context.description.module(self.side).temperature_probe
+        return (yield from temperature_c(self.devices, probe or ""))
+
+    def reach_temperature(self, series: int, *, wait: bool) -> Plan[None]:
+        """Wait until the transducer has the temperature of a series."""
+        wanted, settings = self.profile.wanted_c(series), self.profile.temperatures
+        if wanted is None or settings is None or not wait:
+            return
+        if (yield from angle_rad(self.devices, self.side)) is None:  # a rehearsal warms nothing
+            return
+        warm = float("nan")
+        for _ in range(round(settings.longest_h * 3600.0 / settings.look_s) + 1):
+            warm = yield from self._temperature()
+            if abs(warm - wanted) <= settings.within_k:
+                return
+            text = f"waiting for {wanted:g} °C, {warm:.1f} °C now"
+            yield from progress(self._done(series, 0), self.total, text)
+            yield from checkpoint()
+            yield from bps.sleep(settings.look_s)
+        raise BenchError(
+            f"the {self.side} transducer has {warm:.1f} °C after {settings.longest_h:g} h",
+            f"{wanted:g} °C ± {settings.within_k:g} K",
+            "heat or cool the hall, or measure at what it has: --no-wait",
+        )
+
+    def take_zero(self) -> Plan[None]:
+        """Take the zero that all readings count from, once; the drive is on afterwards."""
+        module = self.devices.module(self.side)
+        if np.isnan(self.table.zero_hz):
+            found = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
+            self.table.zero_hz = found.frequency_hz
+            return
+        yield from bps.mv(module.transducer.zero, self.table.zero_hz)
+        yield from power_on(self.devices, self.side)
+
+    def warm_up(self) -> Plan[None]:
+        """Turn for a while, so that the bench warms up by itself."""
+        settings = self.profile.warm_up
+        assert settings is not None
+        speed = settings.share * self.profile.top_rpm(self.side)
+        rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
+        left_s, turning = 60.0 * settings.minutes, False
+        self.seen = self.devices.interruptions
+        while left_s > 0.0:
+            yield from checkpoint()
+            if not turning or self.devices.interruptions != self.seen:
+                self.seen, turning = self.devices.interruptions, True
+                yield from power_on(self.devices, self.side)
+                yield from turn_at(self.devices, self.side, speed, rate)
+            yield from bps.sleep(min(left_s, LONGEST_PIECE_S))
+            left_s -= LONGEST_PIECE_S
+        yield from turn_at(self.devices, self.side, 0.0, rate)
+        yield from bps.sleep(REST_S)
+
+    def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
+        """Drive one leg until no pause has come in between."""
+        if place == 0:
+            self.seen = self.devices.interruptions
+        while True:
+            yield from progress(self._done(series, place), self.total, leg.what)
+            yield from checkpoint()
+            if self.devices.interruptions != self.seen:  # a pause has taken the speed away
+                self.seen = self.devices.interruptions
+                yield from power_on(self.devices, self.side)
+                top = self.profile.top_rpm(self.side)
+                rate = top / self.profile.ramps.gentle_s
+                yield from turn_at(self.devices, self.side, self.speed_rpm, rate)
+                yield from bps.sleep(REST_S)
+            kept = yield from self._leg(series, place, leg)
+            if kept is not None:
+                break
+        for stretch in kept:
+            self.table.add(*stretch)
+        self.speed_rpm = leg.speed_rpm
+
+    def _leg(
+        self, series: int, place: int, leg: Leg
+    ) -> Plan[list[tuple[ModuleRecording, float, float]] | None]:
+        kept: list[tuple[ModuleRecording, float, float]] = []
+        yield from stamp(self.devices, series=series + 1, step=place, branch=1)
+        yield from move(self.devices.recorder, "mark")
+        before = yield from self._temperature()
+        drive = self.devices.module(self.side).drive
+        for speed, rate in leg.ramps:
+            yield from move(drive.speed_ramp, speed_ramp(speed, rate))
+        left_s = leg.hold_s
+        while True:
+            if left_s > 0.0:
+                yield from bps.sleep(min(left_s, LONGEST_PIECE_S))
+                left_s -= LONGEST_PIECE_S
+            after = yield from self._temperature()
+            yield Msg("trigger", self.devices.recorder, group="torquebench-recorder")
+            yield Msg("wait", None, group="torquebench-recorder")
+            yield Msg("create", None, name="points")
+            yield Msg("read", self.devices.recorder)
+            yield Msg("read", self.devices.point)
+            yield Msg("save")
+            found = self.devices.recorder.modules.get(self.side)
+            if found is not None:  # a rehearsal records nothing
+                kept.append((found, before, after))
+            before = after
+            if left_s <= 0.0:
+                return kept
+            yield from checkpoint()
+            if self.devices.interruptions != self.seen:
+                return None
+
+    def _done(self, series: int, place: int) -> int:
+        return series * (self.total // self.profile.series()) + place

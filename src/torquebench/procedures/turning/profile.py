@@ -1,0 +1,290 @@
+"""Profiles of runs while a module turns, as data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import resources
+from itertools import pairwise
+from math import ceil, pi, sin
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from torquebench.bench.roles import Side
+from torquebench.errors import InputError
+from torquebench.validation import parse_toml, validated
+
+__all__ = ["Leg", "TurningPoint", "TurningProfile", "available_profiles", "load_turning_profile"]
+
+Share = Annotated[float, Field(gt=0, le=1)]
+Seconds = Annotated[float, Field(gt=0, le=3600)]
+_PIECES = 12  # of a swing's period
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Ramps to speeds, recorded as one stretch, and how long the last speed is held.
+
+    Parameters
+    ----------
+    ramps : tuple of (float, float)
+        Speed, 1/min, and rate, (1/min)/s.
+    hold_s : float
+    what : str
+        In words.
+    """
+
+    ramps: tuple[tuple[float, float], ...]
+    hold_s: float
+    what: str
+
+    @property
+    def speed_rpm(self) -> float:
+        """Speed at the end."""
+        return self.ramps[-1][0]
+
+
+@dataclass(frozen=True)
+class TurningPoint:
+    """A steady torque at a steady speed.
+
+    Parameters
+    ----------
+    speed_rpm, torque_nm : float
+    branch : int
+        +1 where the size of the torque grows, -1 where it falls.
+    """
+
+    speed_rpm: float
+    torque_nm: float
+    branch: int
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Ramps(_Settings):
+    """Time from standstill to the largest speed, s."""
+
+    gentle_s: Seconds = 20.0
+    steep_s: Seconds = 4.0
+
+
+class Temperatures(_Settings):
+    """Temperatures of the transducer that are waited for, °C."""
+
+    wanted_c: Annotated[list[Annotated[float, Field(ge=-20, le=80)]], Field(min_length=1)]
+    within_k: Annotated[float, Field(gt=0, le=10)] = 1.5
+    longest_h: Annotated[float, Field(gt=0, le=1000)] = 24.0
+    look_s: Seconds = 60.0
+
+
+class WarmUp(_Settings):
+    """Turning between the series, so that the bench warms up by itself."""
+
+    share: Share = 1.0
+    minutes: Annotated[float, Field(gt=0, le=1440)] = 20.0
+    series: Annotated[int, Field(ge=2, le=100)] = 4
+
+
+class Swings(_Settings):
+    """Sines of the speed: their middle and size as shares of the largest speed."""
+
+    around: Share = 0.5
+    share: Share = 0.2
+    periods_s: Annotated[list[Annotated[float, Field(ge=1, le=10)]], Field(min_length=1)]
+    cycles: Annotated[int, Field(ge=1, le=6)] = 4
+
+
+class TurningProfile(_Settings):
+    """Speeds, ramps, temperatures and torques of a run.
+
+    Parameters
+    ----------
+    name, title : str
+    kind : {"empty", "calibration"}
+        Nothing mounted, or steady torques against the turning calibrator.
+    speed_shares : list of float
+        Rising shares of the largest speed; each in both directions.
+    largest_rpm : dict of side to float
+    hold_s, settle_s : float
+        Shortest time at a speed, lengthened to whole revolutions, and time before it is used.
+    ramps, temperatures, warm_up, swings
+        Parts of an empty run.
+    torque_shares : list of float
+        Rising shares of the range, of a calibration.
+    repeats : int
+        Series at each temperature.
+    """
+
+    name: str
+    title: str = ""
+    kind: Literal["empty", "calibration"] = "empty"
+    speed_shares: Annotated[list[Share], Field(min_length=1)]
+    largest_rpm: dict[Side, Annotated[float, Field(gt=0)]]
+    hold_s: Seconds = 2.0
+    settle_s: Seconds = 0.5
+    zero_s: Seconds = 1.0
+    ramps: Ramps = Ramps()
+    temperatures: Temperatures | None = None
+    warm_up: WarmUp | None = None
+    swings: Swings | None = None
+    torque_shares: list[Share] = []
+    repeats: Annotated[int, Field(ge=1, le=100)] = 1
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for name in ("speed_shares", "torque_shares"):
+            values = getattr(self, name)
+            if any(b <= a for a, b in pairwise(values)):
+                raise ValueError(f"{name} {values}: rising shares are allowed")
+        if (self.kind == "calibration") != bool(self.torque_shares):
+            raise ValueError("torque_shares belong to kind = 'calibration', and to it only")
+        if self.kind == "calibration" and (self.temperatures or self.warm_up or self.swings):
+            raise ValueError("temperatures, warm_up and swings belong to kind = 'empty'")
+        if self.temperatures is not None and self.warm_up is not None:
+            raise ValueError("temperatures are waited for, or come by warming up: not both")
+        if self.swings is not None and self.swings.around + self.swings.share > 1.0:
+            raise ValueError("swings beyond the largest speed")
+        return self
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all settings."""
+        text = json.dumps(self.model_dump(mode="json"), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def top_rpm(self, side: Side) -> float:
+        """Return the largest speed of a side.
+
+        Raises
+        ------
+        InputError
+            Where the profile states none.
+        """
+        if side not in self.largest_rpm:
+            raise InputError(
+                f"profile {self.name} states no largest speed of the {side}",
+                f"largest_rpm.{side} above 0",
+                "add it to the profile",
+            )
+        return self.largest_rpm[side]
+
+    def turning_s(self, speed_rpm: float) -> float:
+        """Return how long a speed is held: whole revolutions."""
+        period_s = 60.0 / abs(speed_rpm)
+        return round(period_s * ceil(self.hold_s / period_s - 1e-9), 9)
+
+    def series(self) -> int:
+        """Return how many series there are."""
+        if self.warm_up is not None:
+            return self.warm_up.series * self.repeats
+        temperatures = 1 if self.temperatures is None else len(self.temperatures.wanted_c)
+        return temperatures * self.repeats
+
+    def wanted_c(self, series: int) -> float | None:
+        """Return the temperature that a series (from 0) waits for."""
+        if self.temperatures is None:
+            return None
+        return self.temperatures.wanted_c[series // self.repeats]
+
+    def legs(self, side: Side) -> list[Leg]:
+        """Return the legs of one series of an empty run.
+
+        Examples
+        --------
+        >>> legs = load_turning_profile("empty-run").legs("input")
+        >>> [leg.speed_rpm for leg in legs][:6]
+        [120.0, 360.0, 660.0, 960.0, 1200.0, 0.0]
+        >>> sorted({rate for leg in legs for _, rate in leg.ramps})
+        [60.0, 300.0]
+        """
+        top = self.top_rpm(side)
+        gentle, steep = top / self.ramps.gentle_s, top / self.ramps.steep_s
+        legs: list[Leg] = []
+        for sign, way in ((1.0, "clockwise"), (-1.0, "counter-clockwise")):
+            for share in self.speed_shares:
+                speed = round(sign * share * top, 9)
+                hold = self.settle_s + self.turning_s(speed)
+                legs.append(Leg(((speed, gentle),), hold, f"{abs(speed):g} rpm {way}"))
+            legs.append(Leg(((0.0, gentle),), 1.0, f"gentle ramp to rest, {way}"))
+            turn = self.turning_s(sign * top)
+            legs.append(Leg(((sign * top, steep),), turn, f"steep ramp to {top:g} rpm {way}"))
+            legs.append(Leg(((0.0, steep),), 1.0, f"steep ramp to rest, {way}"))
+            if self.swings is not None:
+                legs += self._swung(top, sign, gentle)
+                legs.append(Leg(((0.0, gentle),), 1.0, f"gentle ramp to rest, {way}"))
+        return legs
+
+    def _swung(self, top: float, sign: float, gentle: float) -> Iterator[Leg]:
+        assert self.swings is not None
+        middle, size = sign * self.swings.around * top, self.swings.share * top
+        yield Leg(((middle, gentle),), 1.0, f"{abs(middle):g} rpm")
+        for period_s in self.swings.periods_s:
+            before, ramps = middle, []
+            for piece in range(1, _PIECES * self.swings.cycles + 1):
+                speed = round(middle + size * sin(2.0 * pi * piece / _PIECES), 9)
+                rate = max(abs(speed - before) * _PIECES / period_s, 1e-6)
+                ramps.append((speed, rate))
+                before = speed
+            yield Leg(tuple(ramps), 0.0, f"swings of {period_s:g} s")
+
+    def points(self, side: Side, range_nm: float) -> list[TurningPoint]:
+        """Return the steady torques of a calibration, zero at each speed first and last.
+
+        Examples
+        --------
+        >>> profile = load_turning_profile("turning-calibration")
+        >>> [point.torque_nm for point in profile.points("input", 50.0)][:6]
+        [0.0, 12.5, 25.0, 37.5, 50.0, 37.5]
+        """
+        top, found = self.top_rpm(side), []
+        up = [(share * range_nm, 1) for share in self.torque_shares]
+        down = [(torque, -1) for torque, _ in reversed(up[:-1])]
+        for sign in (1.0, -1.0):
+            for share in self.speed_shares:
+                speed = round(sign * share * top, 9)
+                found.append(TurningPoint(speed, 0.0, 1))
+                for load in (1.0, -1.0):
+                    found += [TurningPoint(speed, load * torque, b) for torque, b in up + down]
+                    found.append(TurningPoint(speed, 0.0, -1))
+        return found * self.repeats
+
+
+def available_profiles() -> tuple[str, ...]:
+    """Return the names of the profiles that come with the package."""
+    folder = resources.files(__package__) / "profiles"
+    names = (Path(each.name) for each in folder.iterdir())
+    return tuple(sorted(each.stem for each in names if each.suffix == ".toml"))
+
+
+def load_turning_profile(name: str | Path) -> TurningProfile:
+    """Return a profile by its name, or a file by a path that ends in ``.toml``.
+
+    Raises
+    ------
+    InputError
+        Where there is no such profile or file, or it isn't a valid profile.
+    """
+    text = str(name)
+    if not text.endswith(".toml"):
+        if text not in available_profiles():
+            raise InputError(
+                f"profile {text!r}",
+                ", ".join(available_profiles()),
+                "give one of these names, or the path of a .toml file",
+            )
+        file = resources.files(__package__) / "profiles" / f"{text}.toml"
+        content = file.read_text(encoding="utf-8")
+    else:
+        try:
+            content = Path(text).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"profile {text}: {error}", "a readable TOML file in UTF-8") from error
+    settings = {"name": Path(text).stem, **parse_toml(content, text)}
+    return validated(TurningProfile, settings, f"profile {text}")

@@ -1,0 +1,153 @@
+"""Empty runs and turning calibrations by profiles, on the simulated bench."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from torquebench.campaign.measuring import RunAbortedError
+from torquebench.campaign.turning_runs import measure_turning, read_begun, rehearse_turning
+from torquebench.errors import InputError, LimitError
+from torquebench.procedures.turning.empty import EmptyTable
+from torquebench.procedures.turning.profile import (
+    TurningProfile,
+    available_profiles,
+    load_turning_profile,
+)
+from torquebench.records import read_calibration_csv
+from torquebench.station import Station
+
+SHORT = {
+    "name": "short",
+    "speed_shares": [1.0],
+    "largest_rpm": {"input": 1200, "output": 15},
+    "hold_s": 0.2,
+    "settle_s": 0.2,
+    "ramps": {"gentle_s": 4.0, "steep_s": 1.5},
+}
+
+
+def profile(**changes: object) -> TurningProfile:
+    return TurningProfile.model_validate({**SHORT, **changes})
+
+
+def columns(path: Path) -> np.ndarray:
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    assert lines[0] == "time_s,reading_nm,speed_rpm,temperature_c"
+    return np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
+
+
+def test_every_profile_that_comes_with_the_package_can_be_rehearsed(station: Station) -> None:
+    assert "empty-run" in available_profiles()
+    for name in available_profiles():
+        chosen = load_turning_profile(name)
+        found = rehearse_turning(station, "input", chosen)
+        assert found.duration_s > 60.0
+        if chosen.kind == "empty":
+            assert found.points >= chosen.series() * len(chosen.legs("input"))
+        assert load_turning_profile(name).top_rpm("output") == 15.0
+    assert not station.drivers.drives["input"].state().enabled
+
+
+def test_holds_last_whole_revolutions() -> None:
+    chosen = load_turning_profile("empty-run")
+    for speed in (1.5, 15.0, 120.0, -1200.0):
+        turns = chosen.turning_s(speed) * abs(speed) / 60.0
+        assert turns == pytest.approx(round(turns), abs=1e-6)
+        assert chosen.turning_s(speed) >= chosen.hold_s - 1e-9
+
+
+def test_an_empty_run_ends_in_the_table_that_a_fit_takes(station: Station, tmp_path: Path) -> None:
+    file = tmp_path / "empty.csv"
+    done = measure_turning(station, "input", profile(), file)
+    time_s, reading, speed, temperature = columns(file)
+    assert done.rows == time_s.size
+    assert np.allclose(np.diff(time_s), 0.01, atol=1e-5)
+    assert speed.max() == pytest.approx(1200.0, rel=0.05)
+    assert speed.min() == pytest.approx(-1200.0, rel=0.05)
+    assert np.all(np.abs(temperature - 23.0) < 3.0)
+    acceleration = np.gradient(np.convolve(speed, np.full(9, 1 / 9), "same"), time_s)
+    assert np.percentile(acceleration, 95) > 1.8 * 1200.0 / 4.0  # steep and gentle ones
+    fast, back = speed > 1150.0, speed < -1150.0
+    assert reading[fast].mean() > reading[back].mean()  # drag turns round with the speed
+    assert "# simulated = true" in file.read_text()
+    assert not station.drivers.drives["input"].state().enabled
+
+
+def test_a_series_waits_for_its_temperature_or_is_told(station: Station, tmp_path: Path) -> None:
+    wanted = {"wanted_c": [35.0], "within_k": 1.0, "longest_h": 0.005, "look_s": 9.0}
+    chosen = profile(temperatures=wanted)
+    with pytest.raises(InputError, match="not both"):
+        profile(temperatures=wanted, warm_up={"minutes": 1.0})
+    with pytest.raises(Exception, match=r"35 °C ± 1 K.*--no-wait"):
+        measure_turning(station, "input", chosen, tmp_path / "empty.csv")
+    assert not (tmp_path / "empty.csv").exists()
+    measure_turning(station, "input", chosen, tmp_path / "empty.csv", wait=False)
+    assert columns(tmp_path / "empty.csv")[3].max() < 30.0
+
+
+def test_an_aborted_run_keeps_its_series_and_goes_on_with_the_others(
+    station: Station, tmp_path: Path
+) -> None:
+    file, chosen = tmp_path / "empty.csv", profile(repeats=2)
+    legs = len(chosen.legs("input"))
+
+    class Stopping:
+        """Aborts in the second series."""
+
+        def start(self, title: str, total: int) -> None:
+            self.left = legs + 2
+
+        def advance(self, steps: int = 1) -> None:
+            self.left -= steps
+            if self.left <= 0:
+                station.abort("enough")
+
+        def finish(self) -> None: ...
+
+    with pytest.raises(RunAbortedError):
+        measure_turning(station, "input", chosen, file, progress=Stopping())  # type: ignore[arg-type]
+    first = columns(file)
+    serial = station.description.input.transducer.serial
+    assert "# series_done = 1 of 2" in file.read_text()
+    with pytest.raises(InputError, match="profile_sha256"):
+        read_begun(file, "input", profile(), serial)
+    begun = read_begun(file, "input", chosen, serial)
+    measure_turning(station, "input", chosen, file, begun=begun)
+    whole = columns(file)
+    np.testing.assert_allclose(whole[:, : first.shape[1]], first)
+    assert np.all(np.diff(whole[0]) > 0.0)
+    assert whole.shape[1] == pytest.approx(2 * first.shape[1], rel=0.02)
+    with pytest.raises(InputError, match="complete"):
+        read_begun(file, "input", chosen, serial)
+
+
+def test_a_turning_module_is_calibrated_over_whole_revolutions(
+    station: Station, tmp_path: Path
+) -> None:
+    chosen = profile(kind="calibration", torque_shares=[0.5, 1.0])
+    file = tmp_path / "points.csv"
+    measure_turning(station, "input", chosen, file)
+    data = read_calibration_csv(file)
+    assert data.speed_rpm is not None
+    assert data.nominal_nm is not None
+    assert set(np.round(data.speed_rpm)) == {1200.0, -1200.0}
+    assert sorted(set(data.nominal_nm.tolist())) == [-50.0, -25.0, 0.0, 25.0, 50.0]
+    assert np.max(np.abs(data.reading_nm - data.standard_nm)) < 0.02 * 50.0
+    at_zero = data.nominal_nm == 0.0
+    assert np.max(np.abs(data.standard_nm[at_zero])) < 0.01 * 50.0
+
+
+def test_profiles_that_make_no_run_are_refused(station: Station, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="empty-run, empty-run-temperatures"):
+        load_turning_profile("nothing")
+    (tmp_path / "own.toml").write_text("speed_shares = [1.0, 0.5]\n[largest_rpm]\ninput = 100\n")
+    with pytest.raises(InputError, match="rising"):
+        load_turning_profile(tmp_path / "own.toml")
+    with pytest.raises(InputError, match="largest_rpm"):
+        profile(largest_rpm={"input": 100}).legs("output")
+    with pytest.raises(ValueError, match="calibration"):
+        profile(torque_shares=[1.0])
+    with pytest.raises(LimitError):
+        rehearse_turning(station, "input", profile(largest_rpm={"input": 5000}))
+    assert EmptyTable("input").summary().rows == 0
