@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_write
-from torquebench.chain import Dynamics, effect_from
+from torquebench.chain import Dynamics, Readings, effect_from, load_chain
 from torquebench.dynamics import (
     PARAMETERS,
     Inertia,
@@ -76,6 +76,7 @@ def identify_dynamics(
     runs: Sequence[Path],
     empty: Path | None = None,
     *,
+    model: Path | None = None,
     window_s: float | None = None,
     bandwidth_hz: float | None = None,
 ) -> IdentifiedDynamics:
@@ -88,6 +89,9 @@ def identify_dynamics(
     empty : pathlib.Path, optional
         Table of an empty run with ramps: time_s, reading_nm, speed_rpm and, if there is one,
         acceleration_rad_s2.
+    model : pathlib.Path, optional
+        Model file of the chain: readings are compensated by its static curve first. Small torques
+        of ramps lie where a chain's reversal bends its curve most.
     window_s : float, optional
         Length of the counter's window; the sample interval where not given.
     bandwidth_hz : float, optional
@@ -98,10 +102,15 @@ def identify_dynamics(
     InputError
         Naming what the tables lack or don't identify.
     """
+    chain = None if model is None else load_chain(model)
+
+    def torque_of(reading_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+        return reading_nm if chain is None else chain.torque(Readings(reading_nm)).value_nm
+
     known, hashes, simulated = [], {}, False
     for path in runs:
         table = _Table(path, ("time_s", "reading_nm", "standard_nm"))
-        known.append(Known(table.interval_s, table["reading_nm"], table["standard_nm"]))
+        known.append(Known(table.interval_s, torque_of(table["reading_nm"]), table["standard_nm"]))
         hashes[path.name] = table.sha256
         simulated = simulated or table.simulated
     if not known:
@@ -110,7 +119,10 @@ def identify_dynamics(
     if empty is not None:
         table = _Table(empty, ("time_s", "reading_nm", "speed_rpm"))
         inertia = identify_inertia(
-            table["time_s"], table["reading_nm"], table["speed_rpm"], table.acceleration
+            table["time_s"],
+            torque_of(table["reading_nm"]),
+            table["speed_rpm"],
+            table.acceleration,
         )
         hashes[empty.name] = table.sha256
         simulated = simulated or table.simulated

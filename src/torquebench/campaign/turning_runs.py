@@ -141,7 +141,7 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
         "range_nm": f"{module.range_nm:g}",
         "transducer_serial": module.transducer.serial,
         "profile": profile.name,
-        "profile_sha256": profile.sha256,
+        "profile_hash": profile.sha256,
         "series_done": f"{table.series_done} of {profile.series()}",
         "zero_hz": repr(table.zero_hz),
     }
@@ -167,7 +167,7 @@ def read_begun(
     table = read_csv(path)
     wanted = {
         "side": side,
-        "profile_sha256": profile.sha256,
+        "profile_hash": profile.sha256,
         "transducer_serial": transducer_serial,
     }
     for name, value in wanted.items():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import narrow_table, out, say, warn
 from torquebench.cli.options import check_output
 
 if TYPE_CHECKING:
@@ -31,6 +31,9 @@ def dynamics(
         Path | None,
         typer.Option(help="CSV of an empty run with ramps: inertia, stiffness, damping."),
     ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="The chain's model file: compensate readings first.")
+    ] = None,
     window: Annotated[
         float | None,
         typer.Option(min=0, help="Window of the counter, ms; that between two rows by default."),
@@ -52,10 +55,16 @@ def dynamics(
     found = identify_dynamics(
         runs,
         empty,
+        model=model,
         window_s=None if window is None else 1e-3 * window,
         bandwidth_hz=bandwidth,
     )
     _print(found)
+    if empty is not None and model is None:
+        warn(
+            "inertia, stiffness and damping are by uncompensated readings: they are wrong by what "
+            "the chain's curve bends at small torques; give --model"
+        )
     save_dynamics(result, found)
     say(f"Dynamics: {result}")
 

@@ -77,7 +77,7 @@ def test_an_empty_run_ends_in_the_table_that_a_fit_takes(station: Station, tmp_p
 def test_a_series_waits_for_its_temperature_or_is_told(station: Station, tmp_path: Path) -> None:
     wanted = {"wanted_c": [35.0], "within_k": 1.0, "longest_h": 0.005, "look_s": 9.0}
     chosen = profile(temperatures=wanted)
-    with pytest.raises(InputError, match="not both"):
+    with pytest.raises(ValueError, match="not both"):
         profile(temperatures=wanted, warm_up={"minutes": 1.0})
     with pytest.raises(Exception, match=r"35 °C ± 1 K.*--no-wait"):
         measure_turning(station, "input", chosen, tmp_path / "empty.csv")
@@ -95,7 +95,7 @@ def test_an_aborted_run_keeps_its_series_and_goes_on_with_the_others(
     class Stopping:
         """Aborts in the second series."""
 
-        def start(self, title: str, total: int) -> None:
+        def start(self, _title: str, _total: int) -> None:
             self.left = legs + 2
 
         def advance(self, steps: int = 1) -> None:
@@ -110,7 +110,7 @@ def test_an_aborted_run_keeps_its_series_and_goes_on_with_the_others(
     first = columns(file)
     serial = station.description.input.transducer.serial
     assert "# series_done = 1 of 2" in file.read_text()
-    with pytest.raises(InputError, match="profile_sha256"):
+    with pytest.raises(InputError, match="profile_hash"):
         read_begun(file, "input", profile(), serial)
     begun = read_begun(file, "input", chosen, serial)
     measure_turning(station, "input", chosen, file, begun=begun)
