@@ -11,6 +11,7 @@ import bluesky.preprocessors as bpp
 import numpy as np
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
+from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.errors import BenchError, LimitError
@@ -69,7 +70,7 @@ def calibrate_turning(
 
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
-        metadata["standard_serial"] = devices.context.interlocks.standard_serial()
+        metadata["standard_serial"] = standard_serial(devices.context.state)
         body = _loaded(devices, side, profile, points, table)
         yield from bpp.run_wrapper(body, md=metadata)
 
