@@ -66,8 +66,7 @@ def turn(
 
     Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (what the bench
     does by itself), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted empty
-    run keeps its complete series; --resume goes on with the others. `fit --empty` takes the table
-    of an empty run.
+    run keeps its complete series; --resume goes on with the others.
     """
     from torquebench.procedures.turning.profile import load_turning_profile
 
