@@ -42,6 +42,8 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{source}: {error}", "valid TOML", "correct the line named") from error
+    except RecursionError as error:
+        raise InputError(f"{source} is nested too deep", "TOML of a few levels") from error
 
 
 def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Model:

@@ -4,10 +4,13 @@ import signal
 import time
 from collections.abc import Iterator
 
+import httpx
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tests.system.panel_browser import SLOW, Panel, Visitor, browser, running_panel
+from tests.system.panel_browser import PEOPLE, SLOW, Panel, Visitor, browser, running_panel
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from torquebench.panel.pages.frame import REFRESH_S
 
@@ -200,6 +203,21 @@ def test_a_dialog_is_in_its_place_from_the_first_moment(person: Visitor) -> None
     assert len(places) == 1
 
 
+@pytest.mark.parametrize("size", [(1440, 900), (390, 844)])
+def test_a_dialog_does_not_cover_the_stop(person: Visitor, size: tuple[int, int]) -> None:
+    person.size(*size)
+    person.open("/alarms")
+    point(person, "[aria-label='Menu']", "mousePressed", "mouseReleased")
+    person.sees("F8: stop the bench")
+    assert person.driver.execute_script(
+        "const {x, y, width, height} ="
+        " document.querySelector('[data-stop]').getBoundingClientRect();"
+        "const sheet = document.querySelector('.sheet').getBoundingClientRect();"
+        "return sheet.top >= y + height"
+        " && document.elementFromPoint(x + width / 2, y + height / 2).matches('[data-stop]');"
+    )
+
+
 def test_no_press_is_lost_by_a_slow_browser(person: Visitor) -> None:
     """Aimed at where the button is seen first, without waiting for anything to settle."""
     person.open("/alarms")
@@ -302,6 +320,25 @@ def test_two_people_one_commands_and_the_other_watches(person: Visitor, stranger
     person.sees("In command: Ben")
     ben.press("Give up command")
     ben.sees("Nobody is in command")
+
+
+def test_a_deactivated_person_is_sent_away_and_a_page_number_alone_opens_nothing(
+    panel: Panel, person: Visitor, stranger: Visitor
+) -> None:
+    stranger.sign_in("Ben", "/")
+    query = "return new URLSearchParams(socket.io.opts.query).toString()"
+    address = f"ws{panel.url.removeprefix('http')}/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    with pytest.raises(InvalidStatus):
+        connect(f"{address}&{stranger.driver.execute_script(query)}")
+    with httpx.Client(base_url=f"{panel.url}/api/v1") as admin:
+        given = {"name": "Admin", "password": PEOPLE["Admin"][1]}
+        token = admin.post("/session", json=given).json()["token"]
+        admin.headers["Authorization"] = f"Bearer {token}"
+        admin.patch("/users/Ben", json={"active": False}).raise_for_status()
+        try:
+            stranger.wait(lambda: "/sign-in" in stranger.driver.current_url, "being sent away")
+        finally:
+            admin.patch("/users/Ben", json={"active": True}).raise_for_status()
 
 
 def test_a_lost_server_is_unmistakable_and_the_page_comes_back(

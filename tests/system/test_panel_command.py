@@ -4,6 +4,7 @@ import stat
 from ipaddress import ip_address
 from pathlib import Path
 
+import httpx
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
@@ -13,7 +14,7 @@ from tests.system.command_line import run
 from tests.system.panel_api import administrator, serving
 
 from torquebench.errors import InputError
-from torquebench.panel.address import Address
+from torquebench.panel.address import ANY_ADDRESS, Address
 
 
 def _certificate(folder: Path) -> tuple[str, str]:
@@ -57,7 +58,23 @@ def test_only_the_loopback_address_is_served_in_clear(host: str) -> None:
     with pytest.raises(InputError, match="--tls-cert"):
         Address(host).check()
     Address(host, insecure_network=True).check()
-    assert Address(host).hosts == ()
+    assert ANY_ADDRESS in Address(host, insecure_network=True).hosts
+
+
+def test_a_network_in_clear_is_warned_of_and_answers_to_its_own_names_only(tmp_path: Path) -> None:
+    options = ("--host", "0.0.0.0", "--insecure-network", "--host-name", "Bench-7.example")
+    with serving(tmp_path, *options) as server:
+        url = server.url.replace("0.0.0.0", "127.0.0.1")
+        stop = {"X-Torquebench": "panel"}
+        for name in ("127.0.0.1", "192.0.2.7", "localhost", "bench-7.example", "BENCH-7.example"):
+            answer = httpx.get(f"{url}/sign-in", headers={"Host": f"{name}:8080"})
+            assert answer.status_code == 200
+        for name in ("evil.example", "127.0.0.1.evil.example", "0x7f000001"):
+            asked = httpx.post(f"{url}/panel/stop", headers=stop | {"Host": f"{name}:8080"})
+            assert asked.status_code == 403
+        server.process.send_signal(signal.SIGTERM)
+        said = " ".join("".join(server.process.communicate(timeout=240)).split())
+    assert "without TLS everybody in this network can read passwords" in said
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2", "::1", "localhost"])

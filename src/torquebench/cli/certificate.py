@@ -102,7 +102,8 @@ def certificate(
 
         judged = tolerance if conformity else None
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
-        record = registry.patiently(lambda: build_record(registry, calibration, issue))
+        unrefused = replace(issue, refuse_unreviewed=issue.refuse_unreviewed and not checked_by)
+        record = registry.patiently(lambda: build_record(registry, calibration, unrefused))
         if checked_by:  # entered only where nothing refuses the certificate
             registry.review(
                 "calibrations", calibration.calibration_id, checked_by=checked_by, accepted=True
@@ -180,8 +181,14 @@ def _issue(
     )
     if laboratory is None and not kept.is_file():
         return issue
-    issuer, customer = read_letterhead(laboratory or kept).parties
-    return replace(issue, laboratory=issuer, customer=customer)
+    letterhead = read_letterhead(laboratory or kept)
+    issuer, customer = letterhead.parties
+    return replace(
+        issue,
+        laboratory=issuer,
+        customer=customer,
+        refuse_unreviewed=letterhead.policy.unreviewed == "refuse",
+    )
 
 
 def _issued(issued: IssuedCertificate) -> None:
@@ -195,6 +202,13 @@ def _issued(issued: IssuedCertificate) -> None:
         say(
             f"{conformity.verdict.label}: tolerance {conformity.tolerance_percent_fs:g} % of full "
             f"scale, guard band w = U"
+        )
+    if record.unreviewed:
+        from torquebench.reports.certificate import UNREVIEWED
+
+        warn(
+            "every page says that it isn't reviewed: "
+            + "; ".join(UNREVIEWED[each] for each in record.unreviewed)
         )
     if record.supersedes:
         say(f"It replaces {escape(record.supersedes)}.")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.console import note, say
+from torquebench.cli.console import note, say, warn
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, bench_description
 
 __all__ = ["register"]
@@ -35,6 +35,17 @@ def panel(
             "--insecure-network", help="Allow other machines without TLS: passwords in clear."
         ),
     ] = False,
+    host_name: Annotated[
+        list[str] | None,
+        typer.Option(help="A further name that browsers call this machine by; repeatable."),
+    ] = None,
+    behind_proxy: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Believe the reverse proxy at this address where its requests come from.",
+        ),
+    ] = "",
     fast: Annotated[
         bool,
         typer.Option("--fast", help="Simulated procedures run as fast as they compute."),
@@ -46,9 +57,10 @@ def panel(
     a code with which the administrator is set up in the browser. Ctrl-C ends it; the bench is
     without torque before the process ends.
     """
-    from torquebench.panel.address import Address
+    from torquebench.panel.address import ANY_ADDRESS, Address
 
-    address = Address(host, port, tls_cert, tls_key, insecure_network)
+    names = tuple(host_name or ())
+    address = Address(host, port, tls_cert, tls_key, insecure_network, names, behind_proxy)
     address.check()  # before anything is loaded that takes seconds
     description = bench_description(bench)
 
@@ -64,6 +76,12 @@ def panel(
             code = service.people.setup_code
             if code is not None:
                 say(f"Set up the administrator there with the code {code}")
+            if insecure_network and not address.secure:
+                warn(
+                    "without TLS everybody in this network can read passwords and what is "
+                    "measured; it answers to its own addresses and to "
+                    + ", ".join(name for name in address.hosts if name != ANY_ADDRESS)
+                )
             note("Ctrl-C ends it.")
 
         serve(service, address, ready)

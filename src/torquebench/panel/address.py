@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ipaddress
+import socket
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
 from torquebench.errors import InputError
 
-__all__ = ["Address"]
+__all__ = ["ANY_ADDRESS", "Address"]
+
+ANY_ADDRESS = "*"
+"""Stands for every address in figures, among the names of a server."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,11 @@ class Address:
         Certificate chain and private key, PEM.
     insecure_network : bool
         Allow other machines to connect without TLS.
+    names : tuple of str
+        Further names that this machine is called by in its network.
+    proxy : str
+        Address of a reverse proxy that is believed whose requests it passes on; empty where
+        there is none.
     """
 
     host: str = "127.0.0.1"
@@ -33,6 +42,8 @@ class Address:
     tls_cert: Path | None = None
     tls_key: Path | None = None
     insecure_network: bool = False
+    names: tuple[str, ...] = ()
+    proxy: str = ""
 
     @property
     def secure(self) -> bool:
@@ -41,12 +52,20 @@ class Address:
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """Names that requests may call this server by; none where any may.
+        """Names that requests may call this server by, and `ANY_ADDRESS`; none where any may.
 
-        On the loopback address only its own names: a page elsewhere whose name is made to point
-        here gets no answer.
+        Only its own: a page elsewhere whose name is made to point here gets no answer. An address
+        in figures can't be made to point elsewhere, and with TLS a foreign name fails by itself.
         """
-        return (self.host, "localhost", "127.0.0.1", "::1") if _is_loopback(self.host) else ()
+        if _is_loopback(self.host):
+            named = (each.lower() for each in self.names)
+            return (self.host, "localhost", "127.0.0.1", "::1", *named)
+        if self.secure:
+            return ()
+        name = socket.gethostname().lower()
+        short = name.partition(".")[0]
+        own = (self.host.lower(), "localhost", name, short, f"{short}.local", *self.names)
+        return (ANY_ADDRESS, *dict.fromkeys(each.lower() for each in own))
 
     def check(self) -> None:
         """Refuse to listen to a network in clear.
@@ -54,8 +73,13 @@ class Address:
         Raises
         ------
         InputError
-            Not the loopback address, and neither TLS nor the explicit option; or half of TLS.
+            Not the loopback address, and neither TLS nor the explicit option; half of TLS; a
+            proxy without an address.
         """
+        if self.proxy and not _is_address(self.proxy):
+            raise InputError(
+                f"--behind-proxy {self.proxy}", "the proxy's address in figures, such as 127.0.0.1"
+            )
         if (self.tls_cert is None) != (self.tls_key is None):
             raise InputError(
                 "a certificate without its key" if self.tls_cert else "a key without certificate",
@@ -76,13 +100,18 @@ class Address:
         return f"{'https' if self.secure else 'http'}://{host}:{port}"
 
 
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
 def _is_loopback(host: str) -> bool:
     if host == "localhost":
         return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return _is_address(host) and ipaddress.ip_address(host).is_loopback
 
 
 def _check_certificate(certificate: Path, key: Path) -> None:

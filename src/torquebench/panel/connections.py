@@ -17,7 +17,8 @@ LAST_LOOK_S = 0.1
 LARGEST_HEAD = 64 * 1024
 """How long it may be, bytes: the parser has no limit of its own."""
 MOST_CONNECTIONS = 300
-"""At one time, of everybody: the bench's own files need descriptors too."""
+"""At one time, of everybody: the bench's own files need descriptors too. One more takes the place
+of the longest idle one of the address that has the most, so that a stop always gets in."""
 
 _Base: Any = AutoHTTPProtocol
 
@@ -27,14 +28,36 @@ class PatientProtocol(_Base):
 
     _patience: asyncio.TimerHandle | None = None
     _head = 0
+    _idle_since = 0.0
 
     def connection_made(self, transport: asyncio.Transport) -> None:
-        """Take a connection, unless there are too many."""
+        """Take a connection; where there are too many, an idle one has to go for it."""
         super().connection_made(transport)
-        if len(self.connections) > MOST_CONNECTIONS:
+        self._idle_since = self.loop.time()
+        if len(self.connections) > MOST_CONNECTIONS and not self._make_room():
             transport.abort()
             return
         self._wait()
+
+    def _make_room(self) -> bool:
+        """Close the longest idle connection of the address that has the most of them."""
+        idle: dict[str, list[PatientProtocol]] = {}
+        for each in self.connections:
+            if isinstance(each, PatientProtocol) and each is not self and each._dispensable:
+                idle.setdefault(each.client[0] if each.client else "", []).append(each)
+        if not idle:
+            return False
+        crowd = max(idle.values(), key=len)
+        min(crowd, key=lambda each: each._idle_since).transport.abort()
+        return True
+
+    @property
+    def _dispensable(self) -> bool:
+        return (
+            not self._answering
+            and not self.transport.is_closing()
+            and self.transport.get_protocol() is self
+        )
 
     def data_received(self, data: bytes) -> None:
         """Take bytes; a request that isn't whole yet doesn't get new time by each of them."""
@@ -64,6 +87,11 @@ class PatientProtocol(_Base):
         if self._patience is not None:
             self._patience.cancel()
             self._patience = None
+
+    def on_response_complete(self) -> None:
+        """Be idle from now on."""
+        self._idle_since = self.loop.time()
+        super().on_response_complete()
 
     def timeout_keep_alive_handler(self) -> None:
         """Close a connection that rests; a request that waits to be read comes first."""

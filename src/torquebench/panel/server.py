@@ -15,6 +15,7 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
+from starlette.types import ASGIApp
 
 from torquebench.errors import InputError
 from torquebench.panel.address import Address
@@ -22,6 +23,7 @@ from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api
 from torquebench.panel.connections import PatientProtocol
 from torquebench.panel.event_loop_bridge import EventLoopBridge
 from torquebench.panel.pages import register_pages
+from torquebench.panel.pages.sockets import PageSockets
 from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
 
@@ -54,11 +56,11 @@ def storage_secret(data_dir: Path) -> str:
     return found
 
 
-def create_app(service: BenchService, address: Address) -> FastAPI:
+def create_app(service: BenchService, address: Address) -> ASGIApp:
     """Return the application with pages and API around a service."""
     app = FastAPI(title="torquebench", docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(API_PATH, create_api(service))
-    register_pages(service)
+    opened = register_pages(service)
     ui.run_with(
         app,
         title="torquebench",
@@ -68,7 +70,7 @@ def create_app(service: BenchService, address: Address) -> FastAPI:
         storage_secret=storage_secret(service.station.data_dir),
         session_middleware_kwargs={"same_site": "strict", "https_only": address.secure},
     )
-    return app
+    return PageSockets(app, service.people, opened)
 
 
 def serve(
@@ -97,7 +99,8 @@ def serve(
             ws_per_message_deflate=False,  # it costs the front loop more than all else together
             log_level="warning",
             access_log=False,
-            proxy_headers=False,  # whoever connects says himself where from, or nobody does
+            proxy_headers=bool(address.proxy),  # nobody else is believed where he comes from
+            forwarded_allow_ips=address.proxy or "",
             server_header=False,
             ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
             ssl_keyfile=None if address.tls_key is None else str(address.tls_key),

@@ -456,6 +456,7 @@ class CertificateEntry:
             "record_sha256": sha256_of_record(record),
             "languages": record["languages"],
             "simulated": record["simulated"],
+            "unreviewed": record.get("unreviewed", []),
             "verdict": conformity.get("verdict"),
             "tolerance_percent_fs": conformity.get("tolerance_percent_fs"),
             "archive": archive,

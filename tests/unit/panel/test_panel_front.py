@@ -263,20 +263,30 @@ def test_a_body_that_trickles_is_cut(
         assert behind.cancelled.wait(30.0)
 
 
-def test_too_many_connections_are_refused_and_room_comes_back(
-    url: str, monkeypatch: pytest.MonkeyPatch
+def test_a_stop_gets_in_however_many_connections_idle(
+    service: BenchService, url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(connections, "MOST_CONNECTIONS", 3)
     port = httpx.URL(url).port
     with contextlib.ExitStack() as held:
-        for _ in range(3):
-            held.enter_context(socket.create_connection(("127.0.0.1", port)))
-        time.sleep(0.2)
+        idle = [
+            held.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(20)
+        ]
+        answer = httpx.post(url + PAGE_STOP, headers={"X-Torquebench": "panel"}, timeout=200.0)
+        assert answer.status_code == 200
+        idle[0].settimeout(200.0)
+        with contextlib.suppress(ConnectionError):
+            assert idle[0].recv(1) == b""  # the one that idled longest had to go
+    acknowledged(service)
+
+
+def test_connections_that_are_answered_are_not_closed_for_others(
+    url: str, behind: Behind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "MOST_CONNECTIONS", 1)
+    with connect(url.replace("http", "ws") + "/echo") as echo:
         with pytest.raises(httpx.TransportError):
             httpx.get(f"{url}/hello")
-    deadline = time.monotonic() + 200.0
-    while True:
-        with contextlib.suppress(httpx.TransportError):
-            assert httpx.get(f"{url}/hello").content == b"/hello"
-            break
-        assert time.monotonic() < deadline
+        echo.send("still here")
+        assert echo.recv() == "still here"
+    assert behind.threads == {"torquebench-pages"}

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from datetime import date
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from torquebench.panel.service import (
     PendingPrompt,
     PermissionDeniedError,
 )
+from torquebench.records import Report
 from torquebench.station import Station
 
 CHIEF = Actor("Chief", "administrator", "chief")
@@ -137,6 +139,22 @@ def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:
     assert shown.largest_torque_nm["output"] == pytest.approx(60.0, rel=0.02)
     view = ended(service, service.jobs.start(BEN, "verify", fresh))
     assert view.state == "done", view.problem
+
+
+def test_an_expired_standard_and_a_wrong_clock_are_named_before_anything_begins(
+    service: BenchService,
+) -> None:
+    request = {"side": "output", "profile": "rapid-in-situ"}
+    assert service.jobs.preview("calibrate", request).doubts == ()
+    station = service.station
+    serial = station.description.calibrator.serial
+    station.registry.add_report(
+        Report("calibrator", serial, "PTB-1", "PTB", date(2020, 1, 15), date(2021, 1, 15))
+    )
+    station.clock_behind = "this computer's clock says 2001-01-01, 9131 days before"
+    clock, expired = service.jobs.preview("calibrate", request).doubts
+    assert "set the clock" in clock
+    assert f"the certificate of the calibrator {serial} expired on 2021-01-15" in expired
 
 
 def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:

@@ -97,3 +97,15 @@ def test_force_needs_a_role_that_is_not_below_the_holders(
         with pytest.raises(LeaseError):
             bench.lease.take(taker, force=True)
     assert bench.lease.holds(taker) is works
+
+
+def test_no_program_takes_a_running_bench_out_of_a_persons_hands(bench: Bench) -> None:
+    program = Actor("line", "administrator", "line-1", "client")
+    bench.lease.take(ANA)
+    bench.working = True
+    with pytest.raises(LeaseError, match="Ana commands"):
+        bench.lease.take(program, force=True)
+    bench.lease.take(ADA, force=True)  # a person may
+    bench.working = False
+    bench.lease.take(program, force=True)
+    assert bench.lease.holds(program)

@@ -16,7 +16,12 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.access import passwords
 from torquebench.panel.service.access.clients import Clients
-from torquebench.panel.service.access.login_throttle import PER_PERSON_AND_ADDRESS, WINDOW_S
+from torquebench.panel.service.access.login_throttle import (
+    FIRST_PAUSE_S,
+    PER_ADDRESS,
+    PER_PERSON_AND_ADDRESS,
+    WINDOW_S,
+)
 from torquebench.panel.service.access.people import People
 from torquebench.panel.service.access.sessions import IDLE_S, LONGEST_S
 from torquebench.panel.service.store import PANEL_FILE, PanelStore
@@ -104,6 +109,65 @@ def test_wrong_passwords_lock_a_person_out_from_one_address_for_a_while(
     people.sign_in("Ana", PASSWORD, "here")
     clock.now += WINDOW_S + 1
     people.sign_in("Ana", PASSWORD, "there")
+
+
+def test_each_further_wrong_password_costs_twice_the_pause(
+    people: People, administrator: Actor, clock: Clock
+) -> None:
+    del administrator
+    for _ in range(PER_PERSON_AND_ADDRESS):
+        with pytest.raises(SignInError):
+            people.sign_in("Ana", "wrong password", "there")
+    pauses = []
+    for _ in range(4):
+        with pytest.raises(LockedOutError) as refused:
+            people.sign_in("Ana", PASSWORD, "there")  # too early: it costs nothing
+        pauses.append(refused.value.wait_s)
+        clock.now += refused.value.wait_s
+        with pytest.raises(SignInError) as wrong:
+            people.sign_in("Ana", "wrong password", "there")
+        assert not isinstance(wrong.value, LockedOutError)
+    assert pauses == [FIRST_PAUSE_S * 2**step for step in range(4)]
+
+
+def test_nobody_elsewhere_shuts_a_person_out(people: People, administrator: Actor) -> None:
+    del administrator
+    for number in range(40):
+        with pytest.raises(SignInError):
+            people.sign_in("Ana", "wrong password", f"far away {number}")
+    people.sign_in("Ana", PASSWORD, "here")
+
+
+def test_an_administrator_lifts_a_lock(people: People, administrator: Actor) -> None:
+    for name in ("Ben", "Eve"):
+        people.add_user(administrator, name, "operator", PASSWORD)
+    for number in range(PER_ADDRESS + 5):
+        with pytest.raises(SignInError):
+            people.sign_in("Ben" if number < 5 else f"guess {number}", "wrong password", "there")
+    token = people.sign_in("Eve", PASSWORD, "here")
+    with pytest.raises(LockedOutError):
+        people.sign_in("Ben", PASSWORD, "there")
+    people.change_user(administrator, "Ben", unlock=True)
+    people.sign_in("Ben", PASSWORD, "there")
+    assert people.actor(token).name == "Eve"
+
+
+@pytest.mark.parametrize(
+    "name", ["ANA", "\u0410na", "An\u0430", "Ana ", "\uff21na", "Station", "set-up", "T0rquebench"]
+)
+def test_a_name_that_looks_like_another_is_refused(
+    people: People, administrator: Actor, name: str
+) -> None:
+    with pytest.raises(InputError):
+        people.add_user(administrator, name, "operator", PASSWORD)
+    assert [user.name for user in people.users(administrator)] == ["Ana"]
+
+
+def test_repeated_blanks_make_no_other_person(people: People, administrator: Actor) -> None:
+    people.add_user(administrator, "Li Wei", "operator", PASSWORD)
+    with pytest.raises(InputError, match="exists"):
+        people.add_user(administrator, "Li  Wei", "operator", PASSWORD)
+    people.add_user(administrator, "王伟", "operator", PASSWORD)
 
 
 def test_an_unknown_name_is_refused_in_the_same_words(people: People, administrator: Actor) -> None:

@@ -163,6 +163,32 @@ def test_verification_at_fresh_points_is_stated(registry: Registry) -> None:
     assert found.averaged_after_nm == after.averaged.worst_nm
 
 
+def test_what_nobody_has_confirmed_is_stated_or_refused(registry: Registry) -> None:
+    bench = calibrated_bench(registry)  # its model went into use at once
+    calibration, model_id = bench.calibration, registry.models()[0].model_id
+
+    def unreviewed(*names: str, tolerance: float = 0.1) -> tuple[str, ...]:
+        return build_record(
+            registry, calibration, Issue(names, tolerance_percent_fs=tolerance)
+        ).unreviewed
+
+    assert unreviewed("A. Boss") == ("unverified", "unchecked")
+    assert unreviewed("a. boss", " m. weber ") == ("unverified", "unchecked", "self_signed")
+    profile = load_profile("rapid-in-situ").with_options(step_percent=12.5)
+    fresh = points(profile, simulated=True, temperature_drift_k=0.0)
+    result = verify(fresh, {"polynomial": load_chain(registry.models()[0].file)})
+    registry.add_verification(model_id, result, performed=datetime(2026, 3, 3, tzinfo=UTC))
+    assert unreviewed("A. Boss") == ("unchecked",)
+    assert unreviewed("A. Boss", tolerance=1e-6) == ("outside", "unchecked")
+    registry.review("calibrations", calibration.calibration_id, checked_by="A. Boss")
+    assert unreviewed("A. Boss") == ("unchecked",)  # it was in use before
+    strict = Issue(["A. Boss"], refuse_unreviewed=True)
+    with pytest.raises(RecordError, match="nobody else has checked it"):
+        build_record(registry, calibration, strict)
+    registry.activate(model_id, operator="A. Boss", reason="checked now")
+    assert build_record(registry, calibration, strict).unreviewed == ()
+
+
 # Refusals
 
 
@@ -229,6 +255,18 @@ def test_letterhead_names_the_key(tmp_path: Path, text: str, named: str) -> None
     path = tmp_path / "laboratory.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=named.replace(".", r"\.")):
+        read_letterhead(path)
+
+
+def test_a_laboratory_refuses_what_is_not_reviewed(tmp_path: Path) -> None:
+    path = tmp_path / "laboratory.toml"
+    laboratory = '[laboratory]\nname = "Lab"\ncity = "Ulm"\ncountry = "DE"\n'
+    path.write_text(laboratory)
+    assert read_letterhead(path).policy.unreviewed == "state"
+    path.write_text(laboratory + '[policy]\nunreviewed = "refuse"\n')
+    assert read_letterhead(path).policy.unreviewed == "refuse"
+    path.write_text(laboratory + '[policy]\nunreviewed = "hide"\n')
+    with pytest.raises(InputError, match=r"policy\.unreviewed"):
         read_letterhead(path)
 
 

@@ -67,6 +67,7 @@ WORDS = {
     "languages": "Of the certificate.",
     "low": "Lowest value within each row, by signal.",
     "measured_by": "Who measured it.",
+    "doubts": "What would make the result doubtful: an expired standard, a wrong clock.",
     "metrics": "How well it fits, as it was when it was fitted.",
     "model_id": "Number of a registered model.",
     "model_ids": "Numbers of the models by their names.",
@@ -99,6 +100,7 @@ WORDS = {
     "token": "A secret, shown this once.",
     "transducer_serial": "Serial number of the transducer.",
     "unit": "Of its values.",
+    "unlock": "Ends the pause after wrong passwords.",
     "version": "That of the document which was edited; refused where somebody was faster.",
 }
 """What names mean wherever nothing more exact is said."""

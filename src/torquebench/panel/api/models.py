@@ -156,6 +156,7 @@ class UserChangeBody(Body):
     role: Role | None = None
     active: Flag | None = None
     password: NewSecret | None = None
+    unlock: Flag = False
 
 
 class ClientBody(Body):

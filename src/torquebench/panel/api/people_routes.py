@@ -87,9 +87,14 @@ def add_user(service: Service, caller: Caller, body: UserBody) -> User:
 
 @router.patch("/users/{name}")
 def change_user(service: Service, caller: Caller, name: UserName, body: UserChangeBody) -> User:
-    """Change an account and end its sessions; for administrators."""
+    """Change an account and end its sessions, or end the pause after wrong passwords."""
     return service.people.change_user(
-        caller, name, role=body.role, active=body.active, password=body.password
+        caller,
+        name,
+        role=body.role,
+        active=body.active,
+        password=body.password,
+        unlock=body.unlock,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import time
 from collections.abc import Iterable
 from urllib.parse import urlsplit
@@ -10,6 +11,7 @@ from urllib.parse import urlsplit
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from torquebench.panel.address import ANY_ADDRESS
 from torquebench.panel.api.problems import problem_response
 
 __all__ = ["LARGEST_BODY", "Guard"]
@@ -21,7 +23,7 @@ API_POLICY = "default-src 'none'; frame-ancestors 'none'"
 PAGE_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-    "connect-src 'self' ws: wss:; worker-src 'self' blob:; object-src 'none'; base-uri 'self'; "
+    "connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'self'; "
     "form-action 'self'; frame-ancestors 'none'"
 )
 """NiceGUI compiles its templates in the browser, which takes inline scripts and `eval`."""
@@ -35,7 +37,8 @@ class Guard:
     ----------
     app : ASGIApp
     hosts : iterable of str
-        Names that this server answers to; none lets every name pass.
+        Names that this server answers to, with `ANY_ADDRESS` also to every address in figures;
+        none lets every name pass.
     secure : bool
         Whether connections are encrypted: browsers are then told to insist on it.
     """
@@ -71,7 +74,7 @@ class Guard:
     def _foreign(self, scope: Scope, headers: Headers) -> str:
         """Return why this comes from a place that isn't trusted; empty where it is."""
         host = headers.get("host", "")
-        if self._hosts and ("@" in host or _name(f"//{host}") not in self._hosts):
+        if self._hosts and ("@" in host or not self._is_own(_name(f"//{host}"))):
             return f"the host name {host[:80]!r} isn't this server's"
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE_METHODS):
@@ -79,6 +82,17 @@ class Guard:
         if urlsplit(origin).netloc != host:
             return f"a request from the pages of {origin[:80]!r}"
         return ""
+
+    def _is_own(self, name: str) -> bool:
+        if name in self._hosts:
+            return True
+        if ANY_ADDRESS not in self._hosts:
+            return False
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return True
 
     def _with_headers(self, scope: Scope, send: Send) -> Send:
         api = scope["path"].startswith("/api/")

@@ -38,14 +38,20 @@ Entry = Annotated[str, Form(max_length=200)]
 LONGEST_NAME = 64
 
 
-def register_pages(service: BenchService) -> None:
+def register_pages(service: BenchService) -> dict[str, str]:
     """Add every page to NiceGUI's application.
 
     Parameters
     ----------
     service : BenchService
         The open bench.
+
+    Returns
+    -------
+    dict of str to str
+        Open pages: the token of the session of each, by its number; kept up to date.
     """
+    opened: dict[str, str] = {}
     app.add_static_files("/panel/static", STATIC)
     _forms(service)
 
@@ -55,17 +61,25 @@ def register_pages(service: BenchService) -> None:
 
     dismissed = Dismissed()
     for path, build in PAGES.items():
-        _page(service, path, build, dismissed)
+        _page(service, path, build, dismissed, opened)
+    return opened
 
 
 def _page(
-    service: BenchService, path: str, build: Callable[[Visitor], None], dismissed: Dismissed
+    service: BenchService,
+    path: str,
+    build: Callable[[Visitor], None],
+    dismissed: Dismissed,
+    opened: dict[str, str],
 ) -> None:
     @ui.page(path)
     def page(request: Request) -> Response | None:
         visitor = visitor_of(service, request, dismissed)
         if visitor is None:
             return RedirectResponse(f"/sign-in?next={quote(path)}", status_code=303)
+        client = ui.context.client
+        opened[client.id] = visitor.token
+        client.on_delete(lambda: opened.pop(client.id, None))
         build(visitor)
         return None
 

@@ -119,6 +119,7 @@ class UsersView:
                     lambda: self._change(user, active=not user.active),
                 )
                 button(text("users.reset"), lambda: self._reset(user))
+                button(text("users.unlock"), lambda: self._change(user, unlock=True))
                 button(text("frame.close"), self._edited.clear, "quiet")
 
     def _change(self, user: User, **values: Any) -> None:

@@ -1,5 +1,6 @@
 from .building import (
     DEFAULT_TOLERANCE_PERCENT_FS as DEFAULT_TOLERANCE_PERCENT_FS,
+    UNREVIEWED as UNREVIEWED,
     Issue as Issue,
     build_record as build_record,
     calibration_of as calibration_of,

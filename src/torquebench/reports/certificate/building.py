@@ -33,10 +33,25 @@ from torquebench.reports.certificate.results import evaluate_results
 from torquebench.reports.certificate.source import Source, run_data
 from torquebench.reports.certificate.static import static_tables
 
-__all__ = ["DEFAULT_TOLERANCE_PERCENT_FS", "Issue", "build_record", "calibration_of", "run_data"]
+__all__ = [
+    "DEFAULT_TOLERANCE_PERCENT_FS",
+    "UNREVIEWED",
+    "Issue",
+    "build_record",
+    "calibration_of",
+    "run_data",
+]
 
 DEFAULT_TOLERANCE_PERCENT_FS = 0.1
 """0.1 % of full scale: what the published instrument reaches (doi 10.1177/00202940221103308)."""
+
+UNREVIEWED = {
+    "unverified": "its model isn't verified on fresh points",
+    "outside": "its verification is outside the tolerance",
+    "unchecked": "nobody else has checked it before it went into use",
+    "self_signed": "who authorises it has measured it",
+}
+"""What may be missing of a certificate, and how it is said where it is refused."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +75,8 @@ class Issue:
     draft : bool
         Whether this only shows what a certificate would state; nobody has to answer for it, and
         it can't be registered.
+    refuse_unreviewed : bool
+        Whether what nobody has reviewed is refused, rather than said on every page.
     """
 
     authorised_by: Sequence[str]
@@ -70,6 +87,7 @@ class Issue:
     number: str = ""
     issued: date | None = None
     draft: bool = False
+    refuse_unreviewed: bool = False
 
 
 def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
@@ -140,6 +158,18 @@ def build_record(
         data, source.profile, source.chain, source.reference, source.resolution_nm
     )
     title, kind = _compensation(source)
+    measured_by = calibration.measured_by or source.run.operator
+    verification = _verification(registry, source.model_entry)
+    unreviewed = _unreviewed(registry, source, calibration, issue, verification)
+    if unreviewed and issue.refuse_unreviewed and not issue.draft:
+        raise RecordError(
+            f"calibration {calibration.calibration_id}: "
+            + "; ".join(UNREVIEWED[each] for each in unreviewed),
+            "what the laboratory demands of a certificate: verified within its tolerance on fresh "
+            "points, checked by a second person before it went into use, authorised by somebody "
+            "who didn't measure",
+            "`torquebench verify`, a review and `models activate`, or another --authorised-by",
+        )
     earlier = registry.certificates(calibration.calibration_id)
     return CertificateRecord(
         number=issue.number or _number(calibration, len(earlier)),
@@ -164,21 +194,52 @@ def build_record(
         budget_step=results.budget_step,
         budget_freedom=results.budget_freedom,
         conformity=results.conformity,
-        verification=_verification(registry, source.model_entry),
+        verification=verification,
         static=static,
         zero_hysteresis=zero_hysteresis,
         deviations=tuple(
             DeviationStatement(each.clause, each.found, each.allowed, each.key, each.values)
             for each in deviations
         ),
-        measured_by=calibration.measured_by or source.run.operator,
+        measured_by=measured_by,
         checked_by=_checked_by(registry, calibration),
         authorised_by=names,
         software_version=__version__,
         files=source.files(calibration),
         registry_head=str(registry.head()),
         supersedes=earlier[0].number if earlier else "",
+        unreviewed=unreviewed,
     )
+
+
+def _unreviewed(
+    registry: Registry,
+    source: Source,
+    calibration: CalibrationEntry,
+    issue: Issue,
+    verification: VerificationSummary | None,
+) -> tuple[str, ...]:
+    """Return what a second person or fresh points haven't confirmed, as keys of `UNREVIEWED`."""
+    found = []
+    measured_by = (calibration.measured_by or source.run.operator).strip().casefold()
+    model, tolerance = source.model_entry, issue.tolerance_percent_fs
+    if model is not None and verification is None:
+        found.append("unverified")
+    limit_nm = float("inf") if tolerance is None else tolerance / 100.0 * calibration.range_nm
+    if model is not None and verification is not None and verification.worst_after_nm > limit_nm:
+        found.append("outside")
+    reviews = [
+        each.checked
+        for each in registry.reviews("calibrations", calibration.calibration_id)
+        if each.accepted and each.checked_by.strip().casefold() != measured_by
+    ]
+    used = [] if model is None else registry.activations(calibration.transducer_serial)
+    begun = [each.activated for each in used if model and each.model_id == model.model_id]
+    if not reviews or (begun and min(reviews) > max(begun)):
+        found.append("unchecked")
+    if any(name.strip().casefold() == measured_by for name in issue.authorised_by):
+        found.append("self_signed")
+    return tuple(found)
 
 
 def _authorising(issue: Issue) -> tuple[str, ...]:

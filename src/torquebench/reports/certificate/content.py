@@ -12,7 +12,7 @@ from torquebench.reports.certificate.record import (
 )
 from torquebench.reports.certificate.static_content import static_content
 
-__all__ = ["certificate_content", "deviation_words"]
+__all__ = ["certificate_content", "deviation_words", "unreviewed_words"]
 
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
@@ -63,7 +63,15 @@ def _word(key: str, record: CertificateRecord) -> str:
 def _banner(record: CertificateRecord, words: Labels) -> str | None:
     """Return what every page warns of."""
     shown = [words[key] for key in ("draft", "simulated") if getattr(record, key)]
+    if record.unreviewed:
+        shown.append(unreviewed_words(record, words))
     return " · ".join(shown) or None
+
+
+def unreviewed_words(record: CertificateRecord, words: Labels) -> str:
+    """Say what neither a second person nor fresh points have confirmed."""
+    reasons = ", ".join(words[f"unreviewed_{each}"] for each in record.unreviewed)
+    return f"{words['unreviewed']}: {reasons}"
 
 
 def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str]]]:

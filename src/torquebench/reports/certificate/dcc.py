@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
-from torquebench.reports.certificate.content import deviation_words
+from torquebench.reports.certificate.content import deviation_words, unreviewed_words
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
     CertificateRecord,
@@ -194,6 +194,11 @@ class _Writer:
         for warning in ("draft", "simulated"):
             if getattr(record, warning):
                 self._words(_add(parent, "statement"), "declaration", warning)
+        if record.unreviewed:
+            declaration = _add(_add(parent, "statement"), "declaration")
+            for language, words in self.words.items():
+                content = _add(declaration, "content", unreviewed_words(record, words))
+                content.set("lang", language)
         if record.compensation and record.verification is None:
             statement = _add(parent, "statement")
             self._words(statement, "name", "verification")

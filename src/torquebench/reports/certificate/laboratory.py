@@ -1,6 +1,7 @@
 """Who issues certificates and for whom: a small TOML file."""
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -30,13 +31,24 @@ class _Party(BaseModel):
         return Party(**self.model_dump())
 
 
+class _Policy(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    unreviewed: Literal["state", "refuse"] = "state"
+
+
 class Letterhead(BaseModel):
-    """The laboratory that issues, and the customer; the laboratory itself where none is given."""
+    """The laboratory that issues, and the customer; the laboratory itself where none is given.
+
+    `policy.unreviewed` is what becomes of a certificate that nobody has reviewed: every page
+    states it, or it is refused.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     laboratory: _Party
     customer: _Party | None = None
+    policy: _Policy = _Policy()
 
     @property
     def parties(self) -> tuple[Party, Party]:
@@ -51,7 +63,8 @@ def read_letterhead(path: Path) -> Letterhead:
     ----------
     path : pathlib.Path
         A TOML file with the table ``[laboratory]`` (name, street, post_code, city, country,
-        email) and, where the customer is somebody else, ``[customer]``.
+        email), where the customer is somebody else ``[customer]``, and where wanted ``[policy]``
+        with ``unreviewed = "refuse"``.
 
     Raises
     ------

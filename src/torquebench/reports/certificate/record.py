@@ -375,6 +375,9 @@ class CertificateRecord:
         By direction, before and after compensation; empty where the steps don't allow it.
     zero_hysteresis : ZeroHysteresisStatement or None
         Of reversing cycles.
+    unreviewed : tuple of str
+        What a second person or fresh points haven't confirmed, which every page then says:
+        ``"unverified"``, ``"outside"``, ``"unchecked"``, ``"self_signed"``.
     measured_by, checked_by, authorised_by : tuple of str
         Who did it, who looked over it, who answers for it.
     files : mapping of str to str
@@ -418,6 +421,7 @@ class CertificateRecord:
     compensation_kind: str = ""
     static: tuple[StaticTable, ...] = ()
     zero_hysteresis: ZeroHysteresisStatement | None = None
+    unreviewed: tuple[str, ...] = ()
     format: int = field(default=RECORD_FORMAT)
 
     @property

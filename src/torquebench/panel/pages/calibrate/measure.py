@@ -11,7 +11,7 @@ from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
-from torquebench.panel.components.elements import box, pairs, panel, tag, words
+from torquebench.panel.components.elements import box, note, pairs, panel, tag, words
 from torquebench.panel.pages.calibrate.resume import interrupted_note
 from torquebench.panel.pages.job_panel import duration_words, problem_note
 from torquebench.panel.pages.quick import clear_choice
@@ -154,6 +154,8 @@ def preview_panel(text: Text, preview: JobPreview) -> None:
                          for each in dict.fromkeys(preview.mounts))  # fmt: skip
         rows.append((text("preview.mounts"), what))
     pairs(rows)
+    for doubt in preview.doubts:
+        note(text.core(doubt), "warn")
     for remark in preview.remarks:
         words("p", text.core(remark), "small muted")
     if preview.time_s:

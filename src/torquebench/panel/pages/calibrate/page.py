@@ -94,6 +94,9 @@ class CalibratePage:
 
     def again(self) -> None:
         """Put this calibration aside and begin another one."""
+        visitor = self.visitor
+        if not visitor.attempt(lambda: visitor.service.jobs.command(visitor.actor)):
+            return  # the wizard is everybody's
         if self.workflow.calibrate is not None:
             self.visitor.dismissed.job_ids.add(self.workflow.calibrate.job_id)
         self.step = "prepare"

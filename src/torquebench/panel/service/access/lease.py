@@ -3,7 +3,8 @@
 Who commands keeps the lease by commanding. It may be taken over by anybody once its holder has
 signed out, or has done nothing for `IDLE_S` while nothing runs; by the same person from another
 browser at any time; and by force by a metrologist or administrator, whose role isn't below the
-holder's. Every change is noted. A stop needs no lease.
+holder's; a program takes it from a person only while nothing runs. Every change is noted. A stop
+needs no lease.
 """
 
 from __future__ import annotations
@@ -132,6 +133,8 @@ class CommandLease:
             if not allowed:
                 assert holder is not None
                 strong = allows(actor.role, "metrologist") and allows(actor.role, holder.role)
+                if actor.kind == "client" and holder.kind == "person" and self._working():
+                    strong = False  # nobody's program takes a running bench out of their hands
                 if not (force and strong):
                     raise LeaseError(
                         reason,

@@ -1,4 +1,4 @@
-"""Against guessing: wrong passwords are counted, and too many of them lock for a while."""
+"""Against guessing: wrong passwords are counted, and too many of them bring growing pauses."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from torquebench.panel.service.store import PanelStore, failures
 __all__ = ["Attempt", "LoginThrottle"]
 
 WINDOW_S = 900.0
-"""How long a wrong password counts, and how long a lock therefore lasts at most, s."""
+"""How long a wrong password counts, and the longest pause that it brings, s."""
+FIRST_PAUSE_S = 10.0
+"""After one wrong password too many, s; each further one doubles it."""
 PER_PERSON_AND_ADDRESS = 5
-PER_PERSON = 30
-"""From all addresses together: more, so that nobody far away can shut a person out easily."""
 PER_ADDRESS = 30
+"""There is no limit for a person from all addresses together: whoever is elsewhere could use it to
+shut that person out."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Attempt:
 
 
 class LoginThrottle:
-    """Counts attempts by person, by address and by both, across restarts, until they are right.
+    """Counts attempts by address and by person there, across restarts, until they are right.
 
     Parameters
     ----------
@@ -58,17 +60,20 @@ class LoginThrottle:
         with self._store.transaction() as connection:
             connection.execute(delete(failures).where(failures.c.at < now - WINDOW_S))
             for subject, limit in subjects:
-                query = select(func.count(), func.min(failures.c.at)).where(
+                query = select(func.count(), func.max(failures.c.at)).where(
                     failures.c.subject == subject
                 )
-                count, oldest = connection.execute(query).one()
-                if count >= limit:
-                    wait_s = max(1.0, float(oldest) + WINDOW_S - now)
+                count, newest = connection.execute(query).one()
+                if count < limit:
+                    continue
+                pause_s = min(FIRST_PAUSE_S * 2.0 ** (count - limit), WINDOW_S)
+                wait_s = float(newest) + pause_s - now
+                if wait_s > 0.0:
                     raise LockedOutError(
                         "too many wrong passwords",
-                        f"{limit} within {WINDOW_S / 60:g} minutes",
-                        f"wait {wait_s / 60:.0f} minutes, or ask an administrator",
-                        wait_s=wait_s,
+                        f"{limit} within {WINDOW_S / 60:g} minutes, then with growing pauses",
+                        f"wait {max(1.0, wait_s):.0f} s, or ask an administrator",
+                        wait_s=max(1.0, wait_s),
                     )
             numbers = [
                 connection.execute(
@@ -88,19 +93,24 @@ class LoginThrottle:
             )
 
     def release(self, name: str) -> None:
-        """Forget every failure of a person: an administrator has said so."""
+        """Forget every failure of a person, and of where they came from.
+
+        An administrator has said so.
+        """
+        begin = f"both {name} "
         with self._store.transaction() as connection:
+            of_person = failures.c.subject.startswith(begin, autoescape=True)
+            query = select(failures.c.subject).where(of_person).distinct()
+            addresses = [
+                f"address {subject.removeprefix(begin)}" for subject in connection.scalars(query)
+            ]
             connection.execute(
-                delete(failures).where(
-                    (failures.c.subject == f"person {name}")
-                    | failures.c.subject.startswith(f"both {name} ", autoescape=True)
-                )
+                delete(failures).where(of_person | failures.c.subject.in_(addresses))
             )
 
 
 def _subjects(name: str, address: str) -> list[tuple[str, int]]:
     return [
         (f"both {name} {address}", PER_PERSON_AND_ADDRESS),
-        (f"person {name}", PER_PERSON),
         (f"address {address}", PER_ADDRESS),
     ]

@@ -6,6 +6,7 @@ import re
 import secrets
 import threading
 import time
+import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -30,6 +31,14 @@ __all__ = ["People", "User"]
 
 NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
 SETUP = "set-up"
+RESERVED = frozenset({"set-up", "station", "panel", "system", "bench", "nobody", "torquebench"})
+"""What the logs call those who are no person."""
+LOOK_ALIKES = str.maketrans(
+    "\u0430\u0435\u043e\u0440\u0441\u0443\u0445\u0456\u0458\u0455\u0501\u04bb"
+    "\u043a\u043c\u0442\u0432\u043d\u03b1\u03bf\u03c1\u03c5\u03bd\u03b9\u03ba\u03c4\u03c90",
+    "aeopcyxijsdhkmtbhaopuviktwo",
+)
+"""Cyrillic and Greek letters, and the figure 0, as the Latin letters that they look like."""
 
 
 @dataclass(frozen=True)
@@ -223,8 +232,11 @@ class People:
         role: Role | None = None,
         active: bool | None = None,
         password: str | None = None,
+        unlock: bool = False,
     ) -> User:
         """Change an account and end its sessions; a new password also ends its lock.
+
+        `unlock` alone ends the pause after wrong passwords, and no session.
 
         Raises
         ------
@@ -237,6 +249,9 @@ class People:
         """
         require(actor, "administrator")
         row = self._known(name)
+        if unlock:
+            self._guard.release(row.key)
+            self._store.note(actor.label, "let an account try again", name=row.name)
         values: dict[str, Any] = {}
         if role is not None:
             values["role"] = _checked_role(role)
@@ -294,9 +309,15 @@ class People:
         _checked_role(role)
         check_password_rules(name, password)
         hashed = hash_password(password)
+        if _look(name) in RESERVED:
+            raise InputError(f"name {name!r}", "a person's name", "the panel itself is called that")
         with self._store.transaction() as connection:
-            if connection.scalar(select(users.c.id).where(users.c.key == _key(name))):
-                raise NameTakenError(f"an account {name} exists", "a new name")
+            taken = connection.scalars(select(users.c.name)).all()
+            alike = next((each for each in taken if _look(each) == _look(name)), None)
+            if alike is not None:
+                raise NameTakenError(
+                    f"an account {alike} exists", "a new name", "one that doesn't look like it"
+                )
             connection.execute(
                 insert(users).values(
                     key=_key(name),
@@ -328,6 +349,17 @@ class People:
 def _key(name: str) -> str:
     """Return a name as it is compared: without case and outer blanks, never too long."""
     return name.strip().casefold()[:128]
+
+
+def _look(name: str) -> str:
+    """Return what a name looks like: equal for names that people take for the same one.
+
+    Examples
+    --------
+    >>> _look("Ana  Li") == _look("\u0410N\u0410 LI"), _look("Ana") == _look("Anna")
+    (True, False)
+    """
+    return " ".join(unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKES).split())
 
 
 def _checked_role(role: str) -> str:

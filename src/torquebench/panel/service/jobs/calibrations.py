@@ -22,6 +22,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from torquebench.bench.description import StandardDescription
 from torquebench.bench.roles import Side
 from torquebench.calibration import (
     Profile,
@@ -80,6 +81,7 @@ from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
 from torquebench.records import REGISTERS, CalibrationEntry, RunFolder
+from torquebench.records.time_check import expired_standard
 from torquebench.reports.certificate import run_profile
 from torquebench.station import Station
 
@@ -183,9 +185,19 @@ def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPrevi
     station = place.station
     profile = _calibration_profile(place, request)
     rehearsal = rehearse_calibration(station, request.side, profile)
-    return staircase_preview(
+    preview = staircase_preview(
         station.description, request.side, "calibrate", _calibrate_title(request), rehearsal
     )
+    return replace(preview, doubts=_doubts(station, "calibrator", station.description.calibrator))
+
+
+def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple[str, ...]:
+    """Return what makes doubtful what is measured against a standard now, before it begins."""
+    behind = station.clock_behind
+    said = f"{behind}; set the clock, or every date of what follows is wrong" if behind else ""
+    due = standard.certificate_due
+    expired = expired_standard(station.registry, what, standard.serial, due)
+    return tuple(each for each in (said, expired) if each)
 
 
 def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult:
@@ -341,7 +353,9 @@ def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview
     )
     rehearsal = rehearse(station.devices, verify_plan(station.devices, side, profile, steps))
     title = f"Verify the {side} module"
-    return staircase_preview(station.description, side, "verify", title, rehearsal)
+    preview = staircase_preview(station.description, side, "verify", title, rehearsal)
+    standard = station.description.verification_standard
+    return replace(preview, doubts=_doubts(station, "verification standard", standard))
 
 
 def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:

@@ -5,7 +5,8 @@ Details of their results, all as JSON:
 - "zero": for each side `frequency_hz`, and `zero_nm`, what that is away from the nominal zero.
 - "check": `side`, `tolerance_percent_fs`, and for each point `standard_nm`, `error_nm`,
   `expanded_uncertainty_nm`, `verdict`.
-- "certificate": `files` (their names), `verdict`, `deviations`, `languages`.
+- "certificate": `files` (their names), `verdict`, `deviations`, `languages`, `unreviewed` (what
+  every page says that nobody has confirmed).
 """
 
 from __future__ import annotations
@@ -149,8 +150,13 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
     kept = registry.root / LABORATORY_FILE
     parties: dict[str, Any] = {}
     if kept.is_file():
-        laboratory, customer = read_letterhead(kept).parties
-        parties = {"laboratory": laboratory, "customer": customer}
+        letterhead = read_letterhead(kept)
+        laboratory, customer = letterhead.parties
+        parties = {
+            "laboratory": laboratory,
+            "customer": customer,
+            "refuse_unreviewed": letterhead.policy.unreviewed == "refuse",
+        }
     issue = Issue(
         [context.actor.name],
         languages=request.languages,
@@ -175,6 +181,7 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
                 "deviations": [each.found for each in record.deviations],
                 "languages": list(record.languages),
                 "supersedes": record.supersedes,
+                "unreviewed": list(record.unreviewed),
             }
         ),
     )

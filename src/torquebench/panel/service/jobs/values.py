@@ -108,6 +108,8 @@ class JobPreview:
     mounts : tuple of str
         What the person at the bench will have to mount, in order.
     remarks : tuple of str
+    doubts : tuple of str
+        What would make the result doubtful, such as an expired standard or a wrong clock.
     """
 
     kind: str
@@ -122,6 +124,7 @@ class JobPreview:
     target_nm: tuple[float, ...] = ()
     mounts: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,117 @@
+"""Sockets of pages: each belongs to the page and to the session that opened it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from torquebench.panel.pages.visitor import SESSION_COOKIE
+from torquebench.panel.service import NotSignedInError
+from torquebench.panel.service.access.people import People
+
+__all__ = ["SOCKET_PATH", "PageSockets"]
+
+SOCKET_PATH = "/_nicegui_ws/"
+REFUSED = 1008
+TO_SIGN_IN = '42["open"'
+"""How the message begins that sends a page elsewhere: the last one that an ended session gets."""
+_PACKET = re.compile(r"4[0-9]+-?(?:/[^,]*,)?[0-9]*")
+
+
+class PageSockets:
+    """ASGI middleware: who knows a page's number alone neither hears nor moves anything.
+
+    A socket to a page that somebody signed in has opened needs that session's cookie, hears
+    nothing once the session has ended, and speaks for this one page. There is no polling, whose
+    single requests nobody could hold against a page.
+
+    Parameters
+    ----------
+    app : ASGIApp
+    people : People
+    pages : mapping of str to str
+        Token of the session that opened each page, by the page's number; who isn't signed in has
+        none.
+    """
+
+    def __init__(self, app: ASGIApp, people: People, pages: MutableMapping[str, str]) -> None:
+        self._app, self._people, self._pages = app, people, pages
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a socket's messages on, or refuse it."""
+        if scope["type"] not in ("http", "websocket") or SOCKET_PATH not in scope["path"]:
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] == "http":
+            await PlainTextResponse("a WebSocket only", 400)(scope, receive, send)
+            return
+        query = parse_qs(scope["query_string"].decode("latin-1"))
+        page = query.get("client_id", [""])[0]
+        token = self._pages.get(page)
+        if token is not None and (_cookie(scope) != token or not self._lives(token)):
+            await receive()
+            await send({"type": "websocket.close", "code": REFUSED})
+            return
+
+        async def receiving() -> Message:
+            while True:
+                message = await receive()
+                if message["type"] != "websocket.receive":
+                    return message
+                said = _content(message.get("text") or "")
+                if said is None or not _is_of(page, said):
+                    return {"type": "websocket.disconnect", "code": REFUSED}
+                if said[:1] != ["log"]:  # nobody writes into the server's log from outside
+                    return message
+
+        async def sending(message: Message) -> None:
+            said = message.get("text") or ""
+            if token is None or _is_harmless(message["type"], said) or self._lives(token):
+                await send(message)
+
+        await self._app(scope, receiving, sending)
+
+    def _lives(self, token: str) -> bool:
+        try:
+            self._people.actor(token, touch=False)
+        except NotSignedInError:
+            return False
+        return True
+
+
+def _cookie(scope: Scope) -> str:
+    try:
+        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(SESSION_COOKIE)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value
+
+
+def _is_harmless(kind: str, said: str) -> bool:
+    """Whether even an ended session may hear this: engine.io's own, or where to sign in."""
+    return kind != "websocket.send" or len(said) == 1 or said.startswith(TO_SIGN_IN)
+
+
+def _content(text: str) -> list[Any] | None:
+    """Return what a packet holds, empty where it is engine.io's own; None where it is no JSON."""
+    begin = _PACKET.match(text)
+    if begin is None or begin.end() == len(text):
+        return []
+    try:
+        content = json.loads(text[begin.end() :])
+    except (ValueError, RecursionError):
+        return None
+    return content if isinstance(content, list) else [content]
+
+
+def _is_of(page: str, said: list[Any]) -> bool:
+    """Whether what a browser says concerns its own page only."""
+    return all(part.get("client_id", page) == page for part in said if isinstance(part, dict))
