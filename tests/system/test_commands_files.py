@@ -1,6 +1,7 @@
 """Fit, apply and verify on a user's own files."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,17 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
     strict = run("verify", "model.json", "fresh.csv", "--tolerance", 0.0001, cwd=tmp_path)
     assert strict.returncode == 1
     assert "out of the tolerance" in strict.stdout
+    shutil.copy(tmp_path / "model.json", tmp_path / "other.json")
+    beside = run(
+        *("verify", "model.json", "fresh.csv", "--with", "other.json", "--report", "v.html"),
+        cwd=tmp_path,
+    )
+    assert beside.returncode == 0, beside.stderr
+    assert "(other)" in beside.stdout
+    assert widest_line(beside.stdout) <= 80
+    page = (tmp_path / "v.html").read_text()
+    assert "repeatability ≤ 0.1 %" in page
+    assert page.count("<svg") == 2
     own = run("verify", "model.json", "data.csv", cwd=tmp_path)
     assert "verifies nothing" in " ".join(own.stderr.split())
 

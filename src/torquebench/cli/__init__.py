@@ -48,6 +48,7 @@ def _add_commands(wanted: str) -> None:
         evaluate,
         evaluate_dynamics,
         evaluate_reducer,
+        in_place,
         measure,
         mechanics,
         models,
@@ -56,6 +57,7 @@ def _add_commands(wanted: str) -> None:
         reducer_test,
         simulate,
         turn,
+        verification,
     )
 
     for group in (
@@ -64,12 +66,14 @@ def _add_commands(wanted: str) -> None:
         check_standard,
         certificate,
         models,
+        verification,
         compensation_files,
         measure,
         turn,
         reducer_test,
         panel,
         papers,
+        in_place,
         mechanics,
         doctor,
         simulate,

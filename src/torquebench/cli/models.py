@@ -18,12 +18,14 @@ from torquebench.cli.options import ColumnOption, RangeOption, WithoutOption, ch
 from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
     from torquebench.calibration import CalibrationData
     from torquebench.campaign.results import FitResult
-    from torquebench.chain import Readings, Torque
+    from torquebench.chain import MeasuringChain, Readings, Torque
     from torquebench.compensation import StoredModel
     from torquebench.records import ReadingsTable
 
@@ -344,39 +346,54 @@ def verify(
         float | None, typer.Option(help="Temperature at which the points' zero was taken, °C.")
     ] = None,
     without: WithoutOption = None,
+    others: Annotated[
+        list[Path] | None,
+        typer.Option("--with", help="Another model beside it, for comparison. Repeat it."),
+    ] = None,
+    report: Annotated[
+        list[Path] | None,
+        typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+    ] = None,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance.
 
-    Points of a chain with empty runs may lie at any speed and temperature within its record; their
-    zero is that of the calibration unless --zero-temperature says otherwise.
+    Every series of the table is a group. --with shows other models beside it; the verdict is that
+    of MODEL. Points of a chain with empty runs may lie at any speed and temperature within its
+    record; their zero is that of the calibration unless --zero-temperature says otherwise.
     """
+    from torquebench.cli.reducer_tables import check_reports
     from torquebench.compensation import load_model
     from torquebench.records import read_calibration_csv
 
+    check_reports(report or [])
     stored = load_model(model)
+    compared = {f"model {path.stem}": load_model(path) for path in others or []}
     points = read_calibration_csv(data, range_nm=stored.provenance.range_nm, mapping=column or ())
-    _check_chain(stored, points)
+    for each in (stored, *compared.values()):
+        _check_chain(each, points)
     _warn_of_contradictions(stored)
 
     from torquebench.calibration import verify as verify_models
-    from torquebench.campaign.fitting import model_title
-    from torquebench.campaign.turning import recorded_readings
-    from torquebench.chain import MeasuringChain, RecordedStream, SwitchedOff
+    from torquebench.chain import MeasuringChain, SwitchedOff
     from torquebench.cli.tables import cells_table, error_blocks
 
-    chain = MeasuringChain.of(stored)
+    chains = {name: MeasuringChain.of(each) for name, each in {"model": stored, **compared}.items()}
     if without:
-        chain = chain.with_effects([SwitchedOff.of("stated with verify", *without)])
-    readings = points.readings()
-    if chain.turns:
-        readings = RecordedStream(chain).completed(
-            recorded_readings(points, zero_temperature), None
-        )
-    torque = chain.torque(readings)
-    result = verify_models(points, {"model": chain}, {"model": torque})
-    title = model_title(stored.model.kind, stored.model.kind_parameters)
-    raw, compensated = result.models
-    rows = (("raw reading", raw), (f"*{title}", compensated))
+        off = SwitchedOff.of("stated with verify", *without)
+        chains = {name: each.with_effects([off]) for name, each in chains.items()}
+    torques = {name: _torque(each, points, zero_temperature) for name, each in chains.items()}
+    chain, torque = chains["model"], torques["model"]
+    result = verify_models(points, chains, torques)
+    title = _title(stored)
+    raw, compensated, *beside = result.models
+    rows = (
+        ("raw reading", raw),
+        (f"*{title}", compensated),
+        *(
+            (f"{each.name.removeprefix('model ')}: {_title(compared[each.name])}", each)
+            for each in beside
+        ),
+    )
     simulated = " - simulated" if result.simulated else ""
     say(
         f"[bold]{result.points} readings in {result.groups} group"
@@ -404,12 +421,61 @@ def verify(
     say(f"U (k = 2) of these torques up to {compensated.expanded_uncertainty_nm:.3g} N·m")
     if chain.turns:
         out().print(cells_table(points, torque))
+    titles = [name.removeprefix("*") for name, _ in rows[1:]]
+    _write_verification(
+        points,
+        dict(zip(titles, torques.values(), strict=True)),
+        (("Points", data.name), ("Model", model.name)),
+        tolerance,
+        report or [],
+    )
     worst = compensated.against_standard.worst_percent_fs
     passed = worst <= tolerance
     verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
     say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
     if not passed:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _torque(
+    chain: MeasuringChain, points: CalibrationData, zero_temperature: float | None
+) -> Torque:
+    """Return what a chain makes of points, also of those that turn."""
+    from torquebench.campaign.turning import recorded_readings
+    from torquebench.chain import RecordedStream
+
+    readings = points.readings()
+    if chain.turns:
+        recorded = recorded_readings(points, zero_temperature)
+        readings = RecordedStream(chain).completed(recorded, None)
+    return chain.torque(readings)
+
+
+def _write_verification(
+    points: CalibrationData,
+    torques: Mapping[str, Torque],
+    facts: Sequence[tuple[str, str]],
+    tolerance: float,
+    reports: Sequence[Path],
+) -> None:
+    if not reports:
+        return
+    from torquebench.reports.page_pdf import write_report
+    from torquebench.reports.verification_report import Verified, verification_page
+
+    verified = [
+        Verified("raw reading", points.reading_nm),
+        *(Verified(title, torque.value_nm) for title, torque in torques.items()),
+    ]
+    page = verification_page(points, verified, facts, tolerance)
+    for path in reports:
+        say(f"Report: {write_report(page, path)}")
+
+
+def _title(stored: StoredModel) -> str:
+    from torquebench.campaign.fitting import model_title
+
+    return model_title(stored.model.kind, stored.model.kind_parameters)
 
 
 def _warn_of_contradictions(stored: StoredModel) -> None:

@@ -154,6 +154,7 @@ _ITEMS = (
         16,
         "Calibrated alone",
         "horizontal bench, transducer calibrated alone: about 0.5 %",
+        "torquebench in-place",
     ),
     Item(
         17,

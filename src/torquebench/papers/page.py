@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from torquebench.bench.drivers.base import Side
-from torquebench.calibration import RAW, CalibrationData, VerificationResult
+from torquebench.calibration import CalibrationData
 from torquebench.compensation import PublishedNetworkModel
 from torquebench.figures import Curve
 from torquebench.papers.items import ITEMS, Answer, Verdict
@@ -38,8 +38,14 @@ from torquebench.reports.standard_reducer_report import (
     friction_check_figure,
     friction_check_table,
 )
+from torquebench.reports.verification_report import (
+    Verified,
+    before_after_figure,
+    spread_percent,
+    verification_tables,
+)
 
-__all__ = ["BenchResult", "friction_blocks", "papers_page", "verification_tables"]
+__all__ = ["BenchResult", "alone_row", "friction_blocks", "in_place_page", "papers_page"]
 
 LIMIT_PERCENT = 0.1
 """Error and repeatability that the papers claim, % FS."""
@@ -386,32 +392,13 @@ def _before_after(bench: BenchResult) -> tuple[Blocks, Answer]:
         if module is None or data is None:
             continue
         title = CHOICES[name].title
-        before, after = module.errors_nm(data), module.errors_nm(data, name)
-        worst = float(np.max(np.abs(after)))
+        worst = float(np.max(np.abs(module.errors_nm(data, name))))
         percent = 100.0 * worst / data.range_nm
-        limit = LIMIT_PERCENT / 100.0 * data.range_nm
         if name == BP_RESIDUAL:
             met.append(percent <= LIMIT_PERCENT)
         words.append(f"{title}, {side}: {number(worst)} N·m ({number(percent)} % FS)")
-        blocks.append(
-            Figure(
-                panels_figure(
-                    [
-                        Panel(
-                            [Curve("before", data.standard_nm, before, raw=True),
-                             Curve(f"after: {title}", data.standard_nm, after)],
-                            "torque in N·m",
-                            "error in N·m",
-                            markers=True,
-                            limits=(-limit, limit),
-                            range_nm=data.range_nm,
-                        )
-                    ]
-                ),
-                f"{side.capitalize()} module: errors of {len(data)} fresh readings before and "
-                f"after {title}, against the verification standard. Dashed: ±0.1 % FS.",
-            )
-        )  # fmt: skip
+        torque = module.models[name].torque_nm(data.reading_nm, data.branch.astype(np.float64))
+        blocks.append(before_after_figure(data, Verified(title, torque), LIMIT_PERCENT))
     if not words:
         return [], Answer("no verification", "not measured")
     return blocks, Answer(
@@ -424,83 +411,19 @@ def _before_after(bench: BenchResult) -> tuple[Blocks, Answer]:
 # -- item 14 ----------------------------------------------------------------------------------
 
 
-def verification_tables(
-    module: FittedModule, found: VerificationResult, data: CalibrationData, what: str
-) -> Blocks:
-    """Return a verification as tables: each group, and error and repeatability with verdicts.
-
-    Parameters
-    ----------
-    module : FittedModule
-    found : VerificationResult
-    data : CalibrationData
-        Its points.
-    what : str
-        Which points, in words.
-    """
-    shown = [RAW, *module.models]
-    titles = ["raw reading", *(each.choice.title for each in module.models.values())]
-    groups = np.unique(data.series)
-    rows = []
-    for number_ in groups:
-        part = data.subset(data.series == number_)
-        cells = [str(int(number_))]
-        for name in shown:
-            error = np.abs(module.errors_nm(part, "" if name == RAW else name))
-            cells.append(f"{number(error.max())} / {number(error.mean())}")
-        rows.append(cells)
-    verdicts = []
-    for name, title in zip(shown, titles, strict=True):
-        error = module.errors_nm(data, "" if name == RAW else name)
-        worst = 100.0 * float(np.max(np.abs(error))) / data.range_nm
-        spread = _repeatability_percent(error, data, found)
-        verdicts.append(
-            [
-                title,
-                number(worst * data.range_nm / 100.0),
-                number(worst),
-                _kept(worst),
-                number(None if spread is None else spread * data.range_nm / 100.0),
-                number(spread),
-                "–" if spread is None else _kept(spread),
-            ]
-        )
+def _verified(module: FittedModule, data: CalibrationData) -> list[Verified]:
+    branch = data.branch.astype(np.float64)
     return [
-        Table(
-            ("group", *(f"{title}, N·m" for title in titles)),
-            rows,
-            f"{what}: worst / mean amount of the error in each group of {len(data) // len(groups)} "
-            "readings, against the standard.",
-        ),
-        Table(
-            (
-                "",
-                "worst, N·m",
-                "% FS",
-                "error ≤ 0.1 %",
-                "repeatability, N·m",
-                "% FS",
-                "repeatability ≤ 0.1 %",
-            ),
-            verdicts,
-            f"{what}: worst single reading of all groups, and the largest standard deviation over "
-            "the groups at one place.",
+        Verified("raw reading", data.reading_nm),
+        *(
+            Verified(each.choice.title, each.torque_nm(data.reading_nm, branch))
+            for each in module.models.values()
         ),
     ]
 
 
 def _kept(percent: float) -> str:
     return "met" if percent <= LIMIT_PERCENT else "not met"
-
-
-def _repeatability_percent(
-    error: np.ndarray, data: CalibrationData, found: VerificationResult
-) -> float | None:
-    """Return the largest standard deviation of the error over the groups at one place, % FS."""
-    groups = [error[data.series == each] for each in np.unique(data.series)]
-    if found.groups < 2 or len({group.size for group in groups}) != 1:
-        return None
-    return float(100.0 * np.max(np.std(np.stack(groups), axis=0, ddof=1)) / data.range_nm)
 
 
 def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
@@ -512,7 +435,7 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
         ):
             if found is not None and data is not None:
                 words = f"{side.capitalize()} module, {found.groups} {what}"
-                blocks += verification_tables(module, found, data, words)
+                blocks += verification_tables(data, _verified(module, data), words, LIMIT_PERCENT)
     rows, kept, counted = [], 0, 0
     for bench in benches:
         for side, module in bench.modules.items():
@@ -523,7 +446,7 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
             for name in (BP_RESIDUAL, POLYNOMIAL, RECOMMENDED_NAME):
                 error = module.errors_nm(data, name)
                 worst = 100.0 * float(np.max(np.abs(error))) / data.range_nm
-                spread = _repeatability_percent(error, data, found)
+                spread = spread_percent(error, data)
                 cells.append(f"{number(worst)} / {number(spread)}")
                 if name == BP_RESIDUAL:
                     counted += 1
@@ -615,25 +538,50 @@ def _alone(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
                 blocks.append(_alone_figure(side, module))
     if not rows:
         return Answer("no transducer calibrated alone", "not measured", "give alone-SIDE.csv"), []
-    blocks.append(
-        Table(
-            (
-                "module",
-                "raw, % FS",
-                "calibrated alone, % FS",
-                "calibrated in place, % FS",
-                "in place, rising only (BP), % FS",
-            ),
-            rows,
-            "Worst error of fresh readings in the chain: with the transducer's own calibration "
-            "(alone), and with the calibration of the whole chain in place.",
-        )
-    )
+    blocks.append(_alone_table(rows))
     return Answer(
         f"calibrated alone: {number(min(worst))} to {number(max(worst))} % FS in the chain",
         "shown",
         "what the chain adds is not seen by a calibration of the transducer alone",
     ), blocks
+
+
+def _alone_table(rows: Sequence[Sequence[str]]) -> Table:
+    return Table(
+        (
+            "module",
+            "raw, % FS",
+            "calibrated alone, % FS",
+            "calibrated in place, % FS",
+            "in place, rising only (BP), % FS",
+        ),
+        rows,
+        "Worst error of fresh readings in the chain: with the transducer's own calibration "
+        "(alone), and with the calibration of the whole chain in place.",
+    )
+
+
+def in_place_page(name: str, side: Side, module: FittedModule) -> Page:
+    """Return the report of one transducer calibrated alone and in place.
+
+    Parameters
+    ----------
+    name : str
+        Of the bench.
+    side : {"input", "output"}
+    module : FittedModule
+        With a calibration alone and fresh readings.
+    """
+    found = alone_row(module)
+    assert found is not None
+    data = module.tables.calibration
+    rows = [[f"{name}: {side}", *(number(each) for each in found)]]
+    return Page(
+        "Calibrated alone against in place",
+        f"{name}, {side} module, {data.range_nm:g} N·m",
+        [Section("Result", "", (_alone_table(rows), _alone_figure(side, module)))],
+        simulated=data.simulated,
+    )
 
 
 def alone_model(module: FittedModule) -> tuple[np.ndarray, np.ndarray]:

@@ -30,6 +30,7 @@ __all__ = [
     "FrictionTable",
     "ModuleTables",
     "PapersSettings",
+    "measure_module",
     "measure_tables",
     "read_tables",
     "write_tables",
@@ -195,6 +196,17 @@ def measure_tables(
         drawn = description.simulation
         name += f", preset {drawn.get('preset', 'nominal')}, seed {drawn.get('seed', 1)}"
     return BenchTables(name, description.simulated, modules, friction)
+
+
+def measure_module(
+    station: Station, side: Side, settings: PapersSettings, progress: Progress = NO_PROGRESS
+) -> ModuleTables:
+    """Calibrate one module in place and verify it; a simulated transducer alone as well."""
+    calibrated = measure_calibration(station, side, settings.calibration, progress=progress)
+    same = settings.verification.with_options(same_points=True)
+    verified = measure_verification(station, side, same, settings.seed, progress=progress)
+    data = calibrated.result.data
+    return ModuleTables(data, verified.result.data, None, _alone(station, side, data))
 
 
 def _alone(station: Station, side: Side, calibration: CalibrationData) -> CalibrationData | None:

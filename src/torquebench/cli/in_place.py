@@ -1,0 +1,165 @@
+"""`torquebench in-place`: a transducer calibrated alone against its chain calibrated in place."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.confirming import confirm_start
+from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.options import BenchOption, RealTimeOption, bench_description
+from torquebench.cli.reducer_tables import check_reports
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.roles import Side
+    from torquebench.calibration import CalibrationData
+    from torquebench.papers.tables import ModuleTables
+
+__all__ = ["register"]
+
+RECORDS = Path("torquebench-data")
+
+
+class Module(StrEnum):
+    """Which module."""
+
+    input = "input"
+    output = "output"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("in-place")(in_place)
+
+
+def in_place(
+    module: Annotated[Module, typer.Argument(help="Which module.")] = Module.output,
+    alone: Annotated[
+        Path | None,
+        typer.Option(
+            help="The transducer's calibration by itself (CSV: reading_nm, standard_nm); needed "
+            "on a real bench."
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer points: a look in a few seconds.")
+    ] = False,
+    report: Annotated[
+        list[Path] | None,
+        typer.Option("--report", help="Write a report with a figure (.html or .pdf). Repeat it."),
+    ] = None,
+    bench: BenchOption = None,
+    records: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the records; without it those of simulated runs are dropped."),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+    ] = False,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Calibrate a transducer alone and its chain in place, and show the difference.
+
+    The chain is calibrated in place and verified at fresh points. Both calibrations are applied to
+    the same readings: what the chain adds isn't seen by the transducer's own calibration. No model
+    is put into use.
+    """
+    import dataclasses
+
+    check_reports(report or [])
+    description = bench_description(bench)
+    side: Side = "input" if module is Module.input else "output"
+    table = None if alone is None else _alone(alone, side, description)
+    if table is None and not description.simulated:
+        raise InputError(
+            f"no calibration of the transducer alone for {description.name}",
+            "a CSV file with reading_nm and standard_nm",
+            "give --alone FILE.csv",
+        )
+    from torquebench.calibration import load_profile
+
+    confirm_start(description, side, load_profile("rapid-in-situ"), yes)
+    measured = _measured(description, side, quick, bench, records, real_time=real_time, yes=yes)
+    if table is not None:
+        measured = dataclasses.replace(measured, alone=table)
+    from torquebench.papers.models import BP_RESIDUAL, RECOMMENDED_NAME, fit_module
+    from torquebench.papers.page import alone_row, in_place_page
+    from torquebench.reports.errors_table import number
+
+    fitted = fit_module(measured, (BP_RESIDUAL, RECOMMENDED_NAME))
+    found = alone_row(fitted)
+    assert found is not None
+    simulated = " - simulated" if description.simulated else ""
+    shown = narrow_table(
+        f"{side.capitalize()} module, {measured.calibration.range_nm:g} N·m{simulated}",
+        caption="Worst error of fresh readings in the chain.",
+    )
+    shown.add_column("calibration")
+    shown.add_column("% FS", justify="right")
+    names = ("none: raw reading", "transducer alone", "in place", "in place, rising only (BP)")
+    for name, value in zip(names, found, strict=True):
+        shown.add_row(name, number(value))
+    out().print(shown)
+    if report:
+        from torquebench.reports.page_pdf import write_report
+
+        page = in_place_page(description.name, side, fitted)
+        for path in report:
+            say(f"Report: {write_report(page, path)}")
+
+
+def _alone(path: Path, side: Side, description: BenchDescription) -> CalibrationData:
+    from torquebench.records import read_calibration_csv
+
+    return read_calibration_csv(path, range_nm=description.module(side).range_nm, side=side)
+
+
+def _measured(
+    description: BenchDescription,
+    side: Side,
+    quick: bool,
+    bench: Path | None,
+    records: Path | None,
+    *,
+    real_time: bool,
+    yes: bool,
+) -> ModuleTables:
+    import tempfile
+
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.papers.tables import PapersSettings, measure_module
+    from torquebench.station import Station
+
+    if description.simulated:
+        note("simulated bench")
+    settings = PapersSettings.quick() if quick else PapersSettings()
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
+    progress = TerminalProgress()
+    with tempfile.TemporaryDirectory(prefix="torquebench-in-place-") as scratch:
+        kept = records or (Path(scratch) if bench is None else RECORDS)
+        with Station.open(description, kept, real_time=real_time, operator=operator) as station:
+            tell_recovered(station)
+            interrupts = BenchInterrupts(station, progress, may_pause=False)
+            try:
+                with (
+                    progress,
+                    tell_warnings(station, progress),
+                    attending(station, progress),
+                    interrupts.watching(),
+                    answering(prompts, progress, yes=yes),
+                ):
+                    return measure_module(station, side, settings, progress)
+            except RunAbortedError as aborted:
+                raise interrupts.reported(aborted) from None

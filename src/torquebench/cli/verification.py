@@ -1,0 +1,260 @@
+"""`torquebench verification`: one module in groups against the verification standard."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.confirming import confirm_start
+from torquebench.cli.console import note, out, say
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    bench_description,
+    data_directory,
+)
+from torquebench.cli.reducer_tables import check_reports
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.roles import Side
+    from torquebench.calibration import CalibrationData, Profile, VerificationResult
+    from torquebench.chain import MeasuringChain
+    from torquebench.records import ModelEntry
+    from torquebench.station import Station
+
+__all__ = ["register"]
+
+
+class Module(StrEnum):
+    """Which module."""
+
+    input = "input"
+    output = "output"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("verification")(verification)
+
+
+def verification(
+    module: Annotated[Module, typer.Argument(help="Which module.")],
+    models: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            metavar="model-N",
+            help="A model of the records; without it the one in use. Repeat it: the verdict is "
+            "that of the first.",
+        ),
+    ] = None,
+    groups: Annotated[int, typer.Option(min=1, max=1000, help="How many groups.")] = 10,
+    points: Annotated[int, typer.Option(min=4, max=10000, help="Points of each group.")] = 50,
+    same_points: Annotated[
+        bool, typer.Option("--same-points", help="The same torques in every group.")
+    ] = False,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Draws the points; without it anew each time.")
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(min=0, help="Largest error of a reading, and repeatability, % of full scale."),
+    ] = 0.1,
+    report: Annotated[
+        list[Path] | None,
+        typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+    ] = None,
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
+    ] = False,
+    real_time: RealTimeOption = False,
+) -> None:
+    """Verify a module at fresh points against the verification standard, in groups.
+
+    Every group loads up and down in both directions, off the grid of the calibration. Several
+    models are compared on the same readings. Ends with 1 where error or repeatability of the
+    first model exceeds the tolerance.
+    """
+    check_reports(report or [])
+    description = bench_description(bench)
+    data_directory(data)
+    side: Side = "input" if module is Module.input else "output"
+    from torquebench.calibration import load_profile
+
+    profile = load_profile("verification").with_options(
+        groups=groups, points=points, same_points=same_points or None
+    )
+    confirm_start(description, side, profile, yes)
+    measured, result, run_id, titles, chains = _measured(
+        description, side, profile, models, seed, data, yes=yes, real_time=real_time
+    )
+    kept = _print(result, titles, tolerance)
+    say(f"Run: {run_id}")
+    if report:
+        from torquebench.reports.page_pdf import write_report
+        from torquebench.reports.verification_report import Verified, verification_page
+
+        verified = [
+            Verified("raw reading", measured.reading_nm),
+            *(
+                Verified(titles[name], chain.torque(measured.readings()).value_nm)
+                for name, chain in chains.items()
+            ),
+        ]
+        facts = (
+            ("Record", run_id),
+            ("Transducer", measured.transducer_serial),
+            ("Groups", "the same torques" if same_points else "each its own torques"),
+        )
+        page = verification_page(measured, verified, facts, tolerance)
+        for path in report:
+            say(f"Report: {write_report(page, path)}")
+    if not kept:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _entries(station: Station, side: Side, named: list[str] | None) -> dict[str, ModelEntry]:
+    """Return the models that are verified, by their names; each has to be of this module."""
+    transducer = station.description.module(side).transducer.serial
+    registry = station.registry
+    if not named:
+        counter = station.description.counter.identity
+        active = registry.active_model(transducer, counter)
+        if active is None:
+            raise InputError(
+                f"no model in use of transducer {transducer} with counter {counter}",
+                "a calibrated module",
+                f"torquebench calibrate {side}, or name a model with --model",
+            )
+        return {f"model-{active.model_id}": active}
+    known = {f"model-{each.model_id}": each for each in registry.models(transducer)}
+    for name in named:
+        if name not in known:
+            raise InputError(
+                f"{name!r} of transducer {transducer}",
+                ", ".join(known) or "a model of this transducer",
+                f"torquebench calibrate {side}, or look it up: torquebench records list",
+            )
+    return {name: known[name] for name in named}
+
+
+def _measured(
+    description: BenchDescription,
+    side: Side,
+    profile: Profile,
+    named: list[str] | None,
+    seed: int | None,
+    data: Path,
+    *,
+    yes: bool,
+    real_time: bool,
+) -> tuple[CalibrationData, VerificationResult, str, dict[str, str], dict[str, MeasuringChain]]:
+    import numpy as np
+
+    from torquebench.bench.prompts import PromptQueue, QueuedOperator
+    from torquebench.calibration import verify
+    from torquebench.campaign.fitting import model_title
+    from torquebench.campaign.measuring import RunAbortedError, measure_verification
+    from torquebench.campaign.modules import register_verification
+    from torquebench.campaign.registering import registered_patiently
+    from torquebench.chain import MeasuringChain
+    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.presence import attending
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.prompts import answering
+    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.compensation import load_model
+    from torquebench.records import REGISTERS
+    from torquebench.station import Station
+
+    if description.simulated:
+        note("simulated bench")
+    prompts = PromptQueue()
+    operator = None if description.simulated else QueuedOperator(prompts)
+    with Station.open(description, data, real_time=real_time, operator=operator) as station:
+        tell_recovered(station)
+        entries = _entries(station, side, named)
+        stored = {name: load_model(entry.check_file()) for name, entry in entries.items()}
+        chains = {name: MeasuringChain.of(each) for name, each in stored.items()}
+        titles = {
+            name: f"{model_title(each.model.kind, each.model.kind_parameters)}, {name}"
+            for name, each in stored.items()
+        }
+        ids = {name: entry.model_id for name, entry in entries.items()}
+        drawn = int(np.random.default_rng().integers(2**32)) if seed is None else seed
+        progress = TerminalProgress()
+        interrupts = BenchInterrupts(station, progress)
+        try:
+            with (
+                progress,
+                tell_warnings(station, progress),
+                attending(station, progress),
+                interrupts.watching(),
+                answering(prompts, progress, yes=yes),
+            ):
+                measured = measure_verification(
+                    station,
+                    side,
+                    profile,
+                    drawn,
+                    metadata={REGISTERS: {"models": ids}},
+                    progress=progress,
+                    on_pause=interrupts.ask,
+                )
+                result = verify(measured.result.data, chains)
+                registered_patiently(
+                    station.registry,
+                    measured.record.run_id,
+                    lambda: register_verification(
+                        station.registry, entries, result, measured.record
+                    ),
+                    progress,
+                )
+        except RunAbortedError as aborted:
+            raise interrupts.reported(aborted) from None
+    return measured.result.data, result, measured.record.run_id, titles, chains
+
+
+def _print(result: VerificationResult, titles: dict[str, str], tolerance: float) -> bool:
+    """Print the errors, and return whether the first model keeps the tolerance."""
+    from torquebench.cli.tables import error_blocks
+
+    simulated = " - simulated" if result.simulated else ""
+    say(
+        f"[bold]{result.points} readings in {result.groups} group"
+        f"{'s' if result.groups > 1 else ''}, range {result.range_nm:g} N·m{simulated}[/bold]"
+    )
+    raw, *found = result.models
+    rows = [("raw reading", raw), *((titles[each.name], each) for each in found)]
+    marked = [(name if k != 1 else f"*{name}", each) for k, (name, each) in enumerate(rows)]
+    blocks = [
+        ("against the standard", [(name, each.against_standard) for name, each in marked]),
+        (
+            "averaged over the groups",
+            [(name, each.averaged) for name, each in marked if each.averaged],
+        ),
+    ]
+    for part in error_blocks(blocks):
+        out().print(part)
+    first = found[0]
+    worst = first.against_standard.worst_percent_fs
+    kept = worst <= tolerance
+    verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
+    say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
+    if first.repeatability is not None:
+        spread = first.repeatability.worst_percent_fs
+        repeats = spread <= tolerance
+        verdict = "[green]within[/green]" if repeats else "[red]out of[/red]"
+        say(f"repeatability {spread:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
+        kept = kept and repeats
+    return kept

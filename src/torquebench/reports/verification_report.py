@@ -1,0 +1,187 @@
+"""The report of a verification in groups: several models side by side, group by group."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration import CalibrationData
+from torquebench.figures import Curve
+from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.errors_table import number
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+
+__all__ = [
+    "Verified",
+    "before_after_figure",
+    "spread_percent",
+    "verification_page",
+    "verification_tables",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Verified:
+    """What one model makes of the readings of a verification.
+
+    Attributes
+    ----------
+    title : str
+    torque_nm : float64[n]
+    """
+
+    title: str
+    torque_nm: NDArray[np.float64]
+
+
+def spread_percent(error_nm: NDArray[np.float64], data: CalibrationData) -> float | None:
+    """Return the largest standard deviation of an error over the groups at one place, % FS.
+
+    None where there is one group only, or groups differ in length.
+    """
+    groups = [error_nm[data.series == each] for each in np.unique(data.series)]
+    if len(groups) < 2 or len({group.size for group in groups}) != 1:
+        return None
+    return float(100.0 * np.max(np.std(np.stack(groups), axis=0, ddof=1)) / data.range_nm)
+
+
+def verification_tables(
+    data: CalibrationData,
+    verified: Sequence[Verified],
+    what: str,
+    tolerance_percent: float = 0.1,
+) -> list[Table]:
+    """Return each group's errors, then error and repeatability over all groups with verdicts.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        The points; a series is a group.
+    verified : sequence of Verified
+        The raw reading first.
+    what : str
+        Which points, for the captions.
+    tolerance_percent : float
+        Of error and of repeatability, % FS.
+    """
+    errors = [each.torque_nm - data.standard_nm for each in verified]
+    groups = np.unique(data.series)
+    rows = []
+    for group in groups:
+        chosen = data.series == group
+        amounts = [np.abs(error[chosen]) for error in errors]
+        cells = [f"{number(each.max())} / {number(each.mean())}" for each in amounts]
+        rows.append([str(int(group)), *cells])
+    verdicts = []
+    for each, error in zip(verified, errors, strict=True):
+        worst_nm = float(np.max(np.abs(error)))
+        worst, spread = 100.0 * worst_nm / data.range_nm, spread_percent(error, data)
+        verdicts.append(
+            [
+                each.title,
+                number(worst_nm),
+                number(worst),
+                _kept(worst, tolerance_percent),
+                number(None if spread is None else spread * data.range_nm / 100.0),
+                number(spread),
+                "–" if spread is None else _kept(spread, tolerance_percent),
+            ]
+        )
+    limit = f"≤ {tolerance_percent:g} %"
+    size = len(data) // len(groups)
+    return [
+        Table(
+            ("group", *(f"{each.title}, N·m" for each in verified)),
+            rows,
+            f"{what}: worst / mean amount of the error in each group of {size} readings, against "
+            "the standard.",
+        ),
+        Table(
+            (
+                "",
+                "worst, N·m",
+                "% FS",
+                f"error {limit}",
+                "repeatability, N·m",
+                "% FS",
+                f"repeatability {limit}",
+            ),
+            verdicts,
+            f"{what}: worst single reading of all groups, and the largest standard deviation over "
+            "the groups at one place.",
+        ),
+    ]
+
+
+def _kept(percent: float, tolerance_percent: float) -> str:
+    return "met" if percent <= tolerance_percent else "not met"
+
+
+def before_after_figure(
+    data: CalibrationData, verified: Verified, tolerance_percent: float = 0.1
+) -> Figure:
+    """Draw the errors of the readings before and after a model."""
+    limit = tolerance_percent / 100.0 * data.range_nm
+    panel = Panel(
+        [
+            Curve("before", data.standard_nm, data.reading_nm - data.standard_nm, raw=True),
+            Curve(
+                f"after: {verified.title}",
+                data.standard_nm,
+                verified.torque_nm - data.standard_nm,
+            ),
+        ],
+        "torque in N·m",
+        "error in N·m",
+        markers=True,
+        limits=(-limit, limit),
+        range_nm=data.range_nm,
+    )
+    side = f"{data.side.capitalize()} module: errors" if data.side else "Errors"
+    return Figure(
+        panels_figure([panel]),
+        f"{side} of {len(data)} fresh readings before and after {verified.title}, against the "
+        f"verification standard. Dashed: ±{tolerance_percent:g} % FS.",
+    )
+
+
+def verification_page(
+    data: CalibrationData,
+    verified: Sequence[Verified],
+    facts: Sequence[tuple[str, str]],
+    tolerance_percent: float = 0.1,
+) -> Page:
+    """Return the report of a verification.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    verified : sequence of Verified
+        The raw reading first, then each model.
+    facts : sequence of (str, str)
+        Where the points come from.
+    tolerance_percent : float
+    """
+    groups = len(np.unique(data.series))
+    what = f"{groups} group{'s' if groups > 1 else ''}"
+    figures = [before_after_figure(data, each, tolerance_percent) for each in verified[1:]]
+    side = f" of the {data.side} module" if data.side else ""
+    return Page(
+        f"Verification{side}",
+        f"{len(data)} readings in {what}, {data.range_nm:g} N·m",
+        [
+            Section(
+                "Result",
+                "",
+                (
+                    Facts(tuple(facts)),
+                    *verification_tables(data, verified, what, tolerance_percent),
+                ),
+            ),
+            Section("Before and after", "", tuple(figures)),
+        ],
+        simulated=data.simulated,
+    )
