@@ -70,7 +70,7 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
         cwd=tmp_path,
     )
     assert beside.returncode == 0, beside.stderr
-    assert "(other)" in beside.stdout
+    assert "other: " in beside.stdout
     assert widest_line(beside.stdout) <= 80
     page = (tmp_path / "v.html").read_text()
     assert "repeatability ≤ 0.1 %" in page

@@ -1,6 +1,5 @@
 """A verification on the bench from the command line: groups, models beside each other, report."""
 
-import sqlite3
 from pathlib import Path
 
 from tests.system.command_line import run, widest_line
@@ -19,15 +18,19 @@ def test_two_models_on_the_same_points(tmp_path: Path) -> None:
     )
     assert result.returncode == 0, result.stdout + result.stderr
     assert widest_line(result.stdout) <= 80
-    for text in ("16 readings in 2 groups", "- simulated", "model-1", "model-2", "repeatability"):
+    for text in (
+        "16 readings in 2 groups",
+        "- simulated",
+        "model-1: ",
+        "model-2: ",
+        "repeatability",
+    ):
         assert text in result.stdout, text
     page = (tmp_path / "v.html").read_text()
     assert "the same torques" in page
     assert page.count("<svg") == 2
-    with sqlite3.connect(tmp_path / "data" / "registry.sqlite") as registry:
-        rows = registry.execute("SELECT DISTINCT model_id FROM verifications").fetchall()
-    registry.close()
-    assert sorted(row[0] for row in rows) == [1, 2]
+    shown = run("records", "show", "model-1", "--data", "data", cwd=tmp_path)
+    assert "Verified" in shown.stdout
 
     unknown = run(*command, "--model", "model-7", "--data", "data", cwd=tmp_path)
     assert unknown.returncode == 2

@@ -95,10 +95,10 @@ def in_place(
     found = alone_row(fitted)
     assert found is not None
     simulated = " - simulated" if description.simulated else ""
-    shown = narrow_table(
-        f"{side.capitalize()} module, {measured.calibration.range_nm:g} N·m{simulated}",
-        caption="Worst error of fresh readings in the chain.",
-    )
+    range_nm = measured.calibration.range_nm
+    say(f"[bold]{side.capitalize()} module, {range_nm:g} N·m{simulated}[/bold]")
+    say("worst error of fresh readings in the chain, by the calibration that is used:")
+    shown = narrow_table()
     shown.add_column("calibration")
     shown.add_column("% FS", justify="right")
     names = ("none: raw reading", "transducer alone", "in place", "in place, rising only (BP)")

@@ -187,7 +187,7 @@ def _measured(
         stored = {name: load_model(entry.check_file()) for name, entry in entries.items()}
         chains = {name: MeasuringChain.of(each) for name, each in stored.items()}
         titles = {
-            name: f"{model_title(each.model.kind, each.model.kind_parameters)}, {name}"
+            name: f"{name}: {model_title(each.model.kind, each.model.kind_parameters)}"
             for name, each in stored.items()
         }
         ids = {name: entry.model_id for name, entry in entries.items()}
