@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from sphinx.util import logging
 
 PYTHON = {
+    "torquebench": "For notebooks and scripts: import torquebench as tb",
     "torquebench.compensation": "Models of a measuring chain's error, their files and exports",
     "torquebench.chain": "From a reading to torque, uncertainty and budget",
     "torquebench.calibration": "Calibration tables, profiles, evaluation, verification",
@@ -194,7 +195,8 @@ def _alarms() -> str:
 
 def _python(module: str, title: str) -> str:
     loaded = importlib.import_module(module)
-    names = [each for each in loaded.__all__ if getattr(getattr(loaded, each), "__doc__", None)]
+    public = (each for each in loaded.__all__ if not each.startswith("_"))
+    names = [each for each in public if getattr(getattr(loaded, each), "__doc__", None)]
     lines = [f"# {module}", "", f"{title}.", "", "```{eval-rst}", f".. module:: {module}", ""]
     for name in sorted(names):
         thing = getattr(loaded, name)

@@ -1,24 +1,26 @@
 """Torque measurement for test benches of industrial-robot reducers.
 
+``import torquebench as tb`` is the interface for notebooks and scripts: `read_calibration`, `fit`,
+`compare`, `plot` and `load_model`, with data frames in and out.
+
 The pure packages (`signals`, `mechanics`, `uncertainty`, `compensation`, `calibration`,
 `reducers`) take NumPy arrays and return values; `bench`, `procedures`, `records`,
 `station`, `reports` and `cli` are the edge that moves devices and writes files.
 """
 
-from typing import TYPE_CHECKING
+from typing import Any
 
-__all__ = ["__version__"]
+import lazy_loader
 
-if TYPE_CHECKING:
-    __version__: str
+_named, __dir__, _public = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["__version__", *_public]
 
 
-def __getattr__(name: str) -> str:
-    """Look up the version when somebody asks: reading the metadata costs as much as a command."""
+def __getattr__(name: str) -> Any:
+    """Import a public name, or look the version up, when somebody asks: both take their time."""
     if name != "__version__":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return _named(name)
     from importlib.metadata import version
 
     globals()[name] = version("torquebench")
-    found: str = globals()[name]
-    return found
+    return globals()[name]

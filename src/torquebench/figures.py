@@ -14,7 +14,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
+
+from torquebench.compensation import Comparison
 
 __all__ = [
     "COLOURS",
@@ -22,6 +25,8 @@ __all__ = [
     "STYLE",
     "Curve",
     "additional_torque_figure",
+    "draw_additional_torque",
+    "draw_comparison",
     "error_figure",
     "friction_figure",
     "group_figure",
@@ -64,12 +69,15 @@ class Curve:
         Abscissa and ordinate, in the units of the figure.
     raw : bool
         Whether this is the uncompensated reading (drawn grey, behind the rest).
+    band : numpy.ndarray of shape (n,), optional
+        Half width of a band about a line, in the unit of the ordinate.
     """
 
     label: str
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     raw: bool = False
+    band: NDArray[np.float64] | None = None
 
 
 def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
@@ -135,33 +143,73 @@ def additional_torque_figure(
     str
         An ``<svg>`` element.
     """
-    reading, additional, sides = (np.asarray(a, float) for a in (reading_nm, additional_nm, branch))
     with mpl.rc_context(STYLE):
         figure, (axes,) = new_figure()
-        for value, marker, label in (
-            (1, _UP, "measured, rising"),
-            (-1, _DOWN, "measured, falling"),
-            (0, "o", "measured"),
-        ):
-            chosen = np.sign(sides) == value
-            if chosen.any():
-                axes.plot(
-                    reading[chosen],
-                    additional[chosen],
-                    marker,
-                    color="#5F666E",
-                    markersize=3.2,
-                    fillstyle="none" if value < 0 else "full",
-                    markeredgewidth=0.7,
-                    label=label,
-                )
-        for colour, curve in zip(COLOURS, curves, strict=False):
-            axes.plot(curve.x, curve.y, "-", color=colour, linewidth=1.3, label=curve.label)
-        axes.set_xlabel("reading in N·m")
-        axes.set_ylabel("additional torque in N·m")
-        percent_axis(axes, range_nm)
-        legend_above(axes)
+        draw_additional_torque(axes, reading_nm, additional_nm, branch, curves, range_nm)
         return svg_text(figure)
+
+
+def draw_additional_torque(
+    axes: Axes,
+    reading_nm: ArrayLike,
+    additional_nm: ArrayLike,
+    branch: ArrayLike,
+    curves: Sequence[Curve],
+    range_nm: float,
+) -> None:
+    """Draw what `additional_torque_figure` shows into axes; the band of a curve is its U."""
+    reading, additional, sides = (np.asarray(a, float) for a in (reading_nm, additional_nm, branch))
+    for value, marker, label in (
+        (1, _UP, "measured, rising"),
+        (-1, _DOWN, "measured, falling"),
+        (0, "o", "measured"),
+    ):
+        chosen = np.sign(sides) == value
+        if chosen.any():
+            axes.plot(
+                reading[chosen],
+                additional[chosen],
+                marker,
+                color="#5F666E",
+                markersize=3.2,
+                fillstyle="none" if value < 0 else "full",
+                markeredgewidth=0.7,
+                label=label,
+            )
+    for colour, curve in zip(COLOURS, curves, strict=False):
+        if curve.band is not None:
+            axes.fill_between(
+                curve.x, curve.y - curve.band, curve.y + curve.band, color=colour, alpha=0.15, lw=0
+            )
+        axes.plot(curve.x, curve.y, "-", color=colour, linewidth=1.3, label=curve.label)
+    axes.set_xlabel("reading in N·m")
+    axes.set_ylabel("additional torque in N·m")
+    percent_axis(axes, range_nm)
+    legend_above(axes)
+
+
+def draw_comparison(axes: Axes, comparison: Comparison) -> None:
+    """Draw RMS and worst error of models at points left out, the raw reading among them."""
+    percent = 100.0 / comparison.full_scale_nm
+    names = [score.name for score in comparison.scores] + ["raw reading"]
+    raw = comparison.raw
+    rms = [score.rms_percent_fs for score in comparison.scores] + [percent * raw.rms_nm]
+    worst = [score.worst_percent_fs for score in comparison.scores] + [percent * raw.worst_nm]
+    place = np.arange(len(names))
+    colours = [COLOURS[0]] * (len(names) - 1) + [RAW_COLOUR]
+    colours[names.index(comparison.best)] = COLOURS[2]
+    axes.hlines(place, rms, worst, color=colours, linewidth=1.5)
+    axes.scatter(rms, place, color=colours, s=28, zorder=3, label="RMS")
+    axes.scatter(worst, place, facecolor="white", edgecolor=colours, s=28, zorder=3, label="worst")
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_yticks(place, names)
+    axes.invert_yaxis()
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("error at steps left out, % FS")
+    legend_above(axes)
 
 
 def error_figure(
@@ -326,6 +374,7 @@ def friction_figure(
     speed, torque, number = (np.asarray(a, float) for a in (speed_rpm, torque_nm, repeat))
     with mpl.rc_context(STYLE):
         figure, (axes,) = new_figure(3.1)
+        several = np.unique(number).size > 1
         for colour, marker, value in zip(COLOURS, "osD^vP", np.unique(number), strict=False):
             chosen = number == value
             axes.plot(
@@ -335,7 +384,7 @@ def friction_figure(
                 color=colour,
                 markersize=3.5,
                 fillstyle="none",
-                label=f"repeat {value:g}",
+                label=f"repeat {value:g}" if several else "measured",
             )
         if fit is not None:
             _line_by_direction(axes, fit, "-", "#3C4148")

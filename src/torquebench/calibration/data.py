@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.chain import Readings
-from torquebench.compensation import FEATURES, features
+from torquebench.compensation import FEATURES, branch_values, features
 from torquebench.errors import InputError
+from torquebench.html_table import html_table
 
 __all__ = ["RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
 
@@ -34,7 +35,7 @@ _OPTIONAL = (
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CalibrationData:
     """Readings of one measuring chain beside the torque of the standard, in measuring order.
 
@@ -47,7 +48,8 @@ class CalibrationData:
     series : array of int, shape (n,)
         Number of the loading series that each point belongs to.
     branch : array of int8, shape (n,)
-        +1 where |torque| grows (up), -1 where it falls (down), 0 where unknown.
+        +1 where |torque| grows, -1 where it falls, 0 where unknown; "up" and "down" are
+        understood.
     range_nm : float
         Full scale of the chain, in N·m: what % FS refers to.
     side : str
@@ -122,6 +124,37 @@ class CalibrationData:
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)
+
+    def __repr__(self) -> str:
+        words = [f"{len(self)} points", f"{self.range_nm:g} N·m", self.side]
+        words += [f"transducer {self.transducer_serial}"] * bool(self.transducer_serial)
+        words += ["simulated"] * self.simulated
+        return f"CalibrationData({', '.join(filter(None, words))})"
+
+    def _repr_html_(self) -> str:
+        worst = float(np.max(np.abs(self.additional_torque_nm)))
+        loops, percent = np.unique(self.series).size, 100.0 * worst / self.range_nm
+        rows = [
+            ("standard", f"{self.standard_nm.min():.6g} to {self.standard_nm.max():.6g} N·m"),
+            ("series", str(loops)),
+            (
+                "largest additional torque",
+                f"{worst:.4g} N·m ({percent:.3g} % FS)",
+            ),
+            *(("note", note) for note in self.notes()),
+        ]
+        return html_table(repr(self), (), rows)
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Hand the columns over to Arrow: ``pyarrow.table(data)``, ``polars.DataFrame(data)``."""
+        import pyarrow
+
+        present = {
+            name: value
+            for name in (*_REQUIRED, *_OPTIONAL)
+            if (value := getattr(self, name)) is not None
+        }
+        return pyarrow.table(present).__arrow_c_stream__(requested_schema)
 
     @property
     def direction(self) -> NDArray[np.int8]:
@@ -484,7 +517,7 @@ def _renumbered(parts: Iterable[NDArray[np.int64]]) -> Iterable[NDArray[np.int64
 
 def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
     try:
-        column = np.array(value, dtype=np.float64)
+        column = np.array(branch_values(value) if name == "branch" else value, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"column {name} holds something else than numbers", "numbers") from error
     if column.shape != (n,):

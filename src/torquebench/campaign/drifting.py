@@ -14,15 +14,13 @@ from torquebench.calibration import (
     predict_drift,
     propose_due_date,
 )
+from torquebench.campaign.calibration_comparison import SAME_RANGE
 from torquebench.records import CalibrationEntry, Registry, Zeroing
 
 __all__ = ["DriftSeries", "drift_of", "next_due"]
 
 LEAST_VALUES = 3
 """Fewer values give neither a control chart nor a prediction."""
-
-SAME_RANGE = 0.05
-"""Calibrations whose largest torques differ by less than this share have one range."""
 
 LEAST_SPAN = timedelta(days=1)
 """A shorter history says nothing about the months to come."""

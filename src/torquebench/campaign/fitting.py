@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FittedModel",
     "ModelChoice",
+    "described_model",
     "feature_columns",
     "fit_metrics",
     "fit_models",
@@ -56,6 +57,7 @@ __all__ = [
     "model_in_use",
     "model_title",
     "store_model",
+    "table_metrics",
 ]
 
 _TITLES = {
@@ -328,12 +330,12 @@ def fit_table(
     counter(1.0, "")
     progress.finish()
     comparison = _compared(data, name, progress, outliers) if compared else None
-    behind = ""
+    behind: list[str] = []
     if comparison is not None:
-        behind = comparison.behind_raw(name)
+        behind = [comparison.behind_raw(score.name) for score in comparison.scores]
     elif model.doubtful:
         progress.start("Leaving out steps", _PROGRESS_STEPS)
-        behind = worse_than_raw(name, model, X, data.standard_nm)
+        behind = [worse_than_raw(name, model, X, data.standard_nm)]
         progress.finish()
     wild = [replace(each, series=int(data.series[each.row])) for each in model.wild_points_]
     good = np.delete(np.arange(len(data)), [each.row for each in wild])
@@ -350,7 +352,7 @@ def fit_table(
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
         remarks=(
             *(f"outlier, weighted down: {point}" for point in wild),
-            *([behind] if behind else []),
+            *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),
             *dict.fromkeys(str(entry.message) for entry in caught),
@@ -390,8 +392,7 @@ def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:
     }
 
 
-def store_model(
-    path: Path,
+def described_model(
     model: CompensationModel,
     data: CalibrationData,
     metrics: Mapping[str, float],
@@ -399,12 +400,11 @@ def store_model(
     contradictions: Sequence[Contradiction] = (),
     accepted: str = "",
 ) -> StoredModel:
-    """Write a model file with what is known of the chain, its points and the software.
+    """Return a model with what is known of the chain, its points and the software.
 
     What the calibration contradicts, and who uses the model all the same, stands in it.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    stored = StoredModel(
+    return StoredModel(
         model,
         Provenance(
             range_nm=data.range_nm,
@@ -420,5 +420,29 @@ def store_model(
             accepted=accepted,
         ),
     )
+
+
+def store_model(
+    path: Path,
+    model: CompensationModel,
+    data: CalibrationData,
+    metrics: Mapping[str, float],
+    effects: Sequence[Effect] = (),
+    contradictions: Sequence[Contradiction] = (),
+    accepted: str = "",
+) -> StoredModel:
+    """Write the model file of `described_model`."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    stored = described_model(model, data, metrics, effects, contradictions, accepted)
     save_model(path, stored)
     return stored
+
+
+def table_metrics(result: FitResult) -> dict[str, float]:
+    """Return figures of a fit to a table, for its model file; names with their unit."""
+    return {
+        "fit_worst_percent_fs": result.fitted.worst_percent_fs,
+        "fit_rms_percent_fs": result.fitted.rms_percent_fs,
+        **result.cross_validated,
+        "noise_nm": result.model.scatter_nm,
+    }

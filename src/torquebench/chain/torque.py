@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.chain.readings import FloatArray
+from torquebench.html_table import html_table
 from torquebench.uncertainty import (
     Budget,
     Distribution,
@@ -78,7 +79,7 @@ def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
     return replace(component, value_nm=0.0, uncertainty_nm=u)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Torque:
     """Compensated torques and the components of their uncertainty.
 
@@ -109,6 +110,22 @@ class Torque:
 
     def __len__(self) -> int:
         return int(self.value_nm.size)
+
+    def __repr__(self) -> str:
+        known = self.value_nm[np.isfinite(self.value_nm)]
+        if not known.size:
+            return f"Torque({len(self)} × no number)"
+        low, high = float(known.min()), float(known.max())
+        values = f"{low:.6g} N·m" if low == high else f"{low:.6g} to {high:.6g} N·m"
+        largest = float(np.nanmax(self.expanded_uncertainty_nm))
+        return f"Torque({len(self)} × {values}, U (k = 2) up to {largest:.2g} N·m)"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (each.name, f"{float(np.max(self.component(each.name))):.2g} N·m")
+            for each in self.components
+        ]
+        return html_table(repr(self), ("source", "largest u"), rows)
 
     @property
     def has_number(self) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ from torquebench.cli.options import (
     RangeOption,
     check_output,
 )
+from torquebench.cli.reducer_tables import check_reports
 
 if TYPE_CHECKING:
     from torquebench.calibration import (
@@ -93,6 +94,10 @@ def static(
     result: Annotated[
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
+    report: Annotated[
+        list[Path] | None,
+        typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+    ] = None,
     records: DataOption = DEFAULT_DATA,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
@@ -113,6 +118,7 @@ def static(
     from torquebench.records import Equipment, Report, read_calibration_csv
 
     chosen = load_profile(profile)
+    check_reports(report or [])
     if result is not None:
         check_output(result, data)
     if performed is not None:
@@ -137,12 +143,21 @@ def static(
     evaluable = evaluable_points(read, points, chosen, deviations)
     uncertainties = (resolution, reference_uncertainty)
     found = _evaluate(evaluable, uncertainties, model)
+    if report:
+        from torquebench.reports.evaluation_report import static_page
+        from torquebench.reports.page_pdf import write_report
+
+        shown = points if evaluable.data is None else evaluable.data
+        torque = None if model is None else _compensated(model, shown)
+        page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable.remarks)
+        for path in report:
+            say(f"Report: {write_report(page, path)}")
     if result is not None:
         _write_results(result, found, evaluable, points, chosen, deviations)
     if register:
         from torquebench.campaign.external_calibration import ExternalCalibration
 
-        report = Report(
+        certificate = Report(
             "calibrator",
             reference_serial,
             reference_certificate,
@@ -159,7 +174,7 @@ def static(
             place,
             item,
             read_with,
-            report,
+            certificate,
             reference_model,
             resolution,
             reference_uncertainty,
@@ -302,24 +317,14 @@ def _print_direction(direction: DirectionResults) -> None:
 
 def _quantities(evaluation: StaticEvaluation) -> Any:
     """Return the table of all quantities, one line a step."""
+    from torquebench.reports.evaluation_report import static_quantities
+
     table = narrow_table()
-    degree = max(evaluation.interpolations)
-    decreasing = evaluation.reversibility_percent is not None
-    columns: list[tuple[str, Any]] = [
-        ("f_q", evaluation.indication_deviation_percent),
-        ("b′", evaluation.repeatability_percent),
-        ("b", evaluation.reproducibility_range_percent),
-        ("f_a", evaluation.interpolation(degree).deviation_percent),
-        ("h", evaluation.reversibility_percent),
-        ("r", evaluation.resolution_percent),
-        ("W", evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)),
-    ]
-    table.add_column("N·m", justify="right")
-    for name, _ in columns:
+    header, rows = static_quantities(evaluation)
+    for name in header:
         table.add_column(name, justify="right")
-    for row, torque in enumerate(evaluation.torque_nm):
-        cells = ["-" if values is None else f"{values[row]:.4f}" for _, values in columns]
-        table.add_row(f"{torque:g}", *cells)
+    for row in rows:
+        table.add_row(*row)
     zero = evaluation.zero_residual_percent
     table.caption = "f₀ " + ("not measured" if zero is None else f"{zero:.4f} % of the span")
     return table

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from torquebench.cli.console import say
 from torquebench.cli.reducer_columns import Kind, read_columns
-from torquebench.cli.reducer_tables import present
+from torquebench.cli.reducer_tables import check_reports, present
 from torquebench.errors import InputError
 from torquebench.units import ARCMIN, ARCSEC
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
         ReducerDescription,
         ReducerResult,
     )
+    from torquebench.reports.page import Page
 
 __all__ = ["register"]
 
@@ -42,6 +44,10 @@ ReducerOption = Annotated[
 ]
 OutputOption = Annotated[
     Path | None, typer.Option("--output", help="A folder for every number and the curves.")
+]
+ReportOption = Annotated[
+    list[Path] | None,
+    typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
 ]
 RatioOption = Annotated[
     float | None,
@@ -103,6 +109,7 @@ def _finish(
     result: ReducerResult | FrictionResult,
     described: ReducerDescription | None,
     output: Path | None,
+    report: list[Path] | None,
     **settings: Any,
 ) -> None:
     from torquebench.reducers import FrictionResult, verdicts
@@ -111,7 +118,18 @@ def _finish(
     if described is not None and not isinstance(result, FrictionResult):
         judged = verdicts(result, described)
     settings["reducer"] = None if described is None else described.model_dump(mode="json")
+    if report:
+        from torquebench.reports.evaluation_report import evaluation_page
+
+        _write(evaluation_page(test, data.name, result, judged, described), report)
     present(test, data, result, judged, output, settings)
+
+
+def _write(page: Page, report: list[Path]) -> None:
+    from torquebench.reports.page_pdf import write_report
+
+    for path in report:
+        say(f"Report: {write_report(page, path)}")
 
 
 def hysteresis(
@@ -158,6 +176,7 @@ def hysteresis(
         float, typer.Option(min=0, help="Standard uncertainty of an angle, arcsec.")
     ] = 0.0,
     output: OutputOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Evaluate torque-angle loops: stiffness, backlash, lost motion, hysteresis loss.
 
@@ -165,6 +184,7 @@ def hysteresis(
     demanded (torque that was asked for) if there are such; time for a flange's inertia. Input
     locked, load at the output.
     """
+    check_reports(report or [])
     described = _described(reducer)
     if rated_torque is None and described is None:
         raise InputError("no rated torque", "--rated-torque, or --reducer")
@@ -184,6 +204,7 @@ def hysteresis(
         FlangeInertia,
         LoopSettings,
         LoopUncertainty,
+        OpenLoopError,
         evaluate_hysteresis,
     )
 
@@ -199,25 +220,34 @@ def hysteresis(
         settling_loops=settling_loops,
         closure_share=closure / 100.0,
     )
-    result = evaluate_hysteresis(
-        table["torque"],
-        table["angle"],
-        settings,
-        position=table.get("position"),
-        loop=table.get("loop"),
-        demanded_nm=table.get("demanded"),
-        bench_compliance_rad_per_nm=bench_compliance * ARCMIN,
-        time_s=table.get("time"),
-        flange=flange,
-        uncertainty=LoopUncertainty(
-            torque_relative=torque_uncertainty / 100.0,
-            torque_zero_nm=zero_uncertainty,
-            torque_branch_nm=branch_uncertainty,
-            angle_rad=angle_uncertainty * ARCSEC,
-            bench_compliance_rad_per_nm=compliance_uncertainty * ARCMIN,
-        ),
-    )
-    _finish("hysteresis", data, result, described, output, loop=settings, flange=flange)
+    try:
+        result = evaluate_hysteresis(
+            table["torque"],
+            table["angle"],
+            settings,
+            position=table.get("position"),
+            loop=table.get("loop"),
+            demanded_nm=table.get("demanded"),
+            bench_compliance_rad_per_nm=bench_compliance * ARCMIN,
+            time_s=table.get("time"),
+            flange=flange,
+            uncertainty=LoopUncertainty(
+                torque_relative=torque_uncertainty / 100.0,
+                torque_zero_nm=zero_uncertainty,
+                torque_branch_nm=branch_uncertainty,
+                angle_rad=angle_uncertainty * ARCSEC,
+                bench_compliance_rad_per_nm=compliance_uncertainty * ARCMIN,
+            ),
+        )
+    except OpenLoopError as problem:
+        if report:
+            from torquebench.reports.evaluation_report import open_loop_page
+
+            _write(open_loop_page(data.name, problem.loop, str(problem)), report)
+            raise
+        remedy = f"{problem.remedy}; --report draws the gap"
+        raise InputError(problem.found, problem.allowed, remedy) from None
+    _finish("hysteresis", data, result, described, output, report, loop=settings, flange=flange)
 
 
 def friction(
@@ -234,12 +264,14 @@ def friction(
     zero_uncertainty: ZeroOption = 0.0,
     largest_uncertainty: ShareOption = None,
     output: OutputOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Evaluate friction over speed: Coulomb, viscous and Stribeck parts, each direction.
 
     Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed),
     temperature and demanded (speed that was asked for) if there are such.
     """
+    check_reports(report or [])
     kinds: dict[str, Kind] = {
         "speed": "speed",
         "torque": "torque",
@@ -264,7 +296,7 @@ def friction(
     )
     if largest_uncertainty is not None:
         result.require(largest_uncertainty / 100.0)
-    _finish("friction", data, result, None, output, form=form, exponent=exponent)
+    _finish("friction", data, result, None, output, report, form=form, exponent=exponent)
 
 
 def no_load(
@@ -282,6 +314,7 @@ def no_load(
     zero_uncertainty: ZeroOption = 0.0,
     largest_uncertainty: ShareOption = None,
     output: OutputOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Evaluate no-load running torque at each speed, with the parts of friction.
 
@@ -289,6 +322,7 @@ def no_load(
     -1 falling speed), temperature and demanded (speed that was asked for, by which points are put
     together) if there are such.
     """
+    check_reports(report or [])
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "speed": "speed",
@@ -314,7 +348,7 @@ def no_load(
         reference_temperature_c=reference_temperature,
         largest_share=None if largest_uncertainty is None else largest_uncertainty / 100.0,
     )
-    _finish("no-load", data, result, described, output)
+    _finish("no-load", data, result, described, output, report)
 
 
 def breakaway(
@@ -330,12 +364,14 @@ def breakaway(
     zero_uncertainty: ZeroOption = 0.0,
     largest_uncertainty: ShareOption = None,
     output: OutputOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Evaluate starting or back-driving torque: the torque at the first motion of each ramp.
 
     Columns: time, angle and torque of the driven side; run (number of the ramp) and position if
     there are such.
     """
+    check_reports(report or [])
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "time": "time",
@@ -359,7 +395,7 @@ def breakaway(
         presliding_rad=presliding * ARCMIN,
         largest_share=None if largest_uncertainty is None else largest_uncertainty / 100.0,
     )
-    _finish(f"{kind} torque", data, result, described, output)
+    _finish(f"{kind} torque", data, result, described, output, report)
 
 
 def transmission_error(
@@ -382,12 +418,14 @@ def transmission_error(
         float, typer.Option(min=0, help="Standard uncertainty of the input encoder, arcsec.")
     ] = 0.0,
     output: OutputOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Evaluate transmission error over output revolutions: peak to peak and orders.
 
     Columns: input and output (angles of both encoders at the same moments), time if there is one.
     Both directions may stand one after another.
     """
+    check_reports(report or [])
     described = _described(reducer)
     kinds: dict[str, Kind] = {"input": "angle", "output": "angle", "time": "time"}
     table = read_columns(data, kinds, ("input", "output"), column or (), where or ())
@@ -408,7 +446,7 @@ def transmission_error(
         highest_order=order,
         uncertainty=AngleUncertainty(output_uncertainty * ARCSEC, input_uncertainty * ARCSEC),
     )
-    _finish("transmission error", data, result, described, output, highest_order=order)
+    _finish("transmission error", data, result, described, output, report, highest_order=order)
 
 
 def efficiency(
@@ -423,12 +461,14 @@ def efficiency(
     output_zero: ZeroOption = 0.0,
     largest_uncertainty: ShareOption = None,
     output: OutputOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Evaluate efficiency over torque and speed from steady points.
 
     Columns: input_torque and output_torque (that the output puts on its load), speed of the
     input, all clockwise positive; temperature if there is one.
     """
+    check_reports(report or [])
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "input_torque": "torque",
@@ -451,4 +491,4 @@ def efficiency(
         output_uncertainty=TorqueUncertainty(output_uncertainty / 100.0, output_zero),
         largest_share=None if largest_uncertainty is None else largest_uncertainty / 100.0,
     )
-    _finish("efficiency", data, result, described, output)
+    _finish("efficiency", data, result, described, output, report)

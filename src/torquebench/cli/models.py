@@ -143,7 +143,7 @@ def fit(
     runs = [read_empty_run(file, column or ()) for file in empty or ()]
 
     from torquebench.campaign.chains import mounting_effect, reference_effect
-    from torquebench.campaign.fitting import fit_table, store_model
+    from torquebench.campaign.fitting import fit_table, store_model, table_metrics
     from torquebench.campaign.turning import identify_turning
     from torquebench.chain import SwitchedOff
     from torquebench.cli.progress import TerminalProgress
@@ -174,12 +174,7 @@ def fit(
         result,
         fitted.model,
         points,
-        {
-            "fit_worst_percent_fs": fitted.fitted.worst_percent_fs,
-            "fit_rms_percent_fs": fitted.fitted.rms_percent_fs,
-            **fitted.cross_validated,
-            "noise_nm": fitted.model.scatter_nm,
-        },
+        table_metrics(fitted),
         (
             *turning.effects,
             *reference_effect(reference, points.range_nm),

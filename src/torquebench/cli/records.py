@@ -13,6 +13,7 @@ import typer
 
 from torquebench.cli import (
     audit,
+    calibration_compare,
     drift,
     equipment,
     export,
@@ -53,6 +54,7 @@ record_checks.register(app)
 record_backup.register(app)
 export.register(app)
 export_data.register(app)
+calibration_compare.register(app)
 drift.register(app)
 audit.register(app)
 equipment.register(app)

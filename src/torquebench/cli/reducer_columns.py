@@ -73,16 +73,51 @@ def read_columns(
             unit = next(iter(units))
             header = f"{name}_{unit}" if unit else name
             taken = {source for source, _ in chosen.values()}
-            free = next((each for each in table.header if each not in taken), "Header")
-            shown = free.rpartition("_")[2]
-            unit = shown if shown in units else unit
+            free = _fitting(table, name, wanted[name], taken)
+            shown = "" if free is None else _unit_of(free)
+            unit = shown if plain_unit(shown) in units else unit
+            example = f"--column '{name}={free or 'Header'}[{unit}]'"
+            hint = f"name it: {example}" if free else f"add it, or name it as in {example}"
             raise InputError(
                 f"{data} has no column {header}; it has {', '.join(table.header)}",
                 f"the columns {', '.join(required)}, each with its unit",
-                f"name it: --column '{name}={free}[{unit}]'" if unit else "add it",
+                hint if unit else "add it",
             )
     rows = _rows(table, where)
     return {name: table.numbers(header)[rows] * factor for name, (header, factor) in chosen.items()}
+
+
+_WORDS = {
+    "torque": ("torque", "moment", "nm", "扭矩", "转矩", "力矩"),
+    "angle": ("angle", "winkel", "position", "encoder", "角", "twist"),
+    "speed": ("speed", "drehzahl", "rpm", "转速", "velocity"),
+    "time": ("time", "zeit", "时间"),
+    "temperature": ("temp", "温度"),
+}
+"""Parts of headers that are this kind of quantity."""
+
+
+def _unit_of(header: str) -> str:
+    bracket = _UNIT.search(header)
+    return bracket[1] if bracket is not None else header.rpartition("_")[2]
+
+
+def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | None:
+    """Return the header that is most likely a quantity; None where none is of its kind.
+
+    A header that names a unit of another kind never is: a time is no torque.
+    """
+    ranked = []
+    for header in table.header:
+        unit = plain_unit(_unit_of(header))
+        kinds = {each for each, units in UNITS.items() if unit in units}
+        words = {each for each, parts in _WORDS.items() if any(part in header for part in parts)}
+        if header in taken or (kinds and kind not in kinds) or (words and kind not in words):
+            continue
+        rank = (kind in kinds) + 2 * (kind in words) + 4 * (name.partition("_")[0] in header)
+        if rank:
+            ranked.append((-rank, header))
+    return min(ranked)[1] if ranked else None
 
 
 def _parse(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str, tuple[str, float]]:

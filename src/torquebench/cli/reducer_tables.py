@@ -50,7 +50,18 @@ def present(
     findings: tuple[Finding, ...] = getattr(result, "findings", ())
     if output is not None:
         _write(test, data, result, quantities, judged, findings, output, settings)
-    _print_quantities(f"{test}: {data.name}", quantities)
+    from torquebench.reducers import EfficiencyMap
+
+    if isinstance(result, EfficiencyMap):
+        from torquebench.cli.reducer_test_tables import print_efficiency
+
+        found = {
+            each.key: (each.estimate.value, each.estimate.expanded_uncertainty())
+            for each in quantities
+        }
+        print_efficiency(f"{test}: {data.name}", result, found)
+    else:
+        _print_quantities(f"{test}: {data.name}", quantities)
     _print_verdicts(judged)
     for finding in findings:
         style = "red" if finding.severe else "yellow"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
@@ -13,12 +13,13 @@ from torquebench.cli.console import narrow_table, out, say
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.results import (
         ReducerTestOutcome,
+        ReducerTestQuantity,
         ReducerTestRecord,
         ReducerTestRehearsal,
     )
-    from torquebench.reducers import ReducerDescription
+    from torquebench.reducers import EfficiencyMap, ReducerDescription
 
-__all__ = ["print_record", "rehearsal_table"]
+__all__ = ["print_efficiency", "print_record", "rehearsal_table"]
 
 
 def rehearsal_table(
@@ -68,18 +69,51 @@ def print_record(record: ReducerTestRecord) -> None:
 
 
 def _print_outcome(outcome: ReducerTestOutcome) -> None:
+    from torquebench.reducers import EfficiencyMap
+
+    quantities = outcome.quantities
+    if isinstance(outcome.result, EfficiencyMap):
+        stated_of = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
+        print_efficiency(outcome.title, outcome.result, stated_of)
+        quantities = tuple(each for each in quantities if each.verdict)
+    if quantities:
+        _print_quantities(outcome.title, quantities)
+    for finding in outcome.findings:
+        style = "red" if finding.severe else "yellow"
+        say(f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.sentence)}")
+    for remark in outcome.remarks:
+        say(f"[dim]{escape(remark)}[/dim]")
+    say(f"Run: {outcome.run.run_id}\n")
+
+
+def print_efficiency(
+    title: str, result: EfficiencyMap, stated_of: Mapping[str, tuple[float, float]]
+) -> None:
+    """Print an efficiency map as a table of torque by speed; `stated_of` has U of each point."""
+    from torquebench.reports.reducer_report import efficiency_tables
+
+    for header, rows, caption in efficiency_tables(result, stated_of):
+        table = narrow_table(title, caption=caption)
+        for name in header:
+            table.add_column(name.replace(" rpm", "\nrpm"), justify="right")
+        for row in rows:
+            table.add_row(*row)
+        out().print(table)
+
+
+def _print_quantities(title: str, quantities: Sequence[ReducerTestQuantity]) -> None:
     from torquebench.uncertainty import stated
 
-    table = narrow_table(outcome.title, caption="U: expanded uncertainty, 95.45 % coverage")
+    table = narrow_table(title, caption="U: expanded uncertainty, 95.45 % coverage")
     table.add_column("", overflow="fold")
     for heading in ("value", "U"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
-    judged = any(each.verdict for each in outcome.quantities)
+    judged = any(each.verdict for each in quantities)
     if judged:
         table.add_column("limit", no_wrap=True)
         table.add_column("verdict", no_wrap=True)
-    for each in outcome.quantities:
+    for each in quantities:
         if each.key.startswith("order_") and each.value < each.expanded_uncertainty:
             continue  # an order that doesn't stand out of its uncertainty says nothing
         cells = [*stated(each.value, each.expanded_uncertainty), each.unit]
@@ -89,9 +123,3 @@ def _print_outcome(outcome: ReducerTestOutcome) -> None:
             cells += [each.limit.removesuffix(f" {each.unit}"), words]
         table.add_row(escape(each.title), *cells)
     out().print(table)
-    for finding in outcome.findings:
-        style = "red" if finding.severe else "yellow"
-        say(f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.sentence)}")
-    for remark in outcome.remarks:
-        say(f"[dim]{escape(remark)}[/dim]")
-    say(f"Run: {outcome.run.run_id}\n")

@@ -50,10 +50,14 @@ def staircase_tables(
     table.add_column("steps", justify="right")
     for heading in ("from N·m", "to N·m", "each s", "in all s"):
         table.add_column(heading, justify="right")
-    for group in _groups(steps):
-        if group[0].change != "none":
-            table.add_row("", f"{group[0].change} to {group[0].position_deg:g}°", style="yellow")
-        table.add_row(*_row(group))
+    for number, alike in _alike(_by_series(steps)):
+        first = alike[0]
+        for group in first:
+            if group[0].change != "none":
+                table.add_row(
+                    "", f"{group[0].change} to {group[0].position_deg:g}°", style="yellow"
+                )
+            table.add_row(*_row(group, number, len(alike)))
     yield table
     if profile.adaptive is not None:
         yield Text(_placing(profile, sum(step.recorded for step in steps)))
@@ -131,12 +135,37 @@ def _by_direction(group: list[Step]) -> Iterable[list[Step]]:
     yield group[start:]
 
 
-def _row(group: list[Step]) -> list[str]:
+def _by_series(steps: Sequence[Step]) -> Iterable[list[list[Step]]]:
+    """Yield the groups of each series, in order."""
+    for _, groups in itertools.groupby(_groups(steps), lambda group: group[0].series):
+        yield list(groups)
+
+
+def _alike(
+    series: Iterable[list[list[Step]]],
+) -> Iterable[tuple[str, list[list[list[Step]]]]]:
+    """Yield series that repeat each other as one, with their numbers in words."""
+
+    def load(groups: list[list[Step]]) -> list[tuple[object, ...]]:
+        return [
+            (step.kind, step.branch, step.target_nm, step.duration_s, step.change)
+            for group in groups
+            for step in group
+        ]
+
+    for _, repeated in itertools.groupby(series, load):
+        alike = list(repeated)
+        first, last = alike[0][0][0].series, alike[-1][0][0].series
+        name = str(first) if first == last else f"{first}–{last}"
+        yield (name if first else ""), alike
+
+
+def _row(group: list[Step], series: str, times: int) -> list[str]:
     first, last = group[0], group[-1]
-    series = str(first.series) if first.series else ""
-    total = f"{sum(step.duration_s for step in group):.1f}"
+    total = f"{times * sum(step.duration_s for step in group):.1f}"
     if first.kind == "zero":
-        return [series, "zero, unloaded", "", "0", "0", f"{first.duration_s:g}", total]
+        count = f"{times} × 1" if times > 1 else ""
+        return [series, "zero, unloaded", count, "0", "0", f"{first.duration_s:g}", total]
     if first.kind == "point":
         what = "points " + ("up" if first.branch > 0 else "down")
     else:
@@ -144,7 +173,7 @@ def _row(group: list[Step]) -> list[str]:
     return [
         series,
         what,
-        str(len(group)),
+        f"{times} × {len(group)}" if times > 1 else str(len(group)),
         f"{first.target_nm:g}",
         f"{last.target_nm:g}",
         f"{first.duration_s:g}",

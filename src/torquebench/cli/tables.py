@@ -31,11 +31,11 @@ __all__ = [
 ]
 
 NAME_COLUMNS = 29
-NUMBER_COLUMNS = 8
+NUMBER_COLUMNS = 7
 
 
 def _grid() -> Table:
-    table = Table.grid(padding=0)
+    table = Table.grid(padding=(0, 1, 0, 0))
     table.add_column(width=NAME_COLUMNS, no_wrap=True)
     for _ in range(6):
         table.add_column(width=NUMBER_COLUMNS, justify="right", no_wrap=True)
@@ -43,14 +43,21 @@ def _grid() -> Table:
 
 
 def _numbers(summary: ErrorSummary) -> list[str]:
-    return [
-        number(summary.worst_nm),
-        number(summary.rms_nm),
-        number(summary.worst_percent_fs),
-        number(summary.rms_percent_fs),
-        number(summary.worst_percent_reading),
-        number(summary.rms_percent_reading),
-    ]
+    values = (
+        summary.worst_nm,
+        summary.rms_nm,
+        summary.worst_percent_fs,
+        summary.rms_percent_fs,
+        summary.worst_percent_reading,
+        summary.rms_percent_reading,
+    )
+    return [_narrow(value) for value in values]
+
+
+def _narrow(value: float | None) -> str:
+    """Return a number that leaves a space to its neighbour, with fewer digits where it must."""
+    texts = (number(value, digits) for digits in (3, 2, 1))
+    return next((text for text in texts if len(text) <= NUMBER_COLUMNS), "0.000")
 
 
 def error_blocks(
@@ -134,10 +141,10 @@ def _repeatability(module: ModuleResult) -> Iterable[RenderableType]:
             chosen = name.startswith("*")
             body.add_row(
                 f"{'*' if chosen else ' '} {name.removeprefix('*')}",
-                number(found.worst_nm),
-                number(found.pooled_nm),
-                number(found.worst_percent_fs),
-                number(found.pooled_percent_fs),
+                _narrow(found.worst_nm),
+                _narrow(found.pooled_nm),
+                _narrow(found.worst_percent_fs),
+                _narrow(found.pooled_percent_fs),
                 style="bold green" if chosen else "",
             )
         yield body
@@ -185,7 +192,8 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
     words = "compensated" if sweep.compensated else "not compensated"
     marked = " - simulated" if simulated else ""
     repeats = np.unique(sweep.repeat).size
-    yield Text(f"No-load friction at the input, {repeats} repeats, {words}{marked}", style="bold")
+    count = "one sweep" if repeats == 1 else f"{repeats} repeats"
+    yield Text(f"No-load friction at the input, {count}, {words}{marked}", style="bold")
     table = narrow_table()
     for heading in ("rpm", "clockwise mN·m", "spread", "counter-cw. mN·m", "spread"):
         table.add_column(heading, justify="right")
@@ -200,7 +208,9 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
 
 
 def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
-    """Return the mean and half the range over repeats and branches."""
+    """Return the mean and half the range over repeats and branches; none of a single value."""
+    if values.size < 2:
+        return [f"{float(values.mean()):.1f}", "-"]
     half_range = 0.5 * float(values.max() - values.min())
     return [f"{float(values.mean()):.1f}", f"±{half_range:.1f}"]
 

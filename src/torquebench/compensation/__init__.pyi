@@ -9,7 +9,10 @@ from .checks import (
     WildPoint as WildPoint,
 )
 from .columns import (
+    BRANCH_WORDS as BRANCH_WORDS,
     FEATURES as FEATURES,
+    branch_values as branch_values,
+    by_names as by_names,
     feature_column as feature_column,
     features as features,
 )
@@ -68,6 +71,7 @@ from .selection import (
     Comparison as Comparison,
     LeftOut as LeftOut,
     ModelScore as ModelScore,
+    StepFolds as StepFolds,
     compare as compare,
     worse_than_raw as worse_than_raw,
 )

@@ -24,6 +24,7 @@ from torquebench.compensation.checks import (
 from torquebench.compensation.columns import (
     FEATURES,
     FloatArray,
+    by_names,
     explain_rejection,
     feature_column,
     features,
@@ -171,8 +172,8 @@ class CompensationModel(Estimator, ABC):
 
         Parameters
         ----------
-        X : array of shape (n, k)
-            Columns of `FEATURES`; see `features`.
+        X : array of shape (n, k), or data frame
+            Columns of `FEATURES`; see `features`. A data frame is read by its columns' names.
         y : array of shape (n,)
             Torque of the standard in N·m.
         progress : callable, optional
@@ -189,7 +190,7 @@ class CompensationModel(Estimator, ABC):
             `range_nm`, a wild point (with ``outliers="refuse"``), a parameter out of its limits.
         """
         self.check_parameters()
-        X_checked, y_checked = self._validated(X, y)
+        X_checked, y_checked = self._validated(by_names(X), y)
         self.points_ = int(y_checked.size)
         points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()
         check_points(
@@ -244,7 +245,7 @@ class CompensationModel(Estimator, ABC):
             NaN, another number of columns, a reading outside the calibrated range.
         """
         self._require_fit()
-        X_checked = self._validated_rows(X)
+        X_checked = self._validated_rows(by_names(X, self.n_features_in_))
         self._refuse_outside_range(X_checked[:, 0])
         torque, std = np.empty(X_checked.shape[0]), np.empty(X_checked.shape[0])
         with single_blas_thread():
@@ -268,7 +269,30 @@ class CompensationModel(Estimator, ABC):
         additional_torque_nm : float64 array of shape (n,)
         """
         torque = self.predict(X)
-        return np.asarray(torque - np.asarray(X, dtype=np.float64)[:, 0])
+        return np.asarray(torque - np.asarray(by_names(X), dtype=np.float64)[:, 0])
+
+    def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
+        """Return the coefficient of determination R², as scikit-learn's validation asks for it.
+
+        Folds that leave out the ends of the range ask for torques that `predict` refuses. Here,
+        and only here, the additional torque at the end of the range is held beyond it.
+
+        Parameters
+        ----------
+        X, y
+            As for `fit`.
+        sample_weight : array of shape (n,), optional
+        """
+        self._require_fit()
+        rows = self._validated_rows(by_names(X, self.n_features_in_))
+        within = rows.copy()
+        within[:, 0] = np.clip(rows[:, 0], self.reading_low_nm_, self.reading_high_nm_)
+        torque = self.predict(within) + (rows[:, 0] - within[:, 0])
+        truth = np.asarray(y, dtype=np.float64).ravel()
+        weights = np.ones(truth.size) if sample_weight is None else np.asarray(sample_weight)
+        left = float(np.sum(weights * (truth - torque) ** 2))
+        whole = float(np.sum(weights * (truth - np.average(truth, weights=weights)) ** 2))
+        return 1.0 - left / whole if whole > 0.0 else float(left == 0.0)
 
     def single_reading_std(self, X: ArrayLike) -> FloatArray:
         """Return the standard uncertainty of single compensated readings: curve and scatter.

@@ -2,17 +2,122 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["FEATURES", "FloatArray", "explain_rejection", "feature_column", "features"]
+__all__ = [
+    "BRANCH_WORDS",
+    "FEATURES",
+    "FloatArray",
+    "branch_values",
+    "by_names",
+    "explain_rejection",
+    "feature_column",
+    "features",
+]
 
 FloatArray = NDArray[np.float64]
 
 FEATURES = ("reading_nm", "branch", "series", "speed_rpm", "temperature_c")
 """Columns of a feature matrix X, in this order; trailing columns may be missing."""
+
+BRANCH_WORDS: Mapping[str, int] = {
+    **dict.fromkeys(
+        (
+            *("up", "increasing", "inc", "rising", "+1", "1", "1.0"),
+            *("auf", "aufwärts", "steigend", "belastung", "加载", "上行", "进程", "升"),
+        ),
+        1,
+    ),
+    **dict.fromkeys(
+        (
+            *("down", "decreasing", "dec", "falling", "-1", "-1.0"),
+            *("ab", "abwärts", "fallend", "entlastung", "卸载", "下行", "回程", "降"),
+        ),
+        -1,
+    ),
+    **dict.fromkeys(("unknown", "0", "0.0"), 0),
+}
+"""What each word in a column ``branch`` means: +1, -1 or 0."""
+
+
+def branch_values(branch: ArrayLike) -> FloatArray:
+    """Return branches as +1, -1 and 0, whether they are words or numbers.
+
+    Raises
+    ------
+    InputError
+        Naming the first word that isn't known.
+
+    Examples
+    --------
+    >>> branch_values(["up", "down", "unknown"]).tolist()
+    [1.0, -1.0, 0.0]
+    >>> float(branch_values("down"))
+    -1.0
+    """
+    values = np.asarray(branch)
+    if np.issubdtype(values.dtype, np.number) or values.dtype == np.bool_:
+        return values.astype(np.float64)
+    numbers = np.empty(values.shape)
+    for place, word in np.ndenumerate(values):
+        meaning = BRANCH_WORDS.get(str(word).strip().lower())
+        if meaning is None:
+            row = f", row {place[0]}" if place else ""
+            raise InputError(f"branch {word!r}{row}", "up, down or unknown (or +1, -1, 0)")
+        numbers[place] = meaning
+    return numbers
+
+
+def by_names(X: ArrayLike, columns: int | None = None) -> ArrayLike:
+    """Return a data frame's columns in the order of `FEATURES`; anything else as it is.
+
+    A frame of pandas, polars or pyarrow is read by the names of its columns, wherever they stand;
+    other columns are passed over. A frame without any of these names is read by position, as
+    scikit-learn does.
+
+    Parameters
+    ----------
+    X : data frame or array of shape (n, k)
+    columns : int, optional
+        How many columns of `FEATURES` are wanted; by default up to the first that isn't there.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing.
+
+    Examples
+    --------
+    >>> import pyarrow
+    >>> by_names(pyarrow.table({"branch": ["up", "down"], "reading_nm": [1.0, 2.0]})).tolist()
+    [[1.0, 1.0], [2.0, -1.0]]
+    """
+    if isinstance(X, np.ndarray | list | tuple):
+        return X
+    import narwhals as nw
+
+    frame = nw.from_native(X, eager_only=True, pass_through=True)
+    if not isinstance(frame, nw.DataFrame):
+        return X
+    known = [name for name in FEATURES if name in frame.columns]
+    if not known:
+        return X
+    leading = next((k for k, name in enumerate(FEATURES) if name not in known), len(FEATURES))
+    width = max(leading, 1) if columns is None else columns
+    missing = [name for name in FEATURES[:width] if name not in known]
+    if missing:
+        raise InputError(
+            f"a frame without the column {missing[0]}; it has {', '.join(frame.columns)}",
+            f"the columns {', '.join(FEATURES[:width])}",
+            "name the columns so",
+        )
+    given = {name: frame[name].to_numpy() for name in FEATURES[:width]}
+    return features(**given)
 
 
 def features(
@@ -29,7 +134,8 @@ def features(
     reading_nm : array of shape (n,)
         Torque reading in N·m, clockwise positive; its sign is the direction.
     branch : array of shape (n,) or scalar, optional
-        +1 where the size of the torque grew, -1 where it fell, 0 where that isn't known.
+        +1 or "up" where the size of the torque grew, -1 or "down" where it fell, 0 where that
+        isn't known.
     series : array of shape (n,) or scalar, optional
         Number of the series (0, 1, ...).
     speed_rpm, temperature_c : array of shape (n,) or scalar, optional
@@ -60,7 +166,11 @@ def features(
     for index, column in enumerate(given):
         if column is None:
             continue
-        values = np.asarray(column, dtype=np.float64)
+        values = (
+            branch_values(column)
+            if FEATURES[index] == "branch"
+            else np.asarray(column, dtype=np.float64)
+        )
         if values.ndim > 1 or (values.ndim == 1 and values.size != reading.size):
             raise InputError(
                 f"column {FEATURES[index]} has shape {values.shape}",

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from torquebench.compensation.base import CompensationModel, Progress
-from torquebench.compensation.columns import FloatArray, feature_column, features
+from torquebench.compensation.columns import FloatArray, by_names, feature_column, features
 from torquebench.compensation.curve_uncertainty import (
     COVERAGE_95,
     CurveUncertainty,
@@ -111,6 +111,7 @@ class DiscrepancyUncertainty(CompensationModel):
         -------
         self
         """
+        X = by_names(X)
         estimator = clone(self.estimator).fit(X, y, progress)
         uncertainty = None
         if estimator.points_ >= FEWEST_POINTS:
@@ -120,6 +121,9 @@ class DiscrepancyUncertainty(CompensationModel):
             uncertainty = _against(estimator, posterior, np.asarray(X, dtype=np.float64))
         self._take(estimator, uncertainty)
         return self
+
+    def __repr__(self, N_CHAR_MAX: int = 700) -> str:
+        return f"{type(self).__name__}({self.estimator!r})"
 
     def get_state(self) -> dict[str, Any]:
         """Return the estimator's state and the discrepancy."""

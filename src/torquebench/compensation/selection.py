@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -21,6 +21,7 @@ from torquebench.compensation.checks import (
     check_points,
     point_weights,
 )
+from torquebench.compensation.columns import by_names
 from torquebench.compensation.discrepancy import (
     FEWEST_POINTS,
     DiscrepancyUncertainty,
@@ -36,12 +37,14 @@ from torquebench.compensation.repeats import (
     spread_folds,
 )
 from torquebench.errors import InputError
+from torquebench.html_table import html_table
 
 __all__ = [
     "CANDIDATES",
     "Comparison",
     "LeftOut",
     "ModelScore",
+    "StepFolds",
     "compare",
     "worse_than_raw",
 ]
@@ -199,7 +202,7 @@ def worse_than_raw(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Table of models by their errors at points left out.
 
@@ -249,6 +252,25 @@ class Comparison:
         score = self.score(name)
         left_out = LeftOut(score.worst_nm, score.rms_nm)
         return behind_raw(name, self.models[name], left_out, self.raw, self.full_scale_nm)
+
+    def __repr__(self) -> str:
+        return (
+            f"Comparison({len(self.scores)} models, {self.points} points in {self.steps} steps, "
+            f"best: {self.best})"
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), *self._cells())
+
+    def _cells(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        percent = 100.0 / self.full_scale_nm
+        rows = [
+            (each.name, f"{each.worst_percent_fs:.3g}", f"{each.rms_percent_fs:.3g}", each.reason)
+            for each in self.scores
+        ]
+        raw = (f"{percent * self.raw.worst_nm:.3g}", f"{percent * self.raw.rms_nm:.3g}")
+        header = ("model", "worst, % FS", "RMS, % FS", "")
+        return header, [*rows, ("raw reading", *raw, "")]
 
     def score(self, name: str) -> ModelScore:
         """Return the row of one candidate."""
@@ -416,6 +438,48 @@ class _Tally:
         return tuple(rows)
 
 
+class StepFolds:
+    """Folds for scikit-learn's cross-validation as `compare` makes them.
+
+    All points of a step (repeats, both branches) are left out together, and the outermost steps
+    always stay in: a model never has to extrapolate.
+
+    Parameters
+    ----------
+    folds : int, default 10
+        Number of folds; one for every step where there are fewer than twice as many steps.
+
+    Examples
+    --------
+    >>> reading = np.tile(np.linspace(-10.0, 10.0, 5), 2)
+    >>> [test.tolist() for _, test in StepFolds(3).split(reading[:, None])]
+    [[1, 6], [2, 7], [3, 8]]
+    """
+
+    def __init__(self, folds: int = 10) -> None:
+        self.folds = folds
+
+    def get_n_splits(self, X: ArrayLike, y: object = None, groups: object = None) -> int:  # noqa: ARG002
+        """Return the number of folds."""
+        return self._folds(X)[1]
+
+    def split(
+        self,
+        X: ArrayLike,
+        y: object = None,  # noqa: ARG002
+        groups: object = None,  # noqa: ARG002
+    ) -> Iterator[tuple[IntArray, IntArray]]:
+        """Yield rows to fit to and rows left out."""
+        fold_of_point, count = self._folds(X)
+        for fold in range(count):
+            here = fold_of_point == fold
+            yield np.flatnonzero(~here), np.flatnonzero(here)
+
+    def _folds(self, X: ArrayLike) -> tuple[IntArray, int]:
+        reading = np.asarray(by_names(X), dtype=np.float64)[:, 0]
+        return spread_folds(repeat_groups(reading), self.folds)
+
+
 def _one_error(count: int) -> float:
     """Return Student's factor for one standard error that is estimated from so many steps."""
     return float(stdtrit(max(count - 1, 1), ndtr(1.0)))
@@ -449,7 +513,7 @@ def _score(
 
 
 def _checked(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    features = np.asarray(X, dtype=np.float64)
+    features = np.asarray(by_names(X), dtype=np.float64)
     torque = np.asarray(y, dtype=np.float64).ravel()
     if features.ndim != 2 or features.shape[0] != torque.size:
         raise InputError(

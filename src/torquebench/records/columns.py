@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.compensation import BRANCH_WORDS
 from torquebench.errors import InputError
 from torquebench.records.csv_text import CsvTable, read_csv
 from torquebench.units import DEGREE, UNITS, plain_unit
@@ -126,23 +127,6 @@ _KINDS = {
 }
 _HEADER_UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$|\s*/\s*([^/]+)$|\s+in\s+(\S+)$")
 
-_BRANCHES = {
-    **dict.fromkeys(
-        (
-            *("up", "increasing", "inc", "rising", "+1", "1", "1.0"),
-            *("auf", "aufwärts", "steigend", "belastung", "加载", "上行", "进程", "升"),
-        ),
-        1,
-    ),
-    **dict.fromkeys(
-        (
-            *("down", "decreasing", "dec", "falling", "-1", "-1.0"),
-            *("ab", "abwärts", "fallend", "entlastung", "卸载", "下行", "回程", "降"),
-        ),
-        -1,
-    ),
-    **dict.fromkeys(("unknown", "0", "0.0"), 0),
-}
 _DIRECTIONS = {
     **dict.fromkeys(("cw", "clockwise", "+", "+1", "1", "rechts", "im uhrzeigersinn", "顺时针"), 1),
     **dict.fromkeys(
@@ -157,7 +141,7 @@ _DIRECTIONS = {
 
 def word_values(column: str) -> Mapping[str, int]:
     """Return what each word of a column ``branch`` or ``direction`` means: +1, -1 or 0."""
-    return {"branch": _BRANCHES, "direction": _DIRECTIONS}[column]
+    return {"branch": BRANCH_WORDS, "direction": _DIRECTIONS}[column]
 
 
 def understood(
@@ -421,7 +405,7 @@ def branches(table: CsvTable) -> NDArray[np.int8] | None:
     InputError
         Naming the first cell that is none of these.
     """
-    return _words(table, "branch", _BRANCHES, "up, down or unknown (or +1, -1, 0)")
+    return _words(table, "branch", BRANCH_WORDS, "up, down or unknown (or +1, -1, 0)")
 
 
 def check_direction(table: CsvTable, torque_nm: NDArray[np.float64]) -> None:
@@ -445,7 +429,7 @@ def check_direction(table: CsvTable, torque_nm: NDArray[np.float64]) -> None:
 
 
 def _words(
-    table: CsvTable, column: str, meaning: dict[str, int], allowed: str
+    table: CsvTable, column: str, meaning: Mapping[str, int], allowed: str
 ) -> NDArray[np.int8] | None:
     if column not in table.header:
         return None

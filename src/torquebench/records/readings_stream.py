@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_file
 from torquebench.errors import InputError
+from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
-from torquebench.records.csv_text import CsvTable, csv_encoding, is_comment, parse_csv
+from torquebench.records.csv_text import csv_encoding, is_comment, parse_csv
 from torquebench.records.table_formats import check_formats, is_parquet
 from torquebench.records.tables import (
     ADDED_COLUMNS,
-    READING_QUANTITIES,
     ReadingsTable,
     readings_of,
 )
@@ -44,7 +44,6 @@ _BLOCK_ROWS = 1 << 16
 _HEAD_LINES = 6
 _WORKERS = 2
 _WAITING = 1
-_NUMBERS = ("reading_nm", *READING_QUANTITIES)
 
 
 @dataclass(frozen=True)
@@ -309,7 +308,7 @@ class _CsvSource:
                 ),
                 pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(self.header, text)),
             )
-            numbers = {key: self._numbers(cells, key) for key in _NUMBERS if key in self._columns}
+            numbers = {key: self._numbers(cells, key) for key in NUMBERS if key in self._columns}
             branch = self._words(cells, "branch")
         except (pa.ArrowInvalid, ValueError):
             return None
@@ -389,9 +388,7 @@ class _CsvSource:
         table = parse_csv(f"{self._header_line}\n{text}", self.origin, before=before - 1)
         first = replace(self._table, rows=self._table.rows[:1], lines=self._table.lines[:1])
         both = replace(table, rows=first.rows + table.rows, lines=[*first.lines, *table.lines])
-        both.check_decimal_marks(
-            [self._columns[key][0] for key in _NUMBERS if key in self._columns]
-        )
+        both.check_decimal_marks([self._columns[key][0] for key in NUMBERS if key in self._columns])
         columns = zip(*table.rows, strict=True)
         cells = pa.table(
             {name: list(cells) for name, cells in zip(self.header, columns, strict=True)}
@@ -428,18 +425,9 @@ class _ParquetSource:
 
     def __init__(self, path: Path, file: Any, mapping: Sequence[str]) -> None:
         self.origin, self._file = str(path), file
-        schema = file.schema_arrow
-        self.schema = schema
-        self.header = tuple(name.lower() for name in schema.names)
-        notes = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
-        self.remarks = {key: value for key, value in notes.items() if "\n" not in value}
-        self.remarks.pop("ARROW:schema", None)
-        self.remarks.pop("pandas", None)
-        self.simulated = self.remarks.get("simulated", "").lower() in ("true", "yes", "1")
-        self._table = CsvTable(self.origin, ",", self.header, (), (), self.remarks, "row")
-        named, self._columns = understood(self._table, ("reading_nm",), mapping)
-        self.timed = "time_s" in self._columns
-        self._names = named.header
+        self._columns = ArrowReadings(str(path), file.schema_arrow, mapping)
+        self.header, self.remarks = self._columns.header, self._columns.remarks
+        self.simulated, self.timed = self._columns.simulated, self._columns.timed
 
     def pieces(self) -> Iterator[tuple[tuple[Any, int], float]]:
         """Yield batches and the number of rows before them."""
@@ -453,57 +441,7 @@ class _ParquetSource:
         batch, before = piece
         if not batch.num_rows:
             return None
-        names = self.schema.names
-        numbers = {}
-        for key in _NUMBERS:
-            if key in self._columns:
-                header, factor = self._columns[key]
-                column = batch.column(self.header.index(header))
-                numbers[key] = self._numbers(column, header, before) * factor
-        branch = None
-        if "branch" in self._names:
-            branch = self._branch(batch.column(self._names.index("branch")), before)
-        cells = pa.Table.from_batches([batch])
-        assert cells.column_names == names
-        table = ReadingsTable(
-            replace(self._table, lines=range(before + 1, before + 1 + batch.num_rows)),
-            numbers["reading_nm"],
-            branch,
-            None,
-            numbers.get("speed_rpm"),
-            numbers.get("temperature_c"),
-            numbers.get("standard_error_nm"),
-            numbers.get("time_s"),
-            numbers.get("acceleration_rad_s2"),
-            self.simulated,
-        )
-        return _Block(cells, table)
-
-    def _numbers(self, column: Any, header: str, before: int) -> NDArray[np.float64]:
-        try:
-            values = np.asarray(pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False))
-        except pa.ArrowInvalid as error:
-            raise InputError(f"{self.origin}, column {header}: {error}", "numbers") from error
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            found = "no value" if not column[int(bad[0])].is_valid else str(values[bad[0]])
-            raise InputError(
-                f"{self.origin}, row {before + int(bad[0]) + 1}, column {header}: {found}",
-                "a number in every cell",
-                "remove the row or measure the point again",
-            )
-        return values
-
-    def _branch(self, column: Any, before: int) -> NDArray[np.int8]:
-        meaning = word_values("branch")
-        words = [str(word).lower() for word in column.to_pylist()]
-        for row, word in enumerate(words):
-            if word not in meaning:
-                raise InputError(
-                    f"{self.origin}, row {before + row + 1}, column branch: {word!r}",
-                    "up, down or unknown (or +1, -1, 0)",
-                )
-        return np.array([meaning[word] for word in words], dtype=np.int8)
+        return _Block(pa.Table.from_batches([batch]), self._columns.readings(batch, before))
 
 
 class _CsvSink:

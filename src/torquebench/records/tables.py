@@ -110,7 +110,7 @@ def read_calibration_csv(
         if value and remark is not None and noted != value:
             remark(f"{path} says {name} = {noted}; {value} was given and is taken")
     chained = (side, transducer_serial, counter_identity)
-    return _calibration(table, range_nm, both_directions, chained, mapping)
+    return calibration_of(table, range_nm, both_directions, chained, mapping)
 
 
 def parse_calibration_csv(
@@ -136,16 +136,17 @@ def parse_calibration_csv(
     ([5.0, 10.0], 10.2)
     """
     chain = ("", transducer_serial, counter_identity)
-    return _calibration(parse_csv(text, origin), range_nm, False, chain)
+    return calibration_of(parse_csv(text, origin), range_nm, False, chain)
 
 
-def _calibration(
+def calibration_of(
     table: CsvTable,
     range_nm: float | None,
     both_directions: bool,
     chain: tuple[str, str, str],
     mapping: Sequence[str] = (),
 ) -> CalibrationData:
+    """Return the calibration in a table; `chain` is side, transducer and counter."""
     side, transducer_serial, counter_identity = chain
     table, columns = understood(table, ("reading_nm", "standard_nm"), mapping)
     table.check_decimal_marks([name for name, _ in columns.values()])

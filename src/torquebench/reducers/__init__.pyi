@@ -43,6 +43,9 @@ from .running.friction_fit import (
 from .loops.evaluation import (
     evaluate_hysteresis as evaluate_hysteresis,
 )
+from .loops.findings import (
+    OpenLoopError as OpenLoopError,
+)
 from .loops.results import (
     HysteresisResult as HysteresisResult,
     KeyPoint as KeyPoint,

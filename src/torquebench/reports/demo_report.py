@@ -103,9 +103,11 @@ def _friction_section(friction: FrictionSweep, run_id: str) -> Section:
         if friction.unsettled
         else ""
     )
+    repeats = len(np.unique(friction.repeat))
+    sweeps = "One sweep" if repeats == 1 else f"{repeats} repeats"
     return Section(
         "No-load friction of the reducer",
-        f"{len(np.unique(friction.repeat))} repeats, {len(friction.speed_rpm)} points, "
+        f"{sweeps}, {len(friction.speed_rpm)} points, "
         f"{compensated} the active compensation of the input module.{unsettled}",
         (_friction_table(friction), figure, Facts((("Record", run_id),))),
     )

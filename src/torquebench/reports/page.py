@@ -14,6 +14,10 @@ from torquebench.atomic_write import atomic_write
 __all__ = ["Facts", "Figure", "Page", "Section", "Table", "render_page", "write_page"]
 
 
+WORDY = 24
+"""A cell of more characters is no number."""
+
+
 @dataclass(frozen=True)
 class Facts:
     """Names and values shown as a two-column list.
@@ -52,6 +56,12 @@ class Table:
     emphasised: int | None = None
     words: bool = False
     kind: str = field(default="table", init=False)
+
+    @property
+    def sentences(self) -> tuple[bool, ...]:
+        """Which columns hold sentences: they stand on the left and wrap."""
+        cells = [[row[column] for row in self.rows] for column in range(len(self.header))]
+        return tuple(any(len(cell) > WORDY for cell in column) for column in cells)
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ def _plain(block: Facts | Table | Figure, figures: dict[str, str]) -> dict[str, 
             "header": list(block.header),
             "rows": [list(row) for row in block.rows],
             "caption": block.caption,
+            "sentences": list(block.sentences),
             "emphasised": block.emphasised,
             "words": block.words,
         }

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.results import (
     SHORT_TEST,
@@ -9,10 +14,11 @@ from torquebench.campaign.reducers.results import (
     ReducerTestOutcome,
     ReducerTestRecord,
 )
+from torquebench.reducers import EfficiencyMap
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.uncertainty import stated
 
-__all__ = ["reducer_page"]
+__all__ = ["efficiency_tables", "reducer_page", "tables_of"]
 
 
 def reducer_page(record: ReducerTestRecord) -> Page:
@@ -95,23 +101,108 @@ def _failure(failure: ReducerTestFailure) -> Section:
 
 
 def _section(outcome: ReducerTestOutcome) -> Section:
-    rows = [
-        (
-            each.title,
-            *stated(each.value, each.expanded_uncertainty),
-            each.unit,
-            each.rule,
-        )
+    quantities = [
+        (each.key, each.title, each.value, each.expanded_uncertainty, each.unit, each.rule)
         for each in outcome.quantities
-        if not (each.key.startswith("order_") and each.value < each.expanded_uncertainty)
     ]
-    table = Table(
-        ("quantity", "value", "U", "unit", "rule"),
-        rows,
-        "U: expanded uncertainty, 95.45 % coverage.",
-    )
     remarks = tuple(("Remark", remark) for remark in outcome.remarks)
     findings = tuple((f"Finding: {each.name}", each.sentence) for each in outcome.findings)
     facts = Facts((*findings, *remarks, ("Record", outcome.run.run_id)))
-    figures = TESTS[outcome.name].work().figures(outcome.result)
-    return Section(outcome.title, "", (*(Figure(*each) for each in figures), table, facts))
+    drawn = (Figure(*each) for each in TESTS[outcome.name].work().figures(outcome.result))
+    return Section(
+        outcome.title,
+        "",
+        (*drawn, *tables_of(outcome.result, quantities), facts),
+    )
+
+
+Row = tuple[str, str, float, float, str, str]
+"""Key, title, value, U, unit and rule of a quantity."""
+
+
+def tables_of(result: Any, quantities: Sequence[Row]) -> tuple[Table, ...]:
+    """Return the quantities of a result: an efficiency map as a map, all others as a list.
+
+    Parameters
+    ----------
+    result : ReducerResult
+    quantities : sequence of Row
+        With the uncertainties that are to be stated.
+    """
+    if isinstance(result, EfficiencyMap):
+        expanded = {key: (value, whole) for key, _, value, whole, _, _ in quantities}
+        return tuple(
+            Table(header, rows, caption)
+            for header, rows, caption in efficiency_tables(result, expanded)
+        )
+    rows = [
+        (title, *stated(value, whole), unit, rule)
+        for key, title, value, whole, unit, rule in quantities
+        if not (key.startswith("order_") and value < whole)
+    ]
+    header: tuple[str, ...] = ("quantity", "value", "U", "unit", "rule")
+    cells: list[tuple[str, ...]] = list(rows)
+    if not any(row[-1] for row in rows):
+        header, cells = header[:-1], [row[:-1] for row in rows]
+    return (Table(header, cells, "U: expanded uncertainty, 95.45 % coverage."),)
+
+
+def efficiency_tables(
+    result: EfficiencyMap, stated_of: Mapping[str, tuple[float, float]]
+) -> list[tuple[tuple[str, ...], list[tuple[str, ...]], str]]:
+    """Return an efficiency map as tables of torque by speed, with one U a torque.
+
+    Means of both directions are shown where both were driven. The U of a row is the largest in
+    it; every point with its own stands in the run's ``results.json``.
+
+    Parameters
+    ----------
+    result : EfficiencyMap
+    stated_of : mapping of str to pair of float
+        Value and expanded uncertainty of each point by its key, in %.
+
+    Returns
+    -------
+    list of (header, rows, caption)
+        One table a driving side.
+    """
+    found = []
+    for driving in ("input", "output"):
+        means = [each for each in result.means if each.driving == driving]
+        points = means or [each for each in result.points if each.driving == driving]
+        if not points:
+            continue
+        columns = _steps([each.nominal_speed_rpm for each in points])
+        lines = _steps([each.nominal_torque_nm for each in points])
+        rows = []
+        for line in sorted(set(lines)):
+            here = {
+                column: stated_of[each.quantity.key]
+                for each, column, of in zip(points, columns, lines, strict=True)
+                if of == line
+            }
+            largest = max(whole for _, whole in here.values())
+            cells = [
+                stated(here[speed][0], largest)[0] if speed in here else "–"
+                for speed in sorted(set(columns))
+            ]
+            rows.append((f"{line:.4g}", *cells, stated(0.0, largest)[1]))
+        which = ", mean of both directions" if means else ""
+        caption = (
+            f"Efficiency in %, {driving} drives{which}, by output torque (rows, N·m) and input "
+            "speed (columns, rpm). U: the largest of the row, 95.45 % coverage."
+        )
+        speeds = [f"{speed:.4g} rpm" for speed in sorted(set(columns))]
+        found.append((("N·m", *speeds, "U, %"), rows, caption))
+    return found
+
+
+def _steps(values: Sequence[float]) -> list[float]:
+    """Return the step that each value belongs to: the mean of those within 1 % of the largest."""
+    order = np.argsort(values, kind="stable")
+    ordered = np.asarray(values, dtype=np.float64)[order]
+    number = np.cumsum(np.diff(ordered, prepend=ordered[0]) > 0.01 * np.max(np.abs(ordered)))
+    means = np.bincount(number, weights=ordered) / np.bincount(number)
+    steps = np.empty(ordered.size)
+    steps[order] = means[number]
+    return [float(each) for each in steps]

@@ -1,6 +1,7 @@
 """What a dry run prints of a staircase."""
 
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,19 @@ def test_every_profile_fits_80_columns_and_counts_its_points(name: str, tmp_path
     assert f"{points} points" in text
     assert "simulated" in text
     listed = [
-        line.split()
-        for line in text.splitlines()
-        if " points up " in line or " points down " in line
+        re.search(r" points (?:up|down) +(?:(\d+) × )?(\d+) ", line) for line in text.splitlines()
     ]
-    assert sum(int(words[3]) for words in listed) == points
+    assert sum(int(each[1] or 1) * int(each[2]) for each in listed if each) == points
     assert ("rotation to 120°" in text) == (name == "staircase")
+
+
+def test_series_that_repeat_each_other_are_one_line_each(tmp_path: Path) -> None:
+    profile = load_profile("small-torques").with_options(repeats=40)
+    with Station.open(None, tmp_path) as station:
+        rehearsal = rehearse_calibration(station, "input", profile)
+    console = Console(file=io.StringIO(), width=80)
+    for part in staircase_tables(default_bench(), "input", profile, rehearsal):
+        console.print(part)
+    lines = console.file.getvalue().splitlines()
+    assert len(lines) < 25
+    assert sum("1–40" in line for line in lines) == 4

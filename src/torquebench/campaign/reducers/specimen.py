@@ -143,6 +143,7 @@ class Specimen:
     ) -> dict[str, Any]:
         """Return what stands in the run's ``results.json``."""
         budgets = {each.key: plain_budget(each.estimate) for each in whole.quantities()}
+        budgets |= {each.key: plain_budget(each.estimate) for each in verdicts(whole, self.reducer)}
         return {
             "test": test.name,
             "short": self.settings.is_short,
@@ -162,22 +163,30 @@ def _quantities(
     result: ReducerResult, judged: tuple[QuantityVerdict, ...], *, conditional: bool
 ) -> tuple[ReducerTestQuantity, ...]:
     limits = {each.key: each for each in judged}
+    found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
+    # What is limited between measured points, as an efficiency, is no quantity of the list.
+    known = {key for key, _, _, _ in found}
+    found += [
+        (each.key, each.title, each.estimate, "interpolated")
+        for each in judged
+        if each.key not in known
+    ]
     rows = []
-    for each in result.quantities():
-        held = limits.get(each.key)
+    for key, title, estimate, rule in found:
+        held = limits.get(key)
         verdict = Verdict.NONE if held is None else held.decision.verdict
         if conditional and verdict is Verdict.PASS:
             verdict = Verdict.CONDITIONAL_PASS
         rows.append(
             ReducerTestQuantity(
-                key=each.key,
-                title=each.title,
-                value=each.estimate.value,
-                expanded_uncertainty=each.estimate.expanded_uncertainty(),
-                unit=each.estimate.unit,
+                key=key,
+                title=title,
+                value=estimate.value,
+                expanded_uncertainty=estimate.expanded_uncertainty(),
+                unit=estimate.unit,
                 limit="" if held is None else held.limit,
                 verdict=verdict,
-                rule=each.rule,
+                rule=rule,
             )
         )
     return tuple(rows)

@@ -1,5 +1,7 @@
 """What is wrong with torque-angle loops, by name: refused, or stated beside the result."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,6 +56,24 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
         )
 
 
+class OpenLoopError(InputError):
+    """A torque-angle loop doesn't close; `loop` is what was read of it.
+
+    Parameters
+    ----------
+    loop : LoopFeatures
+    found, allowed, remedy : str
+        As of every error.
+    """
+
+    def __init__(self, loop: LoopFeatures, found: str, allowed: str = "", remedy: str = "") -> None:
+        super().__init__(found, allowed, remedy)
+        self.loop = loop
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (type(self), (self.loop, self.found, self.allowed, self.remedy))
+
+
 def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
     """Refuse loops that don't close.
 
@@ -66,7 +86,8 @@ def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
         width = float(np.ptp([each.curve.rising_rad, each.curve.falling_rad]))
         noise = float(np.median(each.curve.rising_standard_error_rad))
         if abs(each.closure_rad) > max(settings.closure_share * width, 6.0 * noise):
-            raise InputError(
+            raise OpenLoopError(
+                each,
                 f"loop {each.loop} at position {each.position:g} doesn't close: its end is "
                 f"{np.degrees(each.closure_rad) * 60:.3g} arcmin off its start "
                 f"({100 * each.closure_rad / width:.3g} % of its width)",

@@ -12,6 +12,7 @@ from torquebench.calibration import (
     ReferenceStandard,
     assign_nominal,
 )
+from torquebench.campaign.calibration_comparison import model_of_calibration
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
@@ -105,7 +106,7 @@ class Source:
             raise RecordError(f"run {run.run_id} was {run.status}: {run.reason}", "a completed run")
         profile = run_profile(folder)
         data = assign_nominal(run_data(folder), profile)
-        model_entry = _model_of(registry, calibration)
+        model_entry = model_of_calibration(registry, calibration)
         return cls(
             run=run,
             folder=folder,
@@ -165,21 +166,6 @@ def _changed_points(data: CalibrationData, calibration: CalibrationEntry) -> tup
     if data.sha256() == calibration.data_sha256:
         return ()
     return ("the run's points aren't those of the registered calibration",)
-
-
-def _model_of(registry: Registry, calibration: CalibrationEntry) -> ModelEntry | None:
-    """Return the model of a calibration that is in use, or the latest one; None without one."""
-    fitted = [
-        entry
-        for entry in registry.models(calibration.transducer_serial)
-        if entry.calibration_id == calibration.calibration_id
-    ]
-    used = [each.model_id for each in registry.activations(calibration.transducer_serial)]
-    for model_id in reversed(used):
-        for entry in fitted:
-            if entry.model_id == model_id:
-                return entry
-    return fitted[0] if fitted else None
 
 
 def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFolder) -> Reference:

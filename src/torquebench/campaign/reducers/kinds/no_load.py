@@ -21,9 +21,9 @@ from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.running import NoLoadSettings, no_load_running
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
-from torquebench.reducers import NoLoadResult, ReducerDescription, evaluate_no_load
+from torquebench.reducers import FrictionResult, NoLoadResult, ReducerDescription, evaluate_no_load
 
-__all__ = ["WORK"]
+__all__ = ["WORK", "fitted_friction"]
 
 
 def _plan(
@@ -49,21 +49,22 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, running: RunningRecord
     return Evaluated(result, (*remarks, *tare_remarks(bench), *drift_remarks(running)))
 
 
-def _figure(result: NoLoadResult) -> str:
-    """Draw the no-load running torque over speed, every repeat, and the fitted friction."""
+def fitted_friction(result: FrictionResult, highest_rpm: float) -> Curve | None:
+    """Return the fitted friction of both directions as a curve up to a speed."""
     speeds, torques = [], []
-    highest = float(np.max(np.abs(result.speed_rpm)))
-    for sign, fit in (
-        (-1.0, result.friction.counter_clockwise),
-        (1.0, result.friction.clockwise),
-    ):
+    for sign, fit in ((-1.0, result.counter_clockwise), (1.0, result.clockwise)):
         if fit is not None:
-            speed = sign * np.linspace(0.02 * highest, highest, 120)
+            speed = sign * np.linspace(0.02 * highest_rpm, highest_rpm, 120)
             speeds.append(speed)
             torques.append(fit.torque(speed))
-    fitted = None
-    if speeds:
-        fitted = Curve("fitted friction", np.concatenate(speeds), np.concatenate(torques))
+    if not speeds:
+        return None
+    return Curve("fitted friction", np.concatenate(speeds), np.concatenate(torques))
+
+
+def _figure(result: NoLoadResult) -> str:
+    """Draw the no-load running torque over speed, every repeat, and the fitted friction."""
+    fitted = fitted_friction(result.friction, float(np.max(np.abs(result.speed_rpm))))
     return friction_figure(result.speed_rpm, result.torque_nm, result.repeat, fit=fitted)
 
 

@@ -1,0 +1,289 @@
+"""Two calibrations of one transducer side by side: what changed, and whether that means anything.
+
+Their models are compared at the same readings over the range that both calibrations cover. A
+change counts where it exceeds the uncertainties of both, E_n = Δ/√(U_A² + U_B²) beyond ±1
+(ISO/IEC 17043, B.3). What both share, such as the same reference standard, cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from torquebench.chain import MeasuringChain, Readings, load_chain
+from torquebench.errors import InputError
+from torquebench.records import CalibrationEntry, ModelEntry, Registry
+
+__all__ = [
+    "SAME_RANGE",
+    "CalibrationComparison",
+    "CalibrationStep",
+    "ComparedCalibration",
+    "compare_calibrations",
+    "model_of_calibration",
+]
+
+STEPS = 10
+"""Even steps in each direction of the common range."""
+SAME_RANGE = 0.05
+"""Calibrations whose largest torques differ by less than this share have one range."""
+CALIBRATED = ("static curve", "hysteresis", "mounting")
+"""Components of U that belong to a calibration, not to a later reading."""
+REFERENCE = "reference standard"
+
+
+@dataclass(frozen=True)
+class ComparedCalibration:
+    """One of the calibrations that are compared.
+
+    Parameters
+    ----------
+    entry : CalibrationEntry
+    model : ModelEntry
+        In use of those fitted to it, or the latest.
+    """
+
+    entry: CalibrationEntry
+    model: ModelEntry
+
+    @property
+    def name(self) -> str:
+        """Name in records."""
+        return f"calibration-{self.entry.calibration_id}"
+
+
+@dataclass(frozen=True)
+class CalibrationStep:
+    """Both calibrations at one reading.
+
+    Parameters
+    ----------
+    reading_nm : float
+    branch : int
+        +1 rising, -1 falling, 0 where neither model tells branches apart.
+    before_nm, after_nm : float
+        Additional torque by each, N·m.
+    change_nm, expanded_uncertainty_nm : float
+        After less before, and its U (k = 2).
+    """
+
+    reading_nm: float
+    branch: int
+    before_nm: float
+    after_nm: float
+    change_nm: float
+    expanded_uncertainty_nm: float
+
+    @property
+    def normalised_error(self) -> float:
+        """E_n: the change in expanded uncertainties."""
+        if self.expanded_uncertainty_nm == 0.0:
+            return float(np.sign(self.change_nm) * np.inf) if self.change_nm else 0.0
+        return self.change_nm / self.expanded_uncertainty_nm
+
+    @property
+    def significant(self) -> bool:
+        """Whether the change exceeds its uncertainty."""
+        return abs(self.normalised_error) > 1.0
+
+
+@dataclass(frozen=True)
+class CalibrationComparison:
+    """Two calibrations of one transducer.
+
+    Parameters
+    ----------
+    before, after : ComparedCalibration
+        By the time at which they were performed.
+    low_nm, high_nm : float
+        Torques that both cover.
+    steps : tuple of CalibrationStep
+    remarks : tuple of str
+        What differs beside the torque: ranges, standards, counters, adjustments.
+    """
+
+    before: ComparedCalibration
+    after: ComparedCalibration
+    low_nm: float
+    high_nm: float
+    steps: tuple[CalibrationStep, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def range_nm(self) -> float:
+        """Full scale that % FS refer to."""
+        return self.after.entry.range_nm
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of them was simulated."""
+        return self.before.entry.simulated or self.after.entry.simulated
+
+    @property
+    def worst(self) -> CalibrationStep:
+        """The step with the largest E_n."""
+        return max(self.steps, key=lambda each: abs(each.normalised_error))
+
+    @property
+    def significant(self) -> tuple[CalibrationStep, ...]:
+        """Steps at which the change exceeds its uncertainty."""
+        return tuple(each for each in self.steps if each.significant)
+
+    def verdict(self) -> str:
+        """Say in one sentence whether the chain has changed."""
+        count, worst = len(self.significant), self.worst
+        if not count:
+            return (
+                f"no change beyond the uncertainties: |E_n| up to {abs(worst.normalised_error):.2f}"
+            )
+        return (
+            f"changed at {count} of {len(self.steps)} steps, by {worst.change_nm:+.3g} N·m at "
+            f"{worst.reading_nm:g} N·m (E_n = {worst.normalised_error:+.2f})"
+        )
+
+
+def model_of_calibration(registry: Registry, calibration: CalibrationEntry) -> ModelEntry | None:
+    """Return the model of a calibration that is in use, or the latest one; None without one."""
+    fitted = [
+        entry
+        for entry in registry.models(calibration.transducer_serial)
+        if entry.calibration_id == calibration.calibration_id
+    ]
+    used = [each.model_id for each in registry.activations(calibration.transducer_serial)]
+    for model_id in reversed(used):
+        for entry in fitted:
+            if entry.model_id == model_id:
+                return entry
+    return fitted[0] if fitted else None
+
+
+def compare_calibrations(registry: Registry, first: int, second: int) -> CalibrationComparison:
+    """Compare two calibrations of one transducer, the earlier one first.
+
+    Parameters
+    ----------
+    registry : Registry
+    first, second : int
+        Their numbers.
+
+    Raises
+    ------
+    InputError
+        They are one, of different transducers, without a model, or share no range.
+    RecordError
+        There is no such calibration, or a model file was changed.
+    """
+    if first == second:
+        raise InputError(f"calibration-{first} twice", "two calibrations")
+    entries = sorted(
+        (registry.calibration(number) for number in (first, second)),
+        key=lambda entry: (entry.performed, entry.calibration_id),
+    )
+    serials = {entry.transducer_serial for entry in entries}
+    if len(serials) > 1:
+        raise InputError(
+            f"calibrations of the transducers {' and '.join(sorted(serials))}",
+            "two calibrations of one transducer",
+            "torquebench records list calibrations",
+        )
+    before, after = (_compared(registry, entry) for entry in entries)
+    low, high = _common(before.entry, after.entry)
+    chains = [load_chain(each.model.check_file()) for each in (before, after)]
+    low = max(low, *(float(chain.curve.low_nm) for chain in chains))
+    high = min(high, *(float(chain.curve.high_nm) for chain in chains))
+    return CalibrationComparison(
+        before=before,
+        after=after,
+        low_nm=low,
+        high_nm=high,
+        steps=_steps(chains, low, high, same_standard=_same_standard(before, after)),
+        remarks=_remarks(registry, before.entry, after.entry),
+    )
+
+
+def _compared(registry: Registry, entry: CalibrationEntry) -> ComparedCalibration:
+    model = model_of_calibration(registry, entry)
+    if model is None:
+        raise InputError(
+            f"calibration-{entry.calibration_id} has no model",
+            "calibrations with a fitted model",
+            "torquebench records finish, or torquebench fit on its table",
+        )
+    return ComparedCalibration(entry, model)
+
+
+def _common(before: CalibrationEntry, after: CalibrationEntry) -> tuple[float, float]:
+    low = max(before.valid_nm[0], after.valid_nm[0])
+    high = min(before.valid_nm[1], after.valid_nm[1])
+    if not low < high:
+        raise InputError(
+            "calibrations of "
+            + " and ".join(
+                f"{each.valid_nm[0]:g} to {each.valid_nm[1]:g} N·m" for each in (before, after)
+            ),
+            "a range that both cover",
+            "compare calibrations in the same direction",
+        )
+    return low, high
+
+
+def _same_standard(before: ComparedCalibration, after: ComparedCalibration) -> bool:
+    serial = before.entry.standard_serial
+    return bool(serial) and serial == after.entry.standard_serial
+
+
+def _steps(
+    chains: list[MeasuringChain], low: float, high: float, *, same_standard: bool
+) -> tuple[CalibrationStep, ...]:
+    shares = np.arange(1, STEPS + 1) / STEPS
+    sides = [shares * end for end in (min(low, 0.0), max(high, 0.0)) if end]
+    reading = np.concatenate(sides)
+    reading = np.sort(reading[(reading >= low) & (reading <= high)])
+    branches = (1, -1) if any(chain.curve.branch_aware for chain in chains) else (0,)
+    names = CALIBRATED if same_standard else (*CALIBRATED, REFERENCE)
+    found = []
+    for branch in branches:
+        known = Readings(reading, branch=np.full(reading.size, float(branch)))
+        torques = [chain.torque(known) for chain in chains]
+        added = [torque.value_nm - reading for torque in torques]
+        squares = [sum(np.square(each.component(name)) for name in names) for each in torques]
+        expanded = 2.0 * np.sqrt(np.asarray(squares[0]) + np.asarray(squares[1]))
+        found += [
+            CalibrationStep(
+                float(reading[k]),
+                branch,
+                float(added[0][k]),
+                float(added[1][k]),
+                float(added[1][k] - added[0][k]),
+                float(expanded[k]),
+            )
+            for k in range(reading.size)
+        ]
+    return tuple(found)
+
+
+def _remarks(
+    registry: Registry, before: CalibrationEntry, after: CalibrationEntry
+) -> tuple[str, ...]:
+    said = []
+    for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
+        reached = [abs(entry.valid_nm[place]) for entry in (before, after)]
+        if abs(reached[1] - reached[0]) > SAME_RANGE * max(reached):
+            said.append(
+                f"{direction} the calibrations reach {reached[0]:g} and {reached[1]:g} N·m: only "
+                "what both cover is compared"
+            )
+    for what, one, other in (
+        ("reference standard", before.standard_serial, after.standard_serial),
+        ("counter", before.counter_identity, after.counter_identity),
+        ("profile", before.profile_name, after.profile_name),
+    ):
+        if one != other:
+            said.append(f"another {what}: {one or 'unknown'}, then {other or 'unknown'}")
+    said += [
+        f"the transducer was adjusted between them, {each.performed:%Y-%m-%d}"
+        for each in registry.adjustments(before.transducer_serial)
+        if before.performed < each.performed <= after.performed
+    ]
+    return tuple(said)

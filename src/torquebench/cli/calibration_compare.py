@@ -1,0 +1,117 @@
+"""`torquebench records compare`: two calibrations of one transducer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
+from torquebench.cli.reducer_tables import check_reports
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.campaign.calibration_comparison import CalibrationComparison
+
+__all__ = ["register"]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("compare")(compare)
+
+
+def compare(
+    first: Annotated[str, typer.Argument(help="A calibration, such as `calibration-2`.")],
+    second: Annotated[str, typer.Argument(help="Another one of the same transducer.")],
+    report: Annotated[
+        list[Path] | None,
+        typer.Option("--report", help="Write a page with figures (.html or .pdf). Repeat it."),
+    ] = None,
+    result: Annotated[Path | None, typer.Option("--out", help="Write the steps as CSV.")] = None,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Compare two calibrations of one transducer, step by step.
+
+    A change is significant where it exceeds the uncertainties of both calibrations (E_n beyond
+    ±1). Only torques that both cover are compared.
+    """
+    from torquebench.records import Registry
+
+    check_reports(report or [])
+    if result is not None:
+        check_output(result)
+    numbers = [_number(name) for name in (first, second)]
+
+    from torquebench.campaign.calibration_comparison import compare_calibrations
+
+    with Registry.open(data_directory(data)) as registry:
+        found = compare_calibrations(registry, *numbers)
+    _print(found)
+    if result is not None:
+        _write(found, result)
+        say(f"Steps: {result}")
+    if report:
+        from torquebench.reports.calibration_comparison import calibration_comparison_page
+        from torquebench.reports.page_pdf import write_report
+
+        page = calibration_comparison_page(found)
+        for path in report:
+            say(f"Report: {write_report(page, path)}")
+
+
+def _number(name: str) -> int:
+    kind, _, number = name.rpartition("-")
+    if kind not in ("calibration", "") or not number.isdigit():
+        raise InputError(
+            f"a calibration {name!r}",
+            "a name such as calibration-2",
+            "torquebench records list calibrations",
+        )
+    return int(number)
+
+
+def _print(found: CalibrationComparison) -> None:
+    from torquebench.reports.calibration_comparison import BRANCHES
+    from torquebench.uncertainty import stated
+
+    said = " - simulated" if found.simulated else ""
+    title = f"{found.before.name} and {found.after.name}, transducer "
+    say(f"[bold]{title}{escape(found.after.entry.transducer_serial)}{said}[/bold]")
+    table = narrow_table("Additional torque, N·m", caption="U of the change, k = 2; E_n = change/U")
+    table.add_column("reading", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for heading in ("before", "after", "change", "U", "E_n"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for step in found.steps:
+        table.add_row(
+            f"{step.reading_nm:.5g}",
+            BRANCHES[step.branch],
+            f"{step.before_nm:.4g}",
+            f"{step.after_nm:.4g}",
+            *stated(step.change_nm, step.expanded_uncertainty_nm),
+            f"{step.normalised_error:+.2f}",
+            "[yellow]changed[/yellow]" if step.significant else "",
+        )
+    out().print(table)
+    for remark in found.remarks:
+        warn(remark)
+    say(f"[bold]{escape(found.verdict())}[/bold]")
+
+
+def _write(found: CalibrationComparison, path: Path) -> None:
+    from torquebench.atomic_write import atomic_write
+
+    lines = [f"# before = {found.before.name}", f"# after = {found.after.name}"]
+    lines += ["# simulated = true"] * found.simulated
+    lines.append("reading_nm,branch,before_nm,after_nm,change_nm,expanded_uncertainty_nm,e_n")
+    lines += [
+        f"{step.reading_nm!r},{step.branch},{step.before_nm!r},{step.after_nm!r},"
+        f"{step.change_nm!r},{step.expanded_uncertainty_nm!r},{step.normalised_error!r}"
+        for step in found.steps
+    ]
+    atomic_write(path, ("\n".join(lines) + "\n").encode())

@@ -1,0 +1,145 @@
+"""Tables for calibrations and readings: paths, data frames and mappings, by columns' names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import narwhals as nw
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from torquebench.calibration import CalibrationData
+from torquebench.errors import InputError
+from torquebench.records import read_calibration_csv
+from torquebench.records.arrow_table import cells_of
+from torquebench.records.table_formats import is_parquet
+from torquebench.records.tables import calibration_of
+
+__all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
+
+Columns: TypeAlias = Mapping[str, str]
+"""Headers by what they are: ``{"reading": "Drehmoment[kNm]"}``."""
+_OPTION = re.compile(r"--column '(\w+)=([^']+)'")
+
+
+def read_calibration(
+    source: Any,
+    *,
+    range_nm: float | None = None,
+    columns: Columns | None = None,
+    transducer_serial: str = "",
+    counter_identity: str = "",
+) -> CalibrationData:
+    """Return a calibration from a file, a data frame or a mapping of columns.
+
+    Columns are found by their names, wherever they stand: ``reading_nm`` and ``standard_nm``, and
+    optionally ``series``, ``branch`` ("up", "down"), ``nominal_nm``, ``temperature_c`` and the
+    others of a calibration's file.
+
+    Parameters
+    ----------
+    source : path, pandas, polars or pyarrow frame, or mapping of str to column
+        A CSV or Parquet file, or a table in memory; rows in measuring order.
+    range_nm : float, optional
+        Full scale in N·m; without it, that of the file, or the largest torque in it.
+    columns : mapping of str to str, optional
+        Headers that don't say what they are, with their unit: ``{"reading": "Anzeige[kNm]"}``; a
+        minus sign before the header turns the sign.
+    transducer_serial, counter_identity : str
+        The chain, where the source doesn't name it.
+
+    Raises
+    ------
+    InputError
+        Naming row and column of what can't be used, and what to do.
+
+    Examples
+    --------
+    >>> import torquebench as tb
+    >>> tb.read_calibration({"standard_nm": [0.0, 5.0, 10.0], "reading_nm": [0.1, 5.2, 10.1]})
+    CalibrationData(3 points, 10.1 N·m)
+    """
+    mapping = mapping_of(columns)
+    try:
+        if isinstance(source, str | Path) and not is_parquet(Path(source)):
+            return read_calibration_csv(
+                source,
+                range_nm=range_nm,
+                transducer_serial=transducer_serial,
+                counter_identity=counter_identity,
+                mapping=mapping,
+            )
+        origin = str(source) if isinstance(source, str | Path) else "the table"
+        table = cells_of(arrow_table(source), origin)
+        return calibration_of(
+            table, range_nm, False, ("", transducer_serial, counter_identity), mapping
+        )
+    except InputError as problem:
+        raise in_python(problem) from None
+
+
+def mapping_of(columns: Columns | None) -> tuple[str, ...]:
+    """Return headers in the form in which commands take them."""
+    return tuple(f"{name}={header}" for name, header in (columns or {}).items())
+
+
+def in_python(problem: InputError) -> InputError:
+    """Return an error whose remedy names the parameter in the place of the command's option."""
+    texts = (problem.found, problem.allowed, problem.remedy)
+    return InputError(*(_OPTION.sub(r'columns={"\1": "\2"}', text) for text in texts))
+
+
+def arrow_table(source: Any) -> Any:
+    """Return a source as an Arrow table.
+
+    Raises
+    ------
+    InputError
+        It can't be read, or is no table.
+    """
+    if isinstance(source, str | Path):
+        import pyarrow.parquet as pq
+
+        try:
+            return pq.read_table(source)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise InputError(f"can't read {source}: {error}", "a CSV or Parquet file") from error
+    if isinstance(source, Mapping):
+        return pa.table({name: pa.array(np.asarray(each)) for name, each in source.items()})
+    frame = nw.from_native(source, eager_only=True, pass_through=True)
+    if isinstance(frame, nw.DataFrame):
+        return frame.to_arrow()
+    if hasattr(source, "__arrow_c_stream__"):
+        return pa.table(source)
+    raise InputError(
+        f"a {type(source).__name__} for a table",
+        "a path, a frame of pandas, polars or pyarrow, or a mapping of names to columns",
+    )
+
+
+def with_columns(source: Any, added: Mapping[str, NDArray[np.float64]]) -> Any:
+    """Return a frame of the source's own kind with further columns; others come as Arrow.
+
+    Raises
+    ------
+    InputError
+        The source has a column of such a name.
+    """
+    frame = nw.from_native(source, eager_only=True, pass_through=True)
+    if not isinstance(frame, nw.DataFrame):
+        frame = nw.from_native(arrow_table(source), eager_only=True)
+    for name in added:
+        if name in frame.columns:
+            raise InputError(
+                f"readings with a column {name} already", "readings without it", "rename it"
+            )
+    backend = frame.implementation
+    columns = [nw.new_series(name, values, backend=backend) for name, values in added.items()]
+    if backend.is_pandas():
+        index = nw.maybe_get_index(frame)
+        columns = [nw.maybe_set_index(each, index=index) for each in columns]
+    return frame.with_columns(*columns).to_native()

@@ -1,0 +1,263 @@
+"""Fitted compensations: fit, compare, load, apply to readings, save."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.chains import mounting_effect, reference_effect
+from torquebench.campaign.fitting import (
+    COMPARED_COLUMNS,
+    described_model,
+    fit_table,
+    model_title,
+    table_metrics,
+)
+from torquebench.chain import MeasuringChain, Readings, Torque
+from torquebench.compensation import (
+    RECOMMENDED,
+    Comparison,
+    CompensationModel,
+    StoredModel,
+    branch_values,
+    check_kind,
+    save_model,
+)
+from torquebench.compensation import compare as compare_models
+from torquebench.compensation import load_model as load_stored
+from torquebench.errors import InputError
+from torquebench.html_table import html_table
+from torquebench.notebook.frames import (
+    Columns,
+    arrow_table,
+    in_python,
+    mapping_of,
+    read_calibration,
+    with_columns,
+)
+from torquebench.records.arrow_table import ArrowReadings
+from torquebench.records.tables import ADDED_COLUMNS
+
+__all__ = ["Compensation", "FitWarning", "compare", "fit", "load_model"]
+
+Outliers = Literal["downweight", "refuse", "keep"]
+
+
+class FitWarning(UserWarning):
+    """Something about a fit that a user of the model has to know."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compensation:
+    """A fitted compensation with what is known of its measuring chain.
+
+    Parameters
+    ----------
+    stored : StoredModel
+        The model and where it comes from.
+    calibration : CalibrationData or None
+        Its points, where it was fitted here; None for one from a file.
+    """
+
+    stored: StoredModel
+    calibration: CalibrationData | None = None
+
+    @property
+    def model(self) -> CompensationModel:
+        """The model itself, a scikit-learn estimator."""
+        return self.stored.model
+
+    @cached_property
+    def chain(self) -> MeasuringChain:
+        """The measuring chain: from readings to torque, uncertainty and budget."""
+        return MeasuringChain.of(self.stored)
+
+    def apply(
+        self,
+        readings: Any,
+        *,
+        columns: Columns | None = None,
+        zero_age_h: float | None = None,
+        zero_temperature_c: float | None = None,
+    ) -> Any:
+        """Return readings with torque, additional torque and expanded uncertainty (k = 2).
+
+        Parameters
+        ----------
+        readings : path, pandas, polars or pyarrow frame, or mapping of str to column
+            With a column ``reading_nm``; ``branch``, ``speed_rpm``, ``temperature_c`` and
+            ``standard_error_nm`` are used where there are any. All columns are kept.
+        columns : mapping of str to str, optional
+            Headers that don't say what they are; see `read_calibration`.
+        zero_age_h, zero_temperature_c : float, optional
+            Time since the zero was taken, and the transducer's temperature then.
+
+        Returns
+        -------
+        frame
+            Of the kind that was given, with ``torque_nm``, ``additional_torque_nm`` and
+            ``expanded_uncertainty_nm``; Arrow for a path or a mapping.
+        """
+        table = arrow_table(readings)
+        try:
+            found = ArrowReadings("the table", table.schema, mapping_of(columns)).readings(
+                table.combine_chunks()
+            )
+        except InputError as problem:
+            raise in_python(problem) from None
+        known = found.readings(zero_age_h=zero_age_h, zero_temperature_c=zero_temperature_c)
+        torque = self.chain.torque(known)
+        values = (
+            torque.value_nm,
+            torque.value_nm - known.reading_nm,
+            torque.expanded_uncertainty_nm,
+        )
+        return with_columns(readings, dict(zip(ADDED_COLUMNS, values, strict=True)))
+
+    def torque(
+        self,
+        reading_nm: ArrayLike,
+        *,
+        branch: ArrayLike | None = None,
+        speed_rpm: ArrayLike | None = None,
+        temperature_c: ArrayLike | None = None,
+    ) -> Torque:
+        """Return torque, uncertainty and budget of readings.
+
+        Parameters
+        ----------
+        reading_nm : array of shape (n,) or float
+            N·m, clockwise positive.
+        branch : array of shape (n,) or scalar, optional
+            "up" where the size of the torque grows, "down" where it falls.
+        speed_rpm, temperature_c : array of shape (n,) or float, optional
+        """
+        reading = np.atleast_1d(np.asarray(reading_nm, dtype=np.float64))
+
+        def each(values: ArrayLike | None) -> Any:
+            if values is None:
+                return None
+            return np.broadcast_to(np.asarray(values, dtype=np.float64), reading.shape)
+
+        sides = None if branch is None else branch_values(branch)
+        return self.chain.torque(
+            Readings(
+                reading,
+                branch=each(sides),
+                speed_rpm=each(speed_rpm),
+                temperature_c=each(temperature_c),
+            )
+        )
+
+    def save(self, path: str | Path) -> Path:
+        """Write the model file, which commands, bench and `load_model` read."""
+        return save_model(path, self.stored)
+
+    def __repr__(self) -> str:
+        made = self.stored.provenance
+        words = [model_title(self.model.kind, self.model.kind_parameters), f"{made.range_nm:g} N·m"]
+        words += [f"transducer {made.transducer_serial}"] * bool(made.transducer_serial)
+        words += ["contradicts its calibration"] * bool(made.contradictions)
+        return f"Compensation({', '.join(words)})"
+
+    def _repr_html_(self) -> str:
+        made = self.stored.provenance
+        rows = [(name, f"{value:.4g}") for name, value in made.metrics.items()]
+        rows += [("contradiction", each) for each in made.contradictions]
+        rows += [("not in U", each) for each in self.chain.missing()]
+        return html_table(repr(self), (), rows)
+
+
+def fit(
+    calibration: Any,
+    model: str = RECOMMENDED,
+    *,
+    reference_percent: float | None = None,
+    outliers: Outliers = "downweight",
+) -> Compensation:
+    """Fit a compensation to a calibration.
+
+    Parameters
+    ----------
+    calibration : CalibrationData, or what `read_calibration` takes
+    model : str
+        Kind of model; the recommended one averages over what a chain may show.
+    reference_percent : float, optional
+        U (k = 2) of the reference standard, % of range; it counts in every U.
+    outliers : {"downweight", "refuse", "keep"}
+        What happens to an outlier, which is named anyway.
+
+    Raises
+    ------
+    InputError
+        An unknown model, or points that it refuses.
+
+    Warns
+    -----
+    FitWarning
+        Points that contradict each other, outliers, a model worse than the raw reading.
+
+    Examples
+    --------
+    >>> import torquebench as tb
+    >>> reading = np.linspace(-10.0, 10.0, 21)
+    >>> points = {"reading_nm": reading, "standard_nm": 1.01 * reading, "branch": ["up"] * 21}
+    >>> tb.fit(tb.read_calibration(points, range_nm=10.0), "polynomial-1")
+    Compensation(polynomial, degree 1, 10 N·m)
+    """
+    data = _calibration(calibration)
+    check_kind(model)
+    found = fit_table(data, "the calibration", model, outliers=outliers)
+    for remark in (*found.remarks, *map(str, found.contradictions)):
+        warnings.warn(remark, FitWarning, stacklevel=2)
+    effects = (*reference_effect(reference_percent, data.range_nm), *mounting_effect(data))
+    stored = described_model(found.model, data, table_metrics(found), effects, found.contradictions)
+    return Compensation(stored, data)
+
+
+def compare(
+    calibration: Any,
+    models: Sequence[str] | Mapping[str, CompensationModel] | None = None,
+    *,
+    folds: int = 10,
+) -> Comparison:
+    """Compare models by their errors at steps that they weren't fitted to.
+
+    Parameters
+    ----------
+    calibration : CalibrationData, or what `read_calibration` takes
+    models : sequence of str, or mapping of names to unfitted models, optional
+        All kinds by default; that takes a while.
+    folds : int, default 10
+    """
+    data = _calibration(calibration)
+    return compare_models(
+        data.features(COMPARED_COLUMNS),
+        data.standard_nm,
+        models,
+        range_nm=data.range_nm,
+        folds=folds,
+    )
+
+
+def load_model(path: str | Path) -> Compensation:
+    """Read a model file that `fit`, `calibrate` or `Compensation.save` wrote.
+
+    Raises
+    ------
+    InputError
+        It can't be read, or was changed.
+    """
+    return Compensation(load_stored(path))
+
+
+def _calibration(source: Any) -> CalibrationData:
+    return source if isinstance(source, CalibrationData) else read_calibration(source)

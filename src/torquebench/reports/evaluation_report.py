@@ -1,0 +1,264 @@
+"""Reports of tables that were measured elsewhere: reducer tests and static calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+
+from torquebench.calibration import (
+    CalibrationData,
+    CalibrationResults,
+    Deviation,
+    DirectionResults,
+    Profile,
+    StaticEvaluation,
+)
+from torquebench.campaign.reducers.catalogue import TESTS, TestName
+from torquebench.campaign.reducers.kinds.no_load import fitted_friction
+from torquebench.figures import (
+    COLOURS,
+    STYLE,
+    Curve,
+    error_figure,
+    friction_figure,
+    legend_above,
+    new_figure,
+    svg_text,
+)
+from torquebench.reducers import (
+    BreakawayResult,
+    EfficiencyMap,
+    FrictionResult,
+    HysteresisResult,
+    LoopFeatures,
+    NoLoadResult,
+    QuantityVerdict,
+    ReducerDescription,
+    ReducerResult,
+    TransmissionErrorResult,
+)
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.reducer_report import tables_of
+from torquebench.uncertainty import stated
+from torquebench.units import ARCMIN
+
+__all__ = ["evaluation_page", "open_loop_page", "static_page", "static_quantities"]
+
+
+def evaluation_page(
+    test: str,
+    source: str,
+    result: ReducerResult | FrictionResult,
+    judged: Sequence[QuantityVerdict],
+    reducer: ReducerDescription | None,
+) -> Page:
+    """Return the report of a reducer test that was recorded elsewhere.
+
+    Parameters
+    ----------
+    test : str
+        Which test, in words.
+    source : str
+        Name of the table.
+    result : ReducerResult or FrictionResult
+    judged : sequence of QuantityVerdict
+        What the data sheet limits.
+    reducer : ReducerDescription or None
+    """
+    facts = [("Table", source)]
+    if reducer is not None:
+        rating = f"ratio {reducer.ratio:g}, rated {reducer.rated_torque_nm:g} N·m"
+        facts.append(("Reducer", f"{reducer.name}: {rating}"))
+    facts += [(f"Finding: {each.name}", each.sentence) for each in getattr(result, "findings", ())]
+    blocks: list[Facts | Table] = [Facts(facts)]
+    if judged:
+        rows = [
+            (
+                each.title,
+                *stated(each.estimate.value, each.estimate.expanded_uncertainty()),
+                each.limit,
+                each.decision.verdict.label,
+            )
+            for each in judged
+        ]
+        caption = "Against the data sheet, with a guard band of U (95.45 % coverage)."
+        blocks.append(Table(("quantity", "value", "U", "limit", "verdict"), rows, caption))
+    quantities = [
+        (each.key, each.title, each.estimate.value, each.estimate.expanded_uncertainty(),
+         each.estimate.unit, each.rule)
+        for each in result.quantities()
+    ]  # fmt: skip
+    return Page(
+        title=f"Evaluation: {test}",
+        subtitle=source,
+        sections=[
+            Section("Summary", "", blocks),
+            Section("Result", "", (*_figures(result), *tables_of(result, quantities))),
+        ],
+    )
+
+
+_TESTS: dict[type, TestName] = {
+    HysteresisResult: "hysteresis",
+    NoLoadResult: "no-load",
+    BreakawayResult: "starting",
+    TransmissionErrorResult: "transmission-error",
+    EfficiencyMap: "efficiency",
+}
+"""Which test draws a result."""
+
+
+def _figures(result: ReducerResult | FrictionResult) -> tuple[Figure, ...]:
+    if isinstance(result, FrictionResult):
+        curve = result.curve
+        fitted = fitted_friction(result, float(np.max(np.abs(curve.speed_rpm))))
+        once = np.ones(curve.points.size)
+        figure = friction_figure(curve.speed_rpm, curve.torque_nm, once, fit=fitted)
+        return (Figure(figure, "Friction torque at each speed, and the fitted parts."),)
+    test = TESTS[_TESTS[type(result)]]
+    return tuple(Figure(*each) for each in test.work().figures(result))
+
+
+def open_loop_page(source: str, loop: LoopFeatures, why: str) -> Page:
+    """Return the report of a torque-angle loop that doesn't close: no result, but the gap drawn."""
+    figure = Figure(
+        _open_loop_figure(loop),
+        "The loop as recorded, about its middle; the arrow is the gap between its start and its "
+        "end at the same torque.",
+    )
+    return Page(
+        title="Evaluation: hysteresis, no result",
+        subtitle=source,
+        sections=[Section("The loop doesn't close", why, (figure,))],
+    )
+
+
+def _open_loop_figure(loop: LoopFeatures) -> str:
+    """Draw a loop that doesn't close, with the gap between its start and its end.
+
+    Parameters
+    ----------
+    loop : LoopFeatures
+    """
+    curve = loop.curve
+    middle = 0.5 * float(curve.rising_rad.mean() + curve.falling_rad.mean())
+    with mpl.rc_context(STYLE):
+        figure, (axes,) = new_figure(3.6)
+        for name, branch, line in (
+            ("rising", curve.rising_rad, "-"),
+            ("falling", curve.falling_rad, "--"),
+        ):
+            shown = (branch - middle) / ARCMIN
+            axes.plot(curve.torque_nm, shown, line, color=COLOURS[0], lw=1.1, label=name)
+        start = (curve.rising_rad[0] - middle) / ARCMIN
+        end = start + loop.closure_rad / ARCMIN
+        lowest = float(curve.torque_nm[0])
+        axes.annotate(
+            "", (lowest, end), (lowest, start), arrowprops={"arrowstyle": "->", "color": "#9A3412"}
+        )
+        axes.annotate(
+            f"gap {loop.closure_rad / ARCMIN:+.3g} arcmin",
+            (lowest, 0.5 * (start + end)),
+            xytext=(10, 0),
+            textcoords="offset points",
+            color="#9A3412",
+            va="center",
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
+        )
+        axes.set_xlabel("output torque in N·m")
+        axes.set_ylabel("output angle in arcmin")
+        legend_above(axes)
+        return svg_text(figure)
+
+
+def static_page(
+    source: str,
+    points: CalibrationData,
+    profile: Profile,
+    deviations: Sequence[Deviation],
+    results: CalibrationResults | None,
+    torque_nm: Sequence[float] | None,
+    remarks: Sequence[str],
+) -> Page:
+    """Return the report of a static calibration in steps.
+
+    Parameters
+    ----------
+    source : str
+        Name of the table.
+    points : CalibrationData
+    profile : Profile
+        What it was held against.
+    deviations : sequence of Deviation
+        Departures from it.
+    results : CalibrationResults or None
+        None where nothing could be evaluated.
+    torque_nm : array of float, shape (n,), or None
+        Compensated torque of the points.
+    remarks : sequence of str
+    """
+    checked = "" if profile.verified else ", not checked against a licensed text"
+    facts = [
+        ("Table", source),
+        ("Points", f"{len(points)}, {points.range_nm:g} N·m"),
+        ("Transducer", points.transducer_serial or "not stated"),
+        ("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"),
+        *(("Remark", each) for each in remarks),
+    ]
+    curves = [Curve("before", points.standard_nm, points.reading_nm - points.standard_nm, raw=True)]
+    if torque_nm is not None:
+        error = np.asarray(torque_nm) - points.standard_nm
+        curves.append(Curve("after compensation", points.standard_nm, error))
+    caption = "Error of every point against the standard, before and after compensation."
+    figure = Figure(error_figure(curves, points.range_nm), caption)
+    sections = [Section("Calibration", "", (Facts(facts), figure))]
+    if deviations:
+        rows = [(each.clause, each.found, each.allowed, each.consequence) for each in deviations]
+        table = Table(("clause", "found", "allowed", "certificate"), rows)
+        sections.append(Section("Departures from the profile", "", (table,)))
+    if results is not None:
+        sections += [_direction(each) for each in results.directions]
+    return Page("Static evaluation", source, sections, simulated=points.simulated)
+
+
+def _direction(direction: DirectionResults) -> Section:
+    blocks: list[Facts | Table] = []
+    for word, side in (("before", direction.before), ("after", direction.after)):
+        if side is None:
+            continue
+        found = side.classification
+        if found is None:
+            said = f"none: {side.unclassified}"
+        elif found.whole_range is not None:
+            said = f"{found.whole_range:g} over the whole range"
+        else:
+            starts = [(c, start) for c, start in found.starts_nm.items() if start is not None]
+            said = ", ".join(f"{c:g} from {start:g} N·m" for c, start in starts) or "none"
+        header, rows = static_quantities(side.evaluation)
+        caption = f"{word.capitalize()} compensation, % of reading; class {said}."
+        blocks.append(Table(header, rows, caption))
+    return Section(direction.name.capitalize(), "", blocks)
+
+
+def static_quantities(
+    evaluation: StaticEvaluation,
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of all quantities of a direction, one line a step."""
+    degree = max(evaluation.interpolations)
+    decreasing = evaluation.reversibility_percent is not None
+    columns = (
+        ("f_q", evaluation.indication_deviation_percent),
+        ("b′", evaluation.repeatability_percent),
+        ("b", evaluation.reproducibility_range_percent),
+        ("f_a", evaluation.interpolation(degree).deviation_percent),
+        ("h", evaluation.reversibility_percent),
+        ("r", evaluation.resolution_percent),
+        ("W", evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)),
+    )
+    rows = [
+        (f"{torque:g}", *("-" if each is None else f"{each[row]:.4f}" for _, each in columns))
+        for row, torque in enumerate(evaluation.torque_nm)
+    ]
+    return ("N·m", *(name for name, _ in columns)), rows

@@ -1,0 +1,128 @@
+"""Reports of evaluated tables, and what every report keeps to: columns, maps, counts."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from torquebench.calibration import summarise_errors
+from torquebench.cli.tables import error_blocks, friction_blocks
+from torquebench.procedures import FrictionSweep
+from torquebench.reducers import (
+    LoopSettings,
+    OpenLoopError,
+    evaluate_efficiency,
+    evaluate_friction,
+    evaluate_hysteresis,
+)
+from torquebench.reports.evaluation_report import evaluation_page, open_loop_page
+from torquebench.reports.page import Page, Section, Table, render_page
+from torquebench.reports.page_pdf import write_report
+from torquebench.reports.reducer_report import tables_of
+
+SETTINGS = LoopSettings(rated_torque_nm=400.0)
+
+
+def loops(creep_arcmin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    phase = np.linspace(0.0, 6.0 * np.pi, 901)
+    torque = -400.0 * np.cos(phase)
+    angle = torque / 110.0 - 0.3 * np.tanh(20.0 * np.sin(phase))
+    return torque, np.radians((angle + np.linspace(0.0, creep_arcmin, phase.size)) / 60.0)
+
+
+def test_loops_are_reported_with_their_figure(tmp_path: Path) -> None:
+    result = evaluate_hysteresis(*loops(), SETTINGS)
+    page = evaluation_page("hysteresis", "loops.csv", result, (), None)
+    text = render_page(page)
+    assert text.count("<svg") == 1
+    assert "torsional stiffness" in text
+    assert write_report(page, tmp_path / "loops.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_an_open_loop_names_its_gap_and_is_drawn() -> None:
+    with pytest.raises(OpenLoopError, match=r"2\.\d+ arcmin off its start") as caught:
+        evaluate_hysteresis(*loops(6.0), SETTINGS)
+    gap = np.degrees(caught.value.loop.closure_rad) * 60.0
+    assert gap == pytest.approx(2.0, rel=0.2)
+    text = render_page(open_loop_page("open.csv", caught.value.loop, str(caught.value)))
+    assert text.count("<svg") == 1
+    assert "arcmin off its start" in text
+
+
+def test_friction_is_reported_with_its_figure() -> None:
+    speed = np.array([100.0, 300.0, 500.0, 700.0, 1000.0] * 2)
+    torque = 0.1 + 1e-4 * speed + 1e-3 * np.cos(np.arange(10.0) ** 2)
+    page = evaluation_page("friction", "f.csv", evaluate_friction(speed, torque), (), None)
+    assert render_page(page).count("<svg") == 1
+
+
+def test_an_efficiency_map_is_a_map_and_no_list_of_a_hundred_rows() -> None:
+    grid = [
+        (sign * torque, sign * speed, 1.0 + 0.002 * repeat)
+        for torque in (80.0, 100.0, 200.0, 300.0, 400.0)
+        for speed in (150.0, 300.0, 600.0, 900.0, 1200.0)
+        for sign in (1.0, -1.0)
+        for repeat in range(3)
+    ]
+    load, speed, more = (np.array(column) for column in zip(*grid, strict=True))
+    result = evaluate_efficiency(load * more / 75.0, load, speed, 100.0)
+    assert len(result.quantities()) == 75
+    quantities = [
+        (each.key, each.title, each.estimate.value, each.estimate.expanded_uncertainty(), "%", "")
+        for each in result.quantities()
+    ]
+    (table,) = tables_of(result, quantities)
+    assert table.header == ("N·m", "150 rpm", "300 rpm", "600 rpm", "900 rpm", "1200 rpm", "U, %")
+    assert [row[0] for row in table.rows] == ["80", "100", "200", "300", "400"]
+    values = [float(cell) for row in table.rows for cell in row[1:-1]]
+    assert values == pytest.approx([74.9] * 25, abs=0.2)
+    assert "mean of both directions" in table.caption
+
+
+def test_a_column_of_sentences_wraps_and_numbers_do_not() -> None:
+    row = ("spline", "0.1", "2.7 standard errors worse than x")
+    table = Table(("model", "RMS", "verdict"), [row])
+    assert table.sentences == (False, False, True)
+    text = render_page(Page("A", "", [Section("", "", (table,))]))
+    assert '<td class="sentence">2.7 standard' in text
+    assert "<td>0.1</td>" in text
+
+
+def printed(parts: object) -> str:
+    console = Console(file=io.StringIO(), width=80)
+    for part in parts:  # type: ignore[attr-defined] # any iterable of renderables
+        console.print(part)
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_numbers_in_columns_keep_a_space() -> None:
+    standard = np.array([0.0, 123.4, 1234.5])
+    small = summarise_errors(standard + 1.23456e-4, standard, 2000.0)
+    large = summarise_errors(standard + 1234.56, standard, 2000.0)
+    text = printed(error_blocks([("", [("raw reading", small), ("raw reading", large)])]))
+    for line in text.splitlines():
+        if "raw" in line:
+            assert len(line.split()) == 2 + 6
+        assert len(line.rstrip()) <= 80
+
+
+def test_one_sweep_is_no_repeat_and_has_no_spread() -> None:
+    speed = np.array([100.0, 300.0])
+    sweep = FrictionSweep(
+        speed_rpm=speed,
+        torque_nm=np.array([0.05, 0.06]),
+        nominal_rpm=speed,
+        repeat=np.ones(2, dtype=int),
+        branch=np.ones(2, dtype=int),
+        standard_error_nm=np.full(2, 1e-4),
+        compensated=True,
+        unsettled=0,
+        true_torque_nm=None,
+        temperature_c=np.full(2, 23.0),
+    )
+    text = printed(friction_blocks(sweep, simulated=False))
+    assert "1 repeats" not in text
+    assert "one sweep" in text
+    assert "±0.0" not in text
