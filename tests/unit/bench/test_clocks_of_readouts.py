@@ -1,9 +1,11 @@
 """Instruments with clocks of their own beside the counter: nothing is judged at the wrong time."""
 
 import re
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -62,33 +64,45 @@ def test_samples_have_their_times_although_a_computer_is_behind_for_good() -> No
 
 
 class Buffering:
-    """A counter in real time that began to count before anybody read it."""
+    """A counter that began to count before anybody read it, by a wall clock of its own."""
 
-    def __init__(self, counter: Any, began_s: float) -> None:
+    def __init__(self, counter: Any, began_s: float, *, tells: bool) -> None:
         self._counter = counter
-        self._began = time.monotonic() - began_s
+        self._tells = tells
         self._read_s = 0.0
+        self.wall_s = began_s  # since it began
+        self.behind_s: list[float] = []
+        """After each read that acquisition's own thread made."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._counter, name)
 
     def read_block(self, duration_s: float) -> CounterBlock:
         self._read_s += duration_s
-        time.sleep(max(0.0, self._began + self._read_s - time.monotonic()))
+        self.wall_s = max(self.wall_s + 0.4 * duration_s, self._read_s)  # so long a read takes
+        waiting_s = self.wall_s - self._read_s
+        if threading.current_thread() is not threading.main_thread():
+            self.behind_s.append(waiting_s)
+            time.sleep(0.02)
         block: CounterBlock = self._counter.read_block(duration_s)
-        return block
+        return replace(block, waiting_s=waiting_s if self._tells else None)
 
 
-def test_a_bench_opens_when_it_has_caught_up_with_its_counter(open_bench: OpenBench) -> None:
+@pytest.mark.parametrize("tells", [True, False])
+def test_a_bench_opens_when_it_has_caught_up_with_its_counter(
+    open_bench: OpenBench, monkeypatch: pytest.MonkeyPatch, tells: bool
+) -> None:
     counters: list[Buffering] = []
+    wall = SimpleNamespace(monotonic=lambda: counters[0].wall_s)
+    monkeypatch.setattr("torquebench.bench.acquisition.time", wall)
 
     def wrap(drivers: DriverSet) -> DriverSet:
-        counters.append(Buffering(drivers.counter, began_s=3.0))
+        counters.append(Buffering(drivers.counter, began_s=3.0, tells=tells))
         return replace(drivers, counter=counters[0], simulated_time=False)
 
     with open_bench(real_time=True, wrap=wrap) as bench:
-        behind_s = time.monotonic() - counters[0]._began - bench.clock.now()
-        assert behind_s < 1.5, "3 s were buffered"
+        bench.clock.wait(0.1)
+    assert counters[0].behind_s[0] < BLOCK_S, "3 s were buffered"
 
 
 def test_nothing_is_compiled_while_the_counter_already_counts(
