@@ -70,7 +70,7 @@ class BenchClock:
         return self._now_s
 
     def present(self) -> float:
-        """Bench time of this moment, s: as the counter tells, or by the block that came soonest.
+        """Bench time of this moment, s, by the counter or the block that came soonest.
 
         What was acquired last ends before it: a block takes its time, more on a busy computer.
         """
@@ -228,12 +228,13 @@ class BenchClock:
         time_s : float
         behind_s : float, optional
             How far bench time is behind the wall's (`time.monotonic`), s, where the counter has
-            told; else the block that came soonest tells it.
+            told; else by this block. What was least counts.
         """
         with self._condition:
             drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)
-            soonest_s = min(time.monotonic() - time_s, drifted_s)
-            self._behind_s = soonest_s if behind_s is None else behind_s
+            if behind_s is None:
+                behind_s = time.monotonic() - time_s
+            self._behind_s = min(behind_s, drifted_s)  # an answer may come late, but never early
             self._now_s = time_s
             due = [sleeper for sleeper in self._sleepers if sleeper.until_s <= time_s + _TICK_S]
             for sleeper in due:

