@@ -38,6 +38,7 @@ from torquebench.panel.service.live.snapshot import (
     compensation_state,
     side_snapshots,
 )
+from torquebench.panel.service.problems import PermissionDeniedError
 from torquebench.panel.service.records.queries import RecordQueries
 from torquebench.panel.service.records.table_import import TableImport
 from torquebench.panel.service.settings.store import SettingsStore
@@ -343,7 +344,8 @@ class BenchService:
     ) -> None:
         """Put a model into use, on its chain.
 
-        With `despite_contradictions` and a reason even one whose calibration contradicts itself.
+        With `despite_contradictions` and a reason even one whose calibration contradicts itself,
+        which a person has to decide.
 
         Raises
         ------
@@ -357,6 +359,10 @@ class BenchService:
             A job is under way.
         """
         require(actor, "metrologist")
+        if despite_contradictions and actor.kind != "person":
+            raise PermissionDeniedError(
+                f"{actor.label} decides despite contradictions", "a person's decision"
+            )
         self.jobs.command(actor)
         model = self.station.registry.model(model_id)
         model.check_file()
