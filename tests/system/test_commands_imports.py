@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 HEAVY = [
     *("asammdf", "bluesky", "fastapi", "h5py", "matplotlib", "nicegui", "nptdms", "numba", "onnx"),
     *("openpyxl", "ophyd_async", "pandas", "polars", "pyarrow", "scipy", "skfem", "sklearn"),
@@ -107,3 +109,50 @@ def test_lists_of_records_import_nothing_heavy(tmp_path: Path) -> None:
     others = [name for name in HEAVY if name != "pyarrow"]  # run folders are looked into
     for command, code, heavy, said in answers(tmp_path, others, *lists):
         assert (code, heavy) == (0, []), (command, said)
+
+
+FIRST_WORDS = """
+import json, sys
+from torquebench.cli import main
+
+heavy, command = json.loads(sys.argv[1])
+
+class FirstWords:
+    encoding, said = "utf-8", ""
+
+    def write(self, text):
+        self.said += text
+        if self.said.strip():
+            print(json.dumps([self.said.strip(), sorted(set(heavy) & set(sys.modules))]))
+            sys.stdout.flush()
+            import os
+            os._exit(0)
+
+    def flush(self):
+        pass
+
+    def isatty(self):
+        return False
+
+sys.argv = ["torquebench", *command]
+sys.stderr = FirstWords()
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "words"), [("measure", "opening"), ("doctor", "looking at what is installed")]
+)
+def test_what_takes_seconds_says_first_what_it_does(
+    tmp_path: Path, command: str, words: str
+) -> None:
+    asked = json.dumps([HEAVY, [command]])
+    told = subprocess.run(
+        [sys.executable, "-c", FIRST_WORDS, asked],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    said, heavy = json.loads(told.stdout.splitlines()[-1])
+    assert (words in said, heavy) == (True, [])

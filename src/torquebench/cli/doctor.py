@@ -43,6 +43,15 @@ LIBRARIES = (
     "matplotlib",
 )
 FREE_DISK_GB = 1.0
+DOING = {
+    "Installed": "looking at what is installed",
+    "Configured": "reading the bench description and the records",
+    "Reachable": "asking every instrument",
+    "Clock": "comparing the counter's clock with the computer's",
+    "Signals": "watching every signal",
+    "Drives": "powering each drive at zero torque",
+}
+"""What is said before a step, which may take seconds."""
 NEEDED = ("Configured", "Reachable")
 """Steps without which the later ones can't be done."""
 
@@ -81,6 +90,7 @@ def doctor(
     if test_drives:
         steps.append(("Drives", lambda: doctor_bench.drives(bench_description(bench), data)))
     for title, examine in steps:
+        note(DOING[title])
         found = list(_guarded(examine))
         _print(title, found)
         findings += found

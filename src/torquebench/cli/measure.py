@@ -54,6 +54,7 @@ def measure(
     it is written line by line.
     """
     description = bench_description(bench)
+    note(f"opening {description.name}")
 
     from torquebench.bench.drivers.base import SIDES
     from torquebench.cli.recovered import tell_recovered
