@@ -78,7 +78,7 @@ def test_short_windows_have_a_stream_of_their_own_that_starts_where_the_other_st
     stream = Stream(active)
     stream.push(ramp(0.0, 1.0, 0.0, 0.5))
     time_s = stream.stop_s + 1e-4 * np.arange(1, 6)
-    active.push_fine(time_s, np.full(5, 0.5 * FULL_SCALE_NM), None, 0.0, 23.0)
+    active.push_fine(StreamReadings(time_s, np.full(5, 0.5 * FULL_SCALE_NM), None, 0.0, 23.0))
     rising = stream.push(np.full(3, 0.5 * FULL_SCALE_NM))
     fine = active.fine_window(0.0, 10.0)
     assert fine is not None

@@ -33,7 +33,7 @@ def test_a_window_holds_what_was_appended_as_far_as_it_is_kept(
 
 
 def block(index: int) -> AcquiredBlock:
-    return AcquiredBlock(index, index * 0.05, (index + 1) * 0.05, {}, {}, {}, {}, {}, {})
+    return AcquiredBlock(index, index * 0.05, (index + 1) * 0.05, {}, {}, {}, {}, {})
 
 
 @given(st.integers(1, 20), st.integers(0, 60))

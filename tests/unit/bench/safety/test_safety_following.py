@@ -90,7 +90,7 @@ class Read:
             channels["output_reference"] = replace(one, channel="output_reference", standard=True)
         speeds: Any = {"input": 0.0, "output": speed_rad_s}
         found = self.judge.judge(
-            AcquiredBlock(0, start_s, self.now_s, channels, {}, {}, speeds, {}, {})
+            AcquiredBlock(0, start_s, self.now_s, channels, {}, speeds, {}, {})
         )
         return "" if found is None else found.found
 
