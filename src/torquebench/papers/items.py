@@ -127,21 +127,21 @@ _ITEMS = (
         12,
         "Error curves",
         "[J] fig 10, [M] figs 11, 12: error curve of each module in both directions",
-        "torquebench demo",
+        "torquebench calibrate --report",
     ),
     Item(
         13,
         "Errors before and after",
         "[M] figs 13-15: errors before and after on fresh points: BP input, BP output, polynomial "
         "output",
-        "torquebench verify",
+        "torquebench verification --report",
     ),
     Item(
         14,
         "Ten groups",
         "standard of 0.002 %; ten groups of 50 points at the same torques, repeated [M tables 4, "
         "5]; claim: 0.1 % error and 0.1 % repeatability",
-        "torquebench verify",
+        "torquebench verification --same-points",
     ),
     Item(
         15,

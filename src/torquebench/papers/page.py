@@ -104,6 +104,7 @@ def papers_page(
         text = f"Papers: {item.theirs}. Here: {answer.ours}."
         if answer.why:
             text += f" {answer.why[0].upper()}{answer.why[1:]}."
+        text += f" Command: {item.command}."
         sections.append(Section(f"{number_}. {item.title}: {answer.verdict}", text, blocks))
     return Page(
         heading,
