@@ -88,3 +88,9 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(folder: Path) -> 
         assert refused.returncode == 2, refused.stdout
         assert word in " ".join(refused.stderr.split())
     assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_an_inertia_by_uncompensated_readings_says_how_wrong_it_may_be(folder: Path) -> None:
+    content = json.loads((folder / "dynamics.json").read_text())
+    inertia = content["inertia"]
+    assert inertia["standard_uncertainty_kgm2"] >= 0.1 * inertia["inertia_kgm2"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,8 @@ __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dyn
 
 FORMAT = "torquebench dynamics 1"
 _UNEVEN = 0.01
+_UNCOMPENSATED = 0.1
+"""Relative standard uncertainty of an inertia by readings without compensation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,10 @@ def identify_dynamics(
             table["speed_rpm"],
             table.acceleration,
         )
+        if chain is None:
+            bent = _UNCOMPENSATED * inertia.inertia_kgm2
+            u = float(np.hypot(inertia.standard_uncertainty_kgm2, bent))
+            inertia = replace(inertia, standard_uncertainty_kgm2=u)
         hashes[empty.name] = table.sha256
         simulated = simulated or table.simulated
     interval_s = known[0].interval_s
