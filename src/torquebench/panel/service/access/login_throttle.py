@@ -15,7 +15,7 @@ __all__ = ["Attempt", "LoginThrottle"]
 
 WINDOW_S = 900.0
 """How long a wrong password counts, and the longest pause that it brings, s."""
-FIRST_PAUSE_S = 10.0
+FIRST_PAUSE_S = 30.0
 """After one wrong password too many, s; each further one doubles it."""
 PER_PERSON_AND_ADDRESS = 5
 PER_ADDRESS = 30
