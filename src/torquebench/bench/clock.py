@@ -21,7 +21,7 @@ __all__ = ["BenchClock"]
 LARGEST_DRIFT = 2e-4
 """By which the counter's clock may differ from the wall's, relative."""
 LONGEST_BEHIND_S = 1.0
-"""What is acquired is at most so far behind; beyond that, time stands rather than is late."""
+"""What is acquired is at most so far behind, where no counter tells; beyond that, time stands."""
 _TICK_S = 1e-9  # deadlines closer than this are the same instant
 
 Wake = Callable[[BaseException | None], None]
@@ -60,6 +60,7 @@ class BenchClock:
         self._condition = threading.Condition()
         self._now_s = 0.0
         self._behind_s = math.inf  # of wall time, where a block came soonest
+        self._told = False  # by a counter, how far behind that is
         self._required_s = 0.0
         self._sleepers: list[_Sleeper] = []
         self._loops: dict[asyncio.AbstractEventLoop, LoopActivity] = {}
@@ -76,8 +77,8 @@ class BenchClock:
         """
         if self.fast:
             return self._now_s
-        present_s = time.monotonic() - self._behind_s
-        return min(max(present_s, self._now_s), self._now_s + LONGEST_BEHIND_S)
+        present_s = max(time.monotonic() - self._behind_s, self._now_s)
+        return present_s if self._told else min(present_s, self._now_s + LONGEST_BEHIND_S)
 
     @property
     def sleeping(self) -> bool:
@@ -232,6 +233,7 @@ class BenchClock:
         """
         with self._condition:
             drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)
+            self._told = behind_s is not None
             if behind_s is None:
                 behind_s = time.monotonic() - time_s
             self._behind_s = min(behind_s, drifted_s)  # an answer may come late, but never early

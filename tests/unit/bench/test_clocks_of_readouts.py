@@ -141,6 +141,8 @@ def test_the_present_lies_after_what_was_acquired_last() -> None:
     assert 1.6 <= clock.present() <= 1.7
     clock.advance_to(1.7, time.monotonic() - 1.0)  # an answer that came late
     assert clock.present() >= 1.6
+    clock.advance_to(1.8, time.monotonic() - 5.0)  # all stood still for 3 s, the counter didn't
+    assert clock.present() >= 5.0, "what is told now is told then"
     fast = BenchClock(fast=True)
     fast.advance_to(1.0)
     time.sleep(0.02)
