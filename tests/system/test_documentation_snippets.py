@@ -3,6 +3,7 @@
 import contextlib
 import doctest
 import io
+import os
 import re
 import shlex
 import sys
@@ -71,19 +72,18 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         own = "\n".join(line for line in lines if not line.startswith("#")) + "\n"
         for name in names:
             (tmp_path / name).write_text(own, encoding="utf-8")
-    (tmp_path / "loops.csv").write_text(loops(), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def loops() -> str:
-    """Three torque-angle loops of an RV reducer, with the headers of README and how-to."""
+def loops(header: str) -> str:
+    """Three torque-angle loops of an RV reducer: N·m beside degrees (phi) or revolutions."""
     phase = np.linspace(0.0, 6.0 * np.pi, 901)
     torque = 412.0 * (2.0 / np.pi) * np.arcsin(-np.cos(phase))
     angle = torque / 110.0 - 0.3 * np.tanh(20.0 * np.sin(phase))
-    rows = zip(torque, angle / 60.0, angle / 21600.0, strict=True)
-    lines = [f"{t:.6f},{deg:.9f},{t:.6f},{rev:.12f}" for t, deg, rev in rows]
-    return "\n".join(["T,phi,Torque,Position", *lines]) + "\n"
+    turned = angle / (60.0 if "phi" in header else 21600.0)
+    rows = zip(torque, turned, strict=True)
+    return "\n".join([header, *(f"{t:.6f},{a:.12f}" for t, a in rows)]) + "\n"
 
 
 def run(words: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[object, str]:
@@ -136,7 +136,9 @@ OFFLINE_PAGES = [page for page in WITH_COMMANDS if any(map(runs_offline, command
 def test_offline_commands_of_a_page_run(
     page: str, reader: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Registry.open(reader / "torquebench-data").close()
+    Registry.open(Path(os.environ["TORQUEBENCH_DATA"])).close()
+    header = "T,phi" if page == "README.md" else "Torque,Position"
+    (reader / "loops.csv").write_text(loops(header), encoding="utf-8")
     for words in filter(runs_offline, commands(page)):
         code, told = run(words, monkeypatch)
         assert code in ALLOWED, f"{page}: torquebench {' '.join(words)}\n{told}"
