@@ -37,7 +37,7 @@ class AccelerationBySpeed:
     Examples
     --------
     >>> time_s = 0.01 * np.arange(200)
-    >>> speed = 3.0 * (time_s - 1.0).clip(0.0) * 60 / (2 * np.pi)
+    >>> speed = 3.0 * (time_s - 1.0).clip(0.0) / RAD_S_PER_RPM
     >>> by_speed = AccelerationBySpeed.of(time_s, speed)
     >>> acceleration, uncertainty = by_speed(time_s, speed)
     >>> by_speed.half_width, acceleration[[50, 150]].round(9).tolist()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["Inertia", "Known", "Shaft", "identify", "identify_inertia", "shaft_of"]
 
@@ -284,7 +285,7 @@ def identify_inertia(
             f"{_FEWEST_BLOCKS * _BLOCK_S:g} s or more",
         )
     edges = np.arange(blocks + 1) * rows
-    turning = speed * (2.0 * pi / 60.0)
+    turning = speed * RAD_S_PER_RPM
     if acceleration_rad_s2 is None:  # its mean over a block is exact by the speed at its ends
         gained = np.diff(turning[edges])
         acceleration = gained / np.diff(time[edges])

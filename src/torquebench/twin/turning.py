@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "HOURS",
@@ -113,7 +114,7 @@ def draw_turning(
         return float(generator.uniform(low, high) * generator.choice([-1.0, 1.0]))
 
     effect, scale = temperature_effect_per_k * wear, range_nm * wear
-    by_speed = 1e-4 * wear / (1000.0 * 2.0 * math.pi / 60.0)  # 0.01 % per 1000 rpm
+    by_speed = 1e-4 * wear / (1000.0 * RAD_S_PER_RPM)  # 0.01 % per 1000 rpm
     return TurningConstants(
         zero_curvature_per_k2=signed(0.0010, 0.0035) * effect,
         span_curvature_per_k2=signed(0.0010, 0.0035) * effect,
