@@ -198,6 +198,7 @@ def _python(module: str, title: str) -> str:
     public = (each for each in loaded.__all__ if not each.startswith("_"))
     names = [each for each in public if getattr(getattr(loaded, each), "__doc__", None)]
     lines = [f"# {module}", "", f"{title}.", "", "```{eval-rst}", f".. module:: {module}", ""]
+    others = [each for each in PYTHON if not module.startswith(each)]
     for name in sorted(names):
         thing = getattr(loaded, name)
         kind = (
@@ -207,7 +208,10 @@ def _python(module: str, title: str) -> str:
             if callable(thing)
             else "autodata"
         )
-        lines += [f".. {kind}:: {module}.{name}", ""]
+        lines += [f".. {kind}:: {module}.{name}"]
+        if getattr(thing, "__module__", module).startswith(tuple(f"{each}." for each in others)):
+            lines += ["   :no-index:"]  # it stands on its own package's page, too
+        lines += [""]
     return "\n".join([*lines, "```"])
 
 
