@@ -53,4 +53,4 @@ def test_schemathesis_finds_nothing_wrong_with_any_operation(tmp_path: Path) -> 
     tested = re.search(r"Tested: (\d+)", report.stdout)
     assert tested is not None
     assert int(tested[1]) > 60, "operations"
-    assert alive.status_code == 200
+    assert alive.status_code in (200, 401), "the program may have changed the account itself"

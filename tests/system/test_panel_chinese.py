@@ -58,13 +58,25 @@ def confirm(ana: Visitor) -> None:
     ana.wait(lambda: not ana.driver.find_elements(*dialog), "the dialog's end")
 
 
+def commands(person: Visitor) -> bool:
+    """Take command unless a test before has left it with the person; say whether it is theirs."""
+    if CHINESE("frame.give_command") in person.text:
+        return True
+    label = CHINESE("frame.take_command")
+    for found in person.driver.find_elements(By.XPATH, f"//button[contains(., '{label}')]"):
+        if found.is_displayed():
+            found.click()
+            break
+    return False
+
+
 def test_an_interrupted_calibration_is_gone_on_with_by_whoever_is_at_the_bench(
     ana: Visitor,
 ) -> None:
     ana.open("/calibrate")
     all_chinese(ana, "preview.title", "prepare.check_presence")
     ana.choose(CHINESE("prepare.step"), "10")
-    ana.press(CHINESE("frame.take_command"))
+    ana.wait(lambda: commands(ana), "command of the bench")
     ana.sees(CHINESE("presence.none"))
     ana.press(CHINESE("presence.button"))
     ana.sees(CHINESE("presence.left", seconds=3600)[:20])

@@ -208,8 +208,10 @@ def fit(
     Examples
     --------
     >>> import torquebench as tb
-    >>> reading = np.linspace(-10.0, 10.0, 21)
-    >>> points = {"reading_nm": reading, "standard_nm": 1.01 * reading, "branch": ["up"] * 21}
+    >>> up, down = np.arange(1.0, 11.0), np.arange(9.0, 0.0, -1.0)
+    >>> reading = np.concatenate([up, down, -up, -down])
+    >>> branch = (["up"] * 10 + ["down"] * 9) * 2
+    >>> points = {"reading_nm": reading, "standard_nm": 1.01 * reading, "branch": branch}
     >>> tb.fit(tb.read_calibration(points, range_nm=10.0), "polynomial-1")
     Compensation(polynomial, degree 1, 10 N·m)
     """
