@@ -111,7 +111,7 @@ def certified(data: Path, seed: int) -> None:
     text["driver"]["seed"] = seed
     with Station.open(BenchDescription.model_validate(text), data) as station:
         registry, profile = station.registry, calibration()
-        known = registers_calibration([MODEL], MODEL)
+        known = registers_calibration([ModelChoice(MODEL)], MODEL)
         measured = measure_calibration(station, "output", profile, metadata=known)
         done = finish_calibration(registry, measured, profile, [ModelChoice(MODEL)], MODEL)
         models = done.registered.models
@@ -315,7 +315,7 @@ def _measured_on(data: Path, seed: int, goes_on: bool) -> None:
     """Go on with the interrupted calibration, or begin it again where nothing of it is there."""
     text = default_bench().model_dump()
     text["driver"]["seed"] = seed
-    known, profile = registers_calibration([MODEL], MODEL), calibration()
+    known, profile = registers_calibration([ModelChoice(MODEL)], MODEL), calibration()
     with Station.open(BenchDescription.model_validate(text), data) as station:
         registry = station.registry
         if goes_on:

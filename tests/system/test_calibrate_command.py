@@ -1,5 +1,6 @@
 """Calibrate on the simulated bench, then measure with the model and look at the records."""
 
+import json
 import re
 from pathlib import Path
 
@@ -21,6 +22,19 @@ def test_rising_only_halves_the_staircase(tmp_path: Path) -> None:
     result = run("calibrate", "output", "--rising-only", "--dry-run", cwd=tmp_path)
     assert "100 points" in result.stdout
     assert "points down" not in result.stdout
+
+
+def test_the_network_is_calibrated_with_its_parameters(tmp_path: Path) -> None:
+    command = ("calibrate", "output", "--rising-only", "--step-percent", 20, "--data", "data")
+    parameters = ("--parameter", "epochs=120", "--parameter", "start=small-uniform")
+    alone = run(*command, *parameters, cwd=tmp_path)
+    assert alone.returncode == 2
+    assert "--model" in alone.stderr
+    made = run(*command, "--model", "published-network", *parameters, cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    (file,) = (tmp_path / "data" / "models").iterdir()
+    parameters = json.loads(file.read_text())["model"]["parameters"]
+    assert (parameters["epochs"], parameters["start"]) == (120, "small-uniform")
 
 
 def test_calibrate_measure_records(tmp_path: Path) -> None:

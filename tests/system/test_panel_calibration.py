@@ -67,6 +67,14 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("is issued")
     assert ana.button("Fetch").text.endswith((".pdf", ".xml", ".json"))
 
+    for _ in range(3):
+        ana.press("Back")
+    ana.sees("Fit another model")
+    ana.fill("Epochs", "40")
+    ana.press("rising points only")
+    ana.press("Fit this model")
+    ana.sees("40 epochs, RMS of residuals")
+
     ana.open("/")
     ana.sees("Compensated:")
     ana.sees("(k = 2)")

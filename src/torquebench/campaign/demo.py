@@ -109,7 +109,7 @@ def _modules(station: Station, settings: DemoSettings, progress: Progress) -> li
     """Calibrate both modules before the standard is changed for the verifications."""
     choices = settings.choices()
     recommended = choices[0].name
-    known = registers_calibration([choice.name for choice in choices], recommended)
+    known = registers_calibration(choices, recommended)
     profile = settings.calibration
     measured = [
         measure_calibration(station, side, profile, metadata=known, progress=progress)

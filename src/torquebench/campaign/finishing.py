@@ -91,17 +91,17 @@ class Finished:
     calibration: FinishedCalibration | None = None
 
 
-def registers_calibration(models: Sequence[str], active: str | None) -> dict[str, Any]:
+def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> dict[str, Any]:
     """Return what a calibration's run notes of what it is made for.
 
     Parameters
     ----------
-    models : sequence of str
-        Names of the models that are fitted to it.
+    models : sequence of ModelChoice
+        Models that are fitted to it.
     active : str or None
         Which of them is put into use.
     """
-    return {REGISTERS: {"models": list(models), "active": active}}
+    return {REGISTERS: {"models": [each.specification for each in models], "active": active}}
 
 
 def finish_calibration(
@@ -245,13 +245,16 @@ def measured_calibration(
     calibrated again since.
     """
     measured, profile = read_measured(folder)
-    wanted = folder.metadata.get(REGISTERS) or {"models": [RECOMMENDED], "active": RECOMMENDED}
+    wanted = folder.metadata.get(REGISTERS) or {
+        "models": [{"name": RECOMMENDED}],
+        "active": RECOMMENDED,
+    }
     active = wanted["active"]
     serial = measured.result.data.transducer_serial
     newest = registry.calibrations(serial, limit=1)
     if newest and newest[0].performed > datetime.fromisoformat(folder.manifest["sealed"]):
         active = None
-    choices = [ModelChoice(name) for name in wanted["models"]]
+    choices = [ModelChoice(**each) for each in wanted["models"]]
     return finish_calibration(registry, measured, profile, choices, active, progress)
 
 

@@ -41,12 +41,13 @@ from torquebench.compensation import (
     save_model,
     worse_than_raw,
 )
-from torquebench.errors import ModelMismatchError, RecordError
+from torquebench.errors import InputError, ModelMismatchError, RecordError
 
 if TYPE_CHECKING:
     from torquebench.records import Registry
 
 __all__ = [
+    "CHOSEN_ELSEWHERE",
     "FittedModel",
     "ModelChoice",
     "described_model",
@@ -73,6 +74,8 @@ _TITLES = {
 }
 
 _PROGRESS_STEPS = 100
+CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
+"""Parameters of models that the data decide, or that commands have options of their own for."""
 
 
 def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
@@ -101,10 +104,43 @@ class ModelChoice:
         As `make_model` takes it; also the name in results ("polynomial-2").
     parameters : mapping
         Beyond the range, which comes from the data.
+    rising_only : bool
+        Fitted to the rising points alone, as the source papers load.
     """
 
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    rising_only: bool = False
+
+    @property
+    def specification(self) -> dict[str, Any]:
+        """As a run's record keeps it; `ModelChoice(**specification)` is the choice again."""
+        return {
+            "name": self.name,
+            "parameters": dict(self.parameters),
+            "rising_only": self.rising_only,
+        }
+
+    def check(self) -> None:
+        """Raise InputError for an unknown kind, an unknown parameter or a value that isn't allowed.
+
+        Examples
+        --------
+        >>> ModelChoice("published-network", {"hidden": 0}).check()
+        Traceback (most recent call last):
+        ...
+        torquebench.errors.InputError: hidden = 0 of PublishedNetworkModel; allowed: 1 to 1000
+        """
+        for name in CHOSEN_ELSEWHERE:
+            if name in self.parameters:
+                raise InputError(f"parameter {name}", "parameters of the model alone")
+        model = make_model(self.name, **self.parameters)
+        estimator: Any = getattr(model, "estimator", model)
+        estimator.check_parameters()
+
+    def points(self, data: CalibrationData) -> CalibrationData:
+        """Return those points of a calibration that the model is fitted to."""
+        return data.subset(data.branch > 0) if self.rising_only else data
 
 
 @dataclass(frozen=True)
@@ -125,6 +161,8 @@ class FittedModel:
         What else is known of the measuring chain.
     contradictions : tuple of Contradiction
         Why it isn't to be put into use: what the points contradict. Empty for a plausible one.
+    choice : ModelChoice or None
+        What was asked for.
     """
 
     name: str
@@ -134,6 +172,7 @@ class FittedModel:
     remarks: tuple[str, ...]
     effects: tuple[Effect, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
+    choice: ModelChoice | None = None
 
     @cached_property
     def chain(self) -> MeasuringChain:
@@ -204,7 +243,9 @@ def fit_models(
         started = time.perf_counter()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            model.fit(data.features(feature_columns(model)), data.standard_nm, progress=counter)
+            points = choice.points(data)
+            columns = points.features(feature_columns(model))
+            model.fit(columns, points.standard_nm, progress=counter)
         counter(1.0, "")
         remarks = tuple(dict.fromkeys(f"{words}: {entry.message}" for entry in caught))
         seconds = time.perf_counter() - started
@@ -216,7 +257,8 @@ def fit_models(
                 seconds,
                 remarks,
                 effects,
-                _contradictions(data, model, limits, before),
+                _contradictions(points, model, limits, before),
+                choice,
             )
         )
     progress.finish()

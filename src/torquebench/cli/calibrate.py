@@ -11,6 +11,7 @@ import typer
 from torquebench.cli.calibrating import run_calibrations
 from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import out, say
+from torquebench.cli.model_parameters import ParameterOption, model_parameters
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.bench.drivers.base import Side
     from torquebench.calibration import Profile
+    from torquebench.campaign.fitting import ModelChoice
 
 __all__ = ["register"]
 
@@ -87,6 +89,7 @@ def calibrate(
     model: Annotated[
         str | None, typer.Option(help="Kind of model; without it the recommended one.")
     ] = None,
+    parameter: ParameterOption = None,
     data: DataOption = DEFAULT_DATA,
     dry_run: Annotated[
         bool,
@@ -120,7 +123,15 @@ def calibrate(
     from torquebench.calibration import load_profile
 
     if resume is not None:
-        resume_run(resume, side.chosen if side else (), bench, model, data, real_time, yes)
+        resume_run(
+            resume,
+            side.chosen if side else (),
+            bench,
+            _choice(model, parameter),
+            data,
+            real_time,
+            yes,
+        )
         return
     if side is None:
         raise InputError("no module to calibrate", "input, output or both", "name it")
@@ -140,7 +151,7 @@ def calibrate(
             "a profile of steps",
             "give rapid-in-situ, adaptive, staircase, reversing, small-torques or an own one",
         )
-    _check_model(model)
+    choice = _choice(model, parameter)
     check_reports(report or [])
     if dry_run:
         _dry_run(description, side.chosen, chosen)
@@ -150,7 +161,7 @@ def calibrate(
         description,
         side.chosen,
         chosen,
-        model,
+        choice,
         data,
         real_time=real_time,
         yes=yes,
@@ -169,11 +180,17 @@ def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> fl
     return 100.0 * torque_nm / description.module(side.chosen[0]).range_nm
 
 
-def _check_model(name: str | None) -> None:
+def _choice(name: str | None, parameters: list[str] | None) -> ModelChoice | None:
     from torquebench.compensation import check_kind
 
-    if name is not None:
-        check_kind(name)
+    if name is None and parameters:
+        raise InputError("--parameter without --model", "both", "name the kind of model as well")
+    if name is None:
+        return None
+    check_kind(name)
+    from torquebench.campaign.fitting import ModelChoice
+
+    return ModelChoice(name, model_parameters(name, parameters))
 
 
 def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> None:

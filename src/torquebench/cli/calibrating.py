@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from torquebench.bench.roles import Side
     from torquebench.calibration import Profile
     from torquebench.campaign.finishing import FinishedCalibration
+    from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.measuring import Measured
     from torquebench.campaign.resuming import InterruptedCalibration
     from torquebench.cli.progress import TerminalProgress
@@ -28,7 +29,7 @@ def run_calibrations(
     description: Any,
     sides: tuple[Side, ...],
     profile: Profile,
-    model: str | None,
+    model: ModelChoice | None,
     data: Path,
     *,
     real_time: bool,
@@ -56,8 +57,8 @@ def run_calibrations(
     contradicting = False
     prompts = PromptQueue()
     operator = None if description.simulated else QueuedOperator(prompts)
-    kind = model or RECOMMENDED
-    known = registers_calibration([kind], kind)
+    choice = model or ModelChoice(RECOMMENDED)
+    known = registers_calibration([choice], choice.name)
     with Station.open(description, data, real_time=real_time, operator=operator) as station:
         tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
         tell_doubts(station, CALIBRATOR)
@@ -88,7 +89,7 @@ def run_calibrations(
                     answering(prompts, progress, yes=yes),
                 ):
                     finished = finish_calibration(
-                        station.registry, measure(), profile, [ModelChoice(kind)], kind, progress
+                        station.registry, measure(), profile, [choice], choice.name, progress
                     )
             except RunAbortedError as aborted:
                 raise interrupts.reported(aborted) from None

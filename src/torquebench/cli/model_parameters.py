@@ -20,7 +20,6 @@ ParameterOption = Annotated[
         "learning_rate, target_error_nm, random_state.",
     ),
 ]
-CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
 
 
 def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
@@ -45,6 +44,8 @@ def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
     """
     if not given:
         return {}
+    from torquebench.campaign.fitting import CHOSEN_ELSEWHERE, ModelChoice
+
     found: dict[str, Any] = {}
     for text in given:
         name, equals, value = text.partition("=")
@@ -58,11 +59,7 @@ def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
                 f"--parameter {name}", "parameters of the model alone", "use --range, --outliers"
             )
         found[name] = _value(value.strip())
-    from torquebench.compensation import make_model
-
-    model = make_model(kind, **found)
-    estimator: Any = getattr(model, "estimator", model)
-    estimator.check_parameters()
+    ModelChoice(kind, found).check()
     return found
 
 

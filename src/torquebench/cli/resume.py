@@ -12,6 +12,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.bench.drivers.base import Side
+    from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.resuming import InterruptedCalibration
 
 __all__ = ["resume_run"]
@@ -21,7 +22,7 @@ def resume_run(
     name: str,
     sides: tuple[Side, ...],
     bench: Path | None,
-    model: str | None,
+    model: ModelChoice | None,
     data: Path,
     real_time: bool,
     yes: bool,
@@ -38,7 +39,9 @@ def resume_run(
         Modules that were named; empty where none was.
     bench : pathlib.Path or None
         The bench description; None takes the one that the run was measured on.
-    model, data, real_time, yes
+    model : ModelChoice or None
+        None takes the one that it was begun with.
+    data, real_time, yes
         As for a calibration.
     """
     from torquebench.bench.description import load_bench
@@ -68,7 +71,7 @@ def resume_run(
         description,
         (interrupted.side,),
         interrupted.profile,
-        model,
+        model or _begun_with(interrupted),
         data,
         real_time=real_time,
         yes=yes,
@@ -93,6 +96,16 @@ def _read(name: str, data: Path) -> InterruptedCalibration | None:
             return read_interrupted(registry, run)
         finish_and_report(registry, find_unfinished(registry, run.run_id))
     return None
+
+
+def _begun_with(interrupted: InterruptedCalibration) -> ModelChoice | None:
+    """Return the model that the interrupted run was to put into use, where it says so."""
+    from torquebench.campaign.fitting import ModelChoice
+    from torquebench.records import REGISTERS
+
+    wanted = interrupted.known.get(REGISTERS) or {}
+    chosen = [each for each in wanted.get("models", ()) if each["name"] == wanted["active"]]
+    return ModelChoice(**chosen[0]) if chosen else None
 
 
 def _recorded(interrupted: InterruptedCalibration) -> BenchDescription:

@@ -7,12 +7,15 @@ from contextlib import contextmanager
 from datetime import date
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.unit.panel.process_work import doubled, endless, refusing
 
 from torquebench.bench.prompts import QueuedOperator
+from torquebench.compensation import load_model
 from torquebench.errors import BenchError, InputError, RecordError
+from torquebench.panel.pages.calibrate.workflow import Dismissed, find_workflow
 from torquebench.panel.run_in_process import ProcessEndedError, run_in_process
 from torquebench.panel.service import (
     Actor,
@@ -122,6 +125,61 @@ def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
     assert view.result is not None
     assert view.result.calibration_id == 1
     assert len(view.result.details["points"]["reading_nm"]) == 80
+
+
+def test_the_network_is_fitted_with_its_parameters_and_shows_its_training(
+    service: BenchService, tmp_path: Path
+) -> None:
+    for wrong, message in (
+        ({"model": "published-network", "network": {"hidden": 0}}, "hidden"),
+        ({"model": "published-network", "network": {"start": "at random"}}, "start"),
+        ({"model": "polynomial-2", "network": {"epochs": 5}}, "without it"),
+    ):
+        with pytest.raises(InputError, match=message):
+            start(service, "fit", {"calibration_id": 1, **wrong})
+    network = {"epochs": 300, "start": "small-uniform", "target_error_nm": 0.001}
+    request = {
+        "side": "output",
+        "step_percent": 20.0,
+        "repeats": 1,
+        "models": ["published-network"],
+        "network": network,
+    }
+    view = start(service, "calibrate", request)
+    number = view.result.calibration_id
+    points = view.result.details["points"]
+    first = view.result.details["models"]["published-network"]
+    assert first["parameters"] == network
+    assert first["training_curve"]["epoch"][-1] == 300
+    request = {
+        "calibration_id": number,
+        "model": "published-network",
+        "network": {"epochs": 200, "hidden": 10},
+        "rising_only": True,
+    }
+    view = start(service, "fit", request)
+    again = view.result.details["models"]["published-network"]
+    assert again["rising_only"]
+    assert again["training_curve"]["epoch"][-1] == 200
+    (newest,) = (tmp_path / "models").glob("*-published-network-*.json")
+    trained = load_model(newest).model.estimator_
+    assert trained.hidden == 10
+    assert trained.training_inputs_.size == points["branch"].count(1) < len(points["branch"])
+
+    service.recall(ANA, number)
+    shown = find_workflow(service.jobs.recent(), Dismissed()).models
+    assert [model["parameters"] for model in shown.values()] == [
+        network,
+        {"epochs": 200, "hidden": 10},
+    ]
+    assert len({model["model_id"] for model in shown.values()}) == 2
+
+
+def start(service: BenchService, kind: str, request: dict[str, Any]) -> JobView:
+    view = ended(service, service.jobs.start(ANA, kind, request))
+    if view.problem is not None:
+        raise InputError(view.problem.found, view.problem.allowed)
+    return view
 
 
 def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:

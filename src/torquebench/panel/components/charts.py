@@ -44,9 +44,11 @@ def _colour(name: str) -> str:
     return f"cssColour({name!r})"
 
 
-def _axis(title: str, *, vertical: bool, names: Sequence[str] = ()) -> dict[str, Any]:
+def _axis(
+    title: str, *, vertical: bool, names: Sequence[str] = (), logarithmic: bool = False
+) -> dict[str, Any]:
     axis: dict[str, Any] = {
-        "type": "category" if names else "value",
+        "type": "category" if names else "log" if logarithmic else "value",
         "name": title,
         "nameLocation": "end" if vertical else "middle",
         "nameGap": 14 if vertical else 34,
@@ -69,7 +71,7 @@ def _axis(title: str, *, vertical: bool, names: Sequence[str] = ()) -> dict[str,
         axis["data"] = list(names)
     else:
         axis["axisLabel"][":formatter"] = "(value) => chartNumber(value)"
-        if not vertical:
+        if not vertical and not logarithmic:
             axis |= {":min": "chartLow", ":max": "chartHigh"}
     return axis
 
@@ -116,6 +118,8 @@ class Chart:
     names : sequence of str
         Names along the horizontal axis instead of numbers.
     tall : bool
+    logarithmic : bool
+        Both axes; all values are above 0.
     """
 
     def __init__(
@@ -128,6 +132,7 @@ class Chart:
         limits: Iterable[float] = (),
         names: Sequence[str] = (),
         tall: bool = False,
+        logarithmic: bool = False,
     ) -> None:
         self._limits = tuple(limits)
         self._names = tuple(names)
@@ -143,8 +148,8 @@ class Chart:
                 ":pageIconColor": _colour("--ink"),
             },
             "tooltip": {"trigger": "axis", "confine": True},
-            "xAxis": _axis(x_title, vertical=False, names=self._names),
-            "yAxis": _axis(y_title, vertical=True),
+            "xAxis": _axis(x_title, vertical=False, names=self._names, logarithmic=logarithmic),
+            "yAxis": _axis(y_title, vertical=True, logarithmic=logarithmic),
             "series": self._lines(lines),
         }
         self.element = ui.echart(options).classes("chart tall" if tall else "chart")

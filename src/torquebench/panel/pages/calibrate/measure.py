@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from torquebench.bench.roles import SIDES
+from torquebench.campaign.fitting import model_title
+from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
 
 FIRST_PROFILE = "rapid-in-situ"
+MODELS = (RECOMMENDED, "polynomial-2", "bayesian-network", "published-network")
+"""Offered before a calibration; all others and the network's parameters after it."""
 TYPING_S = 0.4
 """Who types a number types the next digit within this time, s."""
 
@@ -73,6 +77,12 @@ class PrepareStep:
                 self._repeats = Field(
                     text("prepare.repeats"), options=repeats, on_change=lambda _: self._preview()
                 )
+                rising = {"": text("prepare.as_profile"), "rising": text("prepare.rising_only")}
+                self._rising = Field(
+                    text("prepare.branches"), options=rising, on_change=lambda _: self._preview()
+                )
+                kinds = {name: text.core(model_title(name)) for name in MODELS}
+                self._models = Choice(text("prepare.models"), kinds, MODELS[:2], several=True)
                 self._clear = clear_choice(visitor)
             with panel(text("prepare.checks")), box("div", "stack"):
                 self._checks = box("ul", "stack")
@@ -115,6 +125,10 @@ class PrepareStep:
             request["up_to_nm"] = float(self._up_to.value)
         if self._repeats.value:
             request["repeats"] = int(self._repeats.value)
+        if self._rising.value:
+            request["rising_only"] = True
+        if self._models.values:
+            request["models"] = [name for name in MODELS if name in self._models.values]
         if self._clear is not None:
             request["bench_clear"] = "clear" in self._clear.values
         return request

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, note, panel, table, words
+from torquebench.panel.pages.calibrate.another_fit import AnotherFit, titled, training_chart
 from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ class ModelsStep:
             )
         with panel(text("models.compared")), box("div", "stack"):
             self._comparison()
+        training_chart(text, workflow.models)
+        if self._page.visitor.has_role("metrologist"):
+            AnotherFit(self._page).build()
 
     def refresh(self) -> None:
         """Nothing grows here: the job's panel says how far it is."""
@@ -60,9 +64,7 @@ class ModelsStep:
         for colour, model in zip(COLOURS, self._page.workflow.models.values(), strict=False):
             torque = model["torque_nm"]
             y = [torque[place] - standard[place] for place in order]
-            lines.append(
-                Line(self._text.core(model["title"]), x, y, colour, points=True, symbol="rect")
-            )
+            lines.append(Line(titled(self._text, model), x, y, colour, points=True, symbol="rect"))
         return lines
 
     def _comparison(self) -> None:

@@ -8,6 +8,7 @@ from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, note, panel, words
+from torquebench.panel.pages.calibrate.another_fit import titled
 from torquebench.panel.pages.downloads import certificate_buttons
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class SignStep:
             chosen = next((name for name in (RECOMMENDED, best) if name in models), "")
             options = {
                 name: (
-                    text.core(model["title"]),
+                    titled(text, model),
                     text("sign.recommended") if name == RECOMMENDED else
                     text("sign.best") if name == best else
                     text("sign.model", number=model["model_id"]),

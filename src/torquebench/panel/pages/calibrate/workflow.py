@@ -63,13 +63,21 @@ class CalibrationWorkflow:
 
     @property
     def models(self) -> dict[str, dict[str, Any]]:
-        """Every fitted model by its name, with its registry number as `model_id`."""
+        """Every fitted model by its name, with its registry number as `model_id`.
+
+        A kind that is fitted again, such as the network with other parameters, gets that number
+        behind its name.
+        """
         found: dict[str, dict[str, Any]] = {}
-        for job in (self.calibrate, *self.fits):
+        for job in (self.calibrate, *reversed(self.fits)):
             if job is None or job.result is None:
                 continue
             for name, model in job.result.details.get("models", {}).items():
-                found[name] = {**model, "model_id": job.result.model_ids[name]}
+                number = job.result.model_ids[name]
+                if any(known["model_id"] == number for known in found.values()):
+                    continue  # a calibration taken up again knows its later fits
+                key = f"{name} {number}" if name in found else name
+                found[key] = {**model, "model_id": number}
         return dict(sorted(found.items(), key=lambda item: int(item[1]["model_id"])))
 
     @property

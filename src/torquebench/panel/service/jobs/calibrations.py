@@ -8,6 +8,8 @@ Details of their results, all as JSON:
 - "resume-calibration": as "calibrate", with the points of both runs.
 - "compare-models": `scores` (one row a model), `selected`, `sentence`, `refused`, `noise_nm`.
 - "fit": as "calibrate", with the one new model.
+  A network's model has `training_curve` too (`epoch`, `rms_nm`), and every one `parameters` and
+  `rising_only`.
 - "verify": `models`: for each, and "raw", `title`, `against_standard`, `averaged`, `groups`,
   `error_nm` at the points; `standard_nm`, `group`; `verdict` and `tolerance_percent_fs`.
 """
@@ -17,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -52,10 +54,7 @@ from torquebench.campaign.modules import register_verification
 from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.chain import load_chain
-from torquebench.compensation import (
-    RECOMMENDED,
-    make_model,
-)
+from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.panel.comparing import compare_points
 from torquebench.panel.run_in_process import run_in_process
@@ -95,10 +94,36 @@ __all__ = [
     "calibration_data",
 ]
 
+MOST_EPOCHS = 1_000_000
+"""Of one training: a minute of one core, on a hundred points."""
 MOST_STEPS = 5000
 """Of one staircase: more is a typing mistake, and would take a day."""
 
 Percent = Annotated[Number, Field(ge=0.1, le=100.0)]
+
+
+class NetworkParameters(JobRequest):
+    """Parameters of the source papers' network; those left out are the model's own.
+
+    `target_error_nm` ends the training when the RMS of the residuals falls below it.
+    """
+
+    mapping: Literal["residual", "direct"] | None = None
+    start: Literal["nguyen-widrow", "small-uniform"] | None = None
+    hidden: Annotated[int, Field(ge=1, le=1000), WHOLE] | None = None
+    epochs: Annotated[int, Field(ge=1, le=MOST_EPOCHS), WHOLE] | None = None
+    learning_rate: Annotated[Number, Field(gt=0, le=1.0)] | None = None
+    target_error_nm: Annotated[Number, Field(gt=0, le=1e6)] | None = None
+    random_state: Annotated[int, Field(ge=0, le=2**32 - 1), WHOLE] | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Those that were given."""
+        return self.model_dump(exclude_none=True)
+
+
+NETWORK = "published-network"
+NO_PARAMETERS = NetworkParameters()
 
 
 class CalibrateRequest(JobRequest):
@@ -114,6 +139,7 @@ class CalibrateRequest(JobRequest):
     step_percent: Percent | None = None
     up_to_nm: Annotated[Number, Field(gt=0, le=1e6)] | None = None
     models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    network: NetworkParameters = NO_PARAMETERS
     bench_clear: Flag = False
 
 
@@ -132,10 +158,16 @@ class CompareRequest(JobRequest):
 
 
 class FitRequest(JobRequest):
-    """Fit one more model to a calibration and register it."""
+    """Fit one more model to a calibration and register it.
+
+    `network` is for the model "published-network"; with `rising_only` the model is fitted to the
+    rising points alone, as the source papers load.
+    """
 
     calibration_id: Identifier
     model: ProfileName
+    network: NetworkParameters = NO_PARAMETERS
+    rising_only: Flag = False
 
 
 class VerifyRequest(JobRequest):
@@ -205,8 +237,8 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
     station, job = context.station, context.job
     confirm_clear(station.description, request.bench_clear)
     profile = _calibration_profile(context, request)
-    choices = _choices(request.models)
-    known = registers_calibration([choice.name for choice in choices], None)
+    choices = _choices(request.models, request.network)
+    known = registers_calibration(choices, None)
     measured = measure_calibration(station, request.side, profile, metadata=known, progress=job)
     return _fitted(context, measured, profile, choices)
 
@@ -217,15 +249,29 @@ def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
     confirm_clear(station.description, request.bench_clear)
     choices = _choices(request.models)
     interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
-    known = registers_calibration([choice.name for choice in choices], None)
+    known = registers_calibration(choices, None)
     measured = resume_calibration(station, interrupted, metadata=known, progress=context.job)
     return _fitted(context, measured, interrupted.profile, choices)
 
 
-def _choices(names: Sequence[str]) -> list[ModelChoice]:
-    choices = [ModelChoice(name) for name in dict.fromkeys(names)]
+def _choices(
+    names: Sequence[str],
+    network: NetworkParameters = NO_PARAMETERS,
+    *,
+    rising_only: bool = False,
+) -> list[ModelChoice]:
+    if network.given and NETWORK not in names:
+        raise InputError(
+            f"parameters of the network ({', '.join(network.given)}) without it",
+            f"the model {NETWORK}",
+            "choose that model, or leave them out",
+        )
+    choices = [
+        ModelChoice(name, network.given if name == NETWORK else {}, rising_only)
+        for name in dict.fromkeys(names)
+    ]
     for choice in choices:
-        make_model(choice.name)
+        choice.check()
     return choices
 
 
@@ -285,11 +331,11 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
 def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     """Fit one model to the points of a calibration and register it beside the others."""
     station = context.station
+    (choice,) = _choices([request.model], request.network, rising_only=request.rising_only)
     entry, data = calibration_data(station, request.calibration_id)
-    make_model(request.model)
     (item,) = fit_models(
         data,
-        [ModelChoice(request.model)],
+        [choice],
         context.job,
         title="Fitting",
         effects=bench_effects(station.description, data),

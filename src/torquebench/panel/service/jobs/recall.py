@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from torquebench.calibration import verify
-from torquebench.campaign.fitting import FittedModel, model_title
+from torquebench.campaign.fitting import (
+    CHOSEN_ELSEWHERE,
+    FittedModel,
+    ModelChoice,
+    model_title,
+)
 from torquebench.campaign.resuming import find_interrupted, read_interrupted
 from torquebench.chain import MeasuringChain, load_chain
-from torquebench.compensation import CompensationModel
+from torquebench.compensation import CompensationModel, PublishedNetworkModel
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service.access.actors import Actor
 from torquebench.panel.service.jobs.calibrations import VerifyRequest
@@ -100,9 +105,13 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
     entry, data = calibration_data(station, calibration_id)
     entries = models_of(station, entry)
     loaded = {name: load_chain(model.check_file()) for name, model in entries.items()}
-    fitted = {_name(loaded[key].model): (key, _fitted(loaded[key])) for key in entries}
-    numbers = {name: entries[key].model_id for name, (key, _) in fitted.items()}
-    measured = calibration_result(entry, data, [item for _, item in fitted.values()], numbers)
+    fitted, numbers = [], {}
+    for key, model in entries.items():
+        name = _name(loaded[key].model)
+        name = f"{name} {model.model_id}" if name in numbers else name
+        numbers[name] = model.model_id
+        fitted.append(_fitted(name, loaded[key]))
+    measured = calibration_result(entry, data, fitted, numbers)
     verifications = [
         (found, key)
         for key, model in entries.items()
@@ -132,7 +141,16 @@ def _name(model: CompensationModel) -> str:
     return model.kind if degree is None else f"{model.kind}-{degree}"
 
 
-def _fitted(chain: MeasuringChain) -> FittedModel:
+def _fitted(name: str, chain: MeasuringChain) -> FittedModel:
     model = chain.model
     title = model_title(model.kind, model.kind_parameters)
-    return FittedModel(_name(model), title, model, 0.0, (), chain.stored)
+    choice = None
+    if model.kind == PublishedNetworkModel.kind:
+        own, known = PublishedNetworkModel().kind_parameters, model.kind_parameters
+        asked = {
+            key: value
+            for key, value in known.items()
+            if key not in CHOSEN_ELSEWHERE and value != own[key]
+        }
+        choice = ModelChoice(model.kind, asked)
+    return FittedModel(name, title, model, 0.0, (), chain.stored, choice=choice)

@@ -15,6 +15,7 @@ from torquebench.calibration import (
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import FittedModel, model_title
 from torquebench.chain import MeasuringChain
+from torquebench.compensation import CompensationModel, PublishedNetworkModel
 from torquebench.errors import RecordError
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.records import CalibrationEntry, ModelEntry, RunFolder, json_text
@@ -74,6 +75,9 @@ def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[st
             "summary": errors_of(item, data),
             "remarks": item.remarks,
             "contradictions": item.contradictions,
+            "parameters": {} if item.choice is None else item.choice.parameters,
+            "rising_only": item.choice is not None and item.choice.rising_only,
+            **_training(item.model),
         }
         for item in fitted
     }
@@ -91,6 +95,15 @@ def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[st
             "models": models,
         }
     )
+
+
+def _training(model: CompensationModel) -> dict[str, Any]:
+    """Return the curve of a network's training, where it has one."""
+    trained = getattr(model, "estimator_", model)
+    if not isinstance(trained, PublishedNetworkModel):
+        return {}
+    epoch, rms_nm = trained.training_curve_.T
+    return {"training_curve": {"epoch": epoch, "rms_nm": rms_nm}}
 
 
 def as_details(value: Any) -> dict[str, Any]:
