@@ -55,6 +55,14 @@ def run(*arguments: object, cwd: Path, **changes: str) -> subprocess.CompletedPr
     )
 
 
+def laboratory(data: Path, *, people: str = "", policy: str = "state") -> None:
+    """Write what a data directory says of its laboratory."""
+    data.mkdir(parents=True, exist_ok=True)
+    named = f'[laboratory]\nname = "Lab"\ncity = "Ulm"\ncountry = "DE"\npeople = ["{people}"]\n'
+    text = (named if people else "") + f'[policy]\nunreviewed = "{policy}"\n'
+    (data / "laboratory.toml").write_text(text, encoding="utf-8")
+
+
 @contextlib.contextmanager
 def started(*arguments: object, cwd: Path) -> Iterator[subprocess.Popen[str]]:
     """Start the command without a terminal; it is gone when the block ends."""

@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from tests.system.command_line import run, widest_line
+from tests.system.command_line import laboratory, run, widest_line
 
 
 def test_an_adaptive_calibration_says_how_many_points_and_why(tmp_path: Path) -> None:
@@ -28,6 +28,7 @@ def test_an_adaptive_calibration_says_how_many_points_and_why(tmp_path: Path) ->
 
     shown = run("records", "show", "calibration-1", "--data", "data", cwd=tmp_path)
     assert "24 even ones" in shown.stdout
+    laboratory(tmp_path / "data")
     issued = run(
         *("certificate", "latest", "--authorised-by", "A. Boss", "--data", "data"), cwd=tmp_path
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.system.command_line import laboratory
 from tests.unit.reports.calibrated_bench import points
 
 from torquebench import cli
@@ -24,10 +25,7 @@ def command(
     """Run a command in this process; return its exit code and all that it prints, in one line."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "400")
-    (tmp_path / "data").mkdir()
-    (tmp_path / "data" / "laboratory.toml").write_text(
-        '[laboratory]\nname = "Lab"\ncity = "Ulm"\ncountry = "DE"\n'
-    )
+    laboratory(tmp_path / "data", people='A. Kim", "A. Boss')
 
     def run(*arguments: object) -> tuple[int, str]:
         of_tables = arguments[0] in ("fit", "apply")
@@ -41,7 +39,9 @@ def command(
     return run
 
 
-def enter(command: Command, data: CalibrationData, profile: str, **given: str) -> tuple[int, str]:
+def enter(
+    command: Command, data: CalibrationData, profile: str = "staircase", **given: str
+) -> tuple[int, str]:
     """Evaluate a table and enter it, as a laboratory does that measured it elsewhere."""
     write_calibration_csv(Path("table.csv"), data)
     options = {
@@ -129,6 +129,19 @@ def test_every_departure_is_named_with_its_clause(
     assert f"clause {clause}" in said
     assert found in said
     assert bool(list(Path("data").glob("certificates/*/*.pdf"))) != refused
+
+
+def test_who_measured_and_who_signs_are_people_of_the_laboratory(command: Command) -> None:
+    code, said = enter(command, good(), measured_by="Somebody")
+    assert code == 2
+    assert "'Somebody', who is nobody of the laboratory allowed one of A. Kim, A. Boss" in said
+    assert not list(Path("data").glob("runs/*"))
+    assert enter(command, good(), measured_by="a. kim")[0] == 0
+    code, said = command("certificate", "calibration-1", "--authorised-by", "Somebody else")
+    assert code == 2
+    assert "authorised by 'Somebody else', who is nobody of the laboratory" in said
+    code, said = certificate(command)
+    assert code == 0, said
 
 
 def test_small_steps_are_held_against_the_range(command: Command) -> None:

@@ -5,7 +5,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from tests.system.command_line import run, widest_line
+from tests.system.command_line import laboratory, run, widest_line
 
 
 @pytest.fixture(scope="module")
@@ -26,11 +26,16 @@ def only(folder: Path, suffix: str) -> Path:
 
 
 def test_certificate_is_issued_checked_and_exported(calibrated: Path) -> None:
-    issued = run(
+    asked = (
         *("certificate", "latest", "--authorised-by", "A. Boss", "--checked-by", "K. Sommer"),
         *("--language", "zh", "--out", "out", "--data", "data", "--tolerance", "0.5"),
-        cwd=calibrated,
     )
+    refused = run(*asked, cwd=calibrated)
+    assert refused.returncode == 1
+    assert "isn't verified on fresh points" in " ".join(refused.stderr.split())
+    assert not (calibrated / "data" / "certificates").exists()
+    laboratory(calibrated / "data")
+    issued = run(*asked, cwd=calibrated)
     assert issued.returncode == 0, issued.stderr
     assert "simulated" in issued.stdout
     assert widest_line(issued.stdout) <= 80

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
-from tests.system.command_line import run
+from tests.system.command_line import laboratory, run
 
 from torquebench.records import Registry, Report, RunFolder, RunSummary
 from torquebench.records.time_check import expired_standard, times_of_run
@@ -55,6 +55,7 @@ def test_doctor_verify_and_certificate_name_it_too(expired: tuple[Path, Path]) -
     assert verified.returncode == 0, verified.stdout
     assert "against SIM-CAL-1, whose certificate" in words(verified.stderr)
     assert "had expired on 2021-03-31" in words(verified.stderr)
+    laboratory(data)
     issued = run(
         *("certificate", "latest", "--out", data.parent / "out", "--data", data), cwd=data.parent
     )

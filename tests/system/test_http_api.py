@@ -196,12 +196,18 @@ def test_from_calibration_to_certificate(
     signed = f"/calibrations/{number}/sign-off"
     assert chief.post(signed, json={"password": "wrong password"}).status_code == 401
     assert admin.get(f"/calibrations/{number}").json()["reviews"] == []
-    assert chief.post(signed, json={"password": PASSWORD}).status_code == 204
     assert olga.delete("/command").status_code == 204
+    asked = {"password": PASSWORD, "tolerance_percent_fs": 0.5}
+    refused = _done(chief, chief.post(f"/calibrations/{number}/certificate", json=asked))
+    assert "nobody else has checked it before it went into use" in refused["problem"]["found"]
+    assert chief.post(signed, json={"password": PASSWORD}).status_code == 204
     assert chief.post(f"/models/{model}/activate", json={}).status_code == 204
     assert chief.get("/bench").json()["sides"][1]["compensation"]["model_id"] == model
-    issued = chief.post(f"/calibrations/{number}/certificate", json={"password": PASSWORD})
-    certificate = _done(chief, issued)["result"]["certificate"]
+    issued = chief.post(f"/calibrations/{number}/certificate", json=asked)
+    issued = _done(chief, issued)["result"]
+    certificate = issued["certificate"]
+    assert issued["details"]["unreviewed"] == []
+    assert issued["verdict"] == verified["result"]["verdict"]
     detail = olga.get(f"/calibrations/{number}").json()
     assert [each["checked_by"] for each in detail["reviews"]] == ["Max"]
     assert [each["number"] for each in detail["certificates"]] == [certificate]

@@ -122,7 +122,6 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     for key, value in (
         ("transducer_serial", "4711"),
         ("indicator", "DMP41"),
-        ("measured_by", "A. Kim"),
         ("reference_serial", "R-9"),
     ):
         ana.fill(CHINESE(f"elsewhere.{key}"), value)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests import postgresql_server
-from tests.system.command_line import run, widest_line
+from tests.system.command_line import laboratory, run, widest_line
 
 if postgresql_server.binaries() is None and not os.environ.get("CI"):
     __test__ = False  # conftest.py says in the report's head that PostgreSQL is left out
@@ -52,6 +52,7 @@ def test_certificate_and_export_work_from_the_server_alone(
 ) -> None:
     """Another data folder on the same computer: the server knows where everything lies."""
     place = ("--data", "elsewhere")
+    laboratory(tmp_path / "elsewhere")
     issued = run(
         *("--registry", server, "certificate", "latest", "--authorised-by", "A. Boss"),
         *("--out", "certificate", *place),

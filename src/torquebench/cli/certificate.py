@@ -165,29 +165,32 @@ def _issue(
     number: str,
 ) -> Issue:
     from torquebench.campaign.measuring import operator_name
-    from torquebench.reports.certificate import LABORATORY_FILE, Issue, read_letterhead
+    from torquebench.reports.certificate import (
+        Issue,
+        kept_letterhead,
+        person_among,
+        read_letterhead,
+    )
 
     if number and not all(mark.isalnum() or mark in "-_." for mark in number):
         raise InputError(f"number {number!r}", "letters, digits, hyphens, dots and underscores")
+    letterhead = (
+        kept_letterhead(registry.root) if laboratory is None else read_letterhead(laboratory)
+    )
     names = authorised_by or [operator_name()]
+    if letterhead.people:
+        names = [person_among(each, letterhead.people, "authorised by") for each in names]
+    issuer, customer = letterhead.parties
     if not authorised_by:
         note(f"authorised by {names[0]}, who is logged in; --authorised-by names somebody else")
-    kept = registry.root / LABORATORY_FILE
-    issue = Issue(
+    return Issue(
         names,
         languages=tuple(each.value for each in language or [Language.en]),
         tolerance_percent_fs=tolerance,
         number=number,
-    )
-    if laboratory is None and not kept.is_file():
-        return issue
-    letterhead = read_letterhead(laboratory or kept)
-    issuer, customer = letterhead.parties
-    return replace(
-        issue,
         laboratory=issuer,
         customer=customer,
-        refuse_unreviewed=letterhead.policy.unreviewed == "refuse",
+        refuse_unreviewed=letterhead.refuses_unreviewed,
     )
 
 

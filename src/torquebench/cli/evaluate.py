@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,7 +91,9 @@ def static(
         str, typer.Option(help="Counter or amplifier that the transducer was read with.")
     ] = "",
     place: Annotated[str, typer.Option(help="Bench or laboratory where it was measured.")] = "",
-    measured_by: Annotated[str, typer.Option(help="Who measured it.")] = "",
+    measured_by: Annotated[
+        str, typer.Option(help="Who measured it: one of the people in laboratory.toml.")
+    ] = "",
     result: Annotated[
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
@@ -244,8 +247,13 @@ def _register(
     from torquebench.campaign.external_calibration import register_table
     from torquebench.campaign.measuring import operator_name
     from torquebench.records import Registry
+    from torquebench.reports.certificate import kept_letterhead, person_among
 
     with Registry.open(folder) as registry:
+        if circumstances.measured_by:
+            people = kept_letterhead(registry.root).people
+            known = person_among(circumstances.measured_by, people)
+            circumstances = replace(circumstances, measured_by=known)
         entered = register_table(
             registry, table, points, profile, circumstances, operator=operator_name(), model=model
         )

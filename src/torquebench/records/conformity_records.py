@@ -107,15 +107,18 @@ class ConformityRecords(Database):
         Raises
         ------
         RecordError
-            Where there is no such record, nobody is named, or who measured checks it.
+            Where there is no such record, nobody is named, or who measured or entered it checks it.
         """
         with self.writing() as session:
             content = _subject(session, subject, subject_id)
             measured_by = next((content[name] for name in _DOERS if content.get(name)), "")
-            if not checked_by.strip() or checked_by.strip() == measured_by:
+            entered_by = (content.get("summary") or {}).get("entered by", "")
+            doers = [str(each) for each in (measured_by, entered_by) if each]
+            own = checked_by.strip().casefold() in (each.strip().casefold() for each in doers)
+            if not checked_by.strip() or own:
                 raise RecordError(
                     f"{subject} {subject_id} checked by {checked_by.strip() or 'nobody'}",
-                    f"somebody else than {measured_by}" if measured_by else "a name",
+                    f"somebody else than {' and '.join(doers)}" if doers else "a name",
                     "have a second person look over it",
                 )
             session.add(

@@ -30,7 +30,9 @@ from torquebench.reports.certificate import Issue, build_record
 from torquebench.reports.certificate.record import Party
 
 PROFILE = load_profile("staircase")
-ISSUE = Issue(["A. Boss"], laboratory=Party("Lab", city="Ulm", country="DE"))
+ISSUE = Issue(
+    ["A. Boss"], laboratory=Party("Lab", city="Ulm", country="DE"), refuse_unreviewed=False
+)
 CIRCUMSTANCES = ExternalCalibration(
     performed=datetime(2026, 3, 2, tzinfo=UTC),
     measured_by="A. Kim",

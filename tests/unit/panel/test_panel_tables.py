@@ -10,7 +10,7 @@ from tests.unit.reports.calibrated_bench import points
 
 from torquebench.bench.description import default_bench
 from torquebench.calibration import load_profile
-from torquebench.errors import InputError, TorquebenchError
+from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.panel.service import Actor, NotFoundError, PermissionDeniedError, read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE, TableImport
 from torquebench.panel.service.settings.store import SettingsStore
@@ -56,13 +56,21 @@ def noted() -> list[tuple[Any, ...]]:
 def tables(
     registry: Registry, settings: SettingsStore, noted: list[tuple[Any, ...]]
 ) -> TableImport:
-    return TableImport(lambda: registry, settings, lambda *what, **how: noted.append((*what, how)))
+    return TableImport(
+        lambda: registry, settings, lambda *what, **how: noted.append((*what, how)), people
+    )
 
 
 @pytest.fixture
 def looking(settings: SettingsStore) -> TableImport:
     """Return a tables without records: whoever only looks needs none."""
-    return TableImport(lambda: pytest.fail("records were touched"), settings, pytest.fail)
+    return TableImport(
+        lambda: pytest.fail("records were touched"), settings, pytest.fail, pytest.fail
+    )
+
+
+def people() -> tuple[str, ...]:
+    return "A. Kim", "B. Li"
 
 
 @pytest.fixture
@@ -111,6 +119,20 @@ def test_an_operator_enters_nothing(tables: TableImport, registry: Registry, tab
     with pytest.raises(PermissionDeniedError):
         tables.enter(Actor("Olga", "operator", "o"), {**CIRCUMSTANCES, **CHAIN, "content": table})
     assert registry.runs() == []
+
+
+def test_who_measured_is_a_person_of_the_laboratory(
+    tables: TableImport, registry: Registry, table: str
+) -> None:
+    asked = {**CIRCUMSTANCES, **CHAIN, "content": table}
+    with pytest.raises(InputError, match=r"'Somebody', who is nobody.*one of A\. Kim, B\. Li"):
+        tables.enter(CHIEF, {**asked, "measured_by": "Somebody"})
+    assert registry.runs() == []
+    entered = tables.enter(CHIEF, {**asked, "measured_by": " a. kim"})
+    assert registry.calibration(entered.calibration_id).measured_by == "A. Kim"
+    for name in ("A. Kim", CHIEF.name):  # who entered it answers for it as well
+        with pytest.raises(RecordError, match=r"somebody else than A\. Kim and"):
+            registry.review("calibrations", entered.calibration_id, checked_by=name)
 
 
 @pytest.mark.parametrize("missing", ["transducer_serial", "indicator", "reference_serial"])

@@ -57,7 +57,7 @@ def test_export_holds_the_issued_certificate_or_a_draft(registry: Registry, tmp_
     draft = export_run(registry, run, tmp_path / "draft")
     assert "certificate-DRAFT-1-en.pdf" in draft.files
     assert any("draft" in remark for remark in draft.remarks)
-    record = build_record(registry, bench.calibration, Issue(["A. Boss"]))
+    record = build_record(registry, bench.calibration, Issue(["A. Boss"], refuse_unreviewed=False))
     issued = issue_certificate(registry, record)
     exported = export_run(registry, run, tmp_path / "issued")
     assert f"certificate-{record.number}.xml" in exported.files

@@ -43,7 +43,12 @@ def short(record: CertificateRecord) -> CertificateRecord:
 
 @pytest.fixture
 def record(registry: Registry) -> CertificateRecord:
-    issue = Issue(["A. Boss", "B. Boss"], languages=("de", "en", "zh"), issued=date(2026, 3, 5))
+    issue = Issue(
+        ["A. Boss", "B. Boss"],
+        languages=("de", "en", "zh"),
+        issued=date(2026, 3, 5),
+        refuse_unreviewed=False,
+    )
     return build_record(registry, calibrated_bench(registry).calibration, issue)
 
 
@@ -185,7 +190,7 @@ def test_second_certificate_replaces_the_first(
 ) -> None:
     first = issue_certificate(registry, short)
     calibration = registry.calibration(short.calibration_id)
-    second = build_record(registry, calibration, Issue(["A. Boss"]))
+    second = build_record(registry, calibration, Issue(["A. Boss"], refuse_unreviewed=False))
     assert second.supersedes == first.record.number
     assert second.number != first.record.number
     issue_certificate(registry, second)

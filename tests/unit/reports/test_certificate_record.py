@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 
@@ -10,15 +11,17 @@ import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
 from torquebench.calibration import load_profile, verify
+from torquebench.campaign.checking import judge_check
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.compensation import make_model
 from torquebench.errors import InputError, RecordError
-from torquebench.records import Registry
+from torquebench.records import Registry, RunFolder, RunSummary
 from torquebench.reports.certificate import (
     CertificateRecord,
     Issue,
     build_record,
     calibration_of,
+    kept_letterhead,
     read_letterhead,
 )
 from torquebench.reports.certificate.content import certificate_content
@@ -27,7 +30,7 @@ from torquebench.reports.certificate.record import Party, Reference
 from torquebench.reports.certificate.results import evaluate_results
 from torquebench.uncertainty import Verdict
 
-ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5))
+ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), refuse_unreviewed=False)
 
 
 @pytest.fixture
@@ -126,7 +129,7 @@ def test_verdict_is_the_worst_of_all_steps(
     registry: Registry, tolerance: float, verdict: Verdict
 ) -> None:
     bench = calibrated_bench(registry)
-    issue = Issue(["A. Boss"], tolerance_percent_fs=tolerance)
+    issue = replace(ISSUE, tolerance_percent_fs=tolerance)
     record = build_record(registry, bench.calibration, issue)
     assert record.conformity.verdict is verdict
     assert sum(record.conformity.counts.values()) == len(record.results)
@@ -145,7 +148,7 @@ def test_record_is_read_back_as_it_was_written(registry: Registry) -> None:
 
 def test_verification_at_fresh_points_is_stated(registry: Registry) -> None:
     bench = calibrated_bench(registry, simulated=False, due=date(2027, 1, 15))
-    issue = Issue(["A. Boss"], laboratory=Party("Lab", city="Ulm", country="DE"))
+    issue = replace(ISSUE, laboratory=Party("Lab", city="Ulm", country="DE"))
     assert build_record(registry, bench.calibration, issue).verification is None
 
     entry = registry.models()[0]
@@ -163,13 +166,54 @@ def test_verification_at_fresh_points_is_stated(registry: Registry) -> None:
     assert found.averaged_after_nm == after.averaged.worst_nm
 
 
+@pytest.mark.parametrize("wanted", [Verdict.PASS, Verdict.CONDITIONAL_PASS, Verdict.FAIL])
+def test_the_certificates_verdict_is_that_of_the_verification(
+    registry: Registry, wanted: Verdict
+) -> None:
+    bench, entry = calibrated_bench(registry), registry.models()[0]
+    profile = load_profile("rapid-in-situ").with_options(step_percent=12.5)
+    fresh = points(profile, simulated=True, temperature_drift_k=0.0)
+    if wanted is not Verdict.PASS:  # one point off, by more than its U
+        off = np.array(fresh.reading_nm)
+        off[3] += 2.5
+        fresh = replace(fresh, reading_nm=off)
+    bench_of_run = {"verification_standard": {"expanded_uncertainty_percent": 0.02}}
+    with RunFolder.create(registry.root / "runs", {"bench": bench_of_run}, kind="verify") as writer:
+        writer.write_results({"data": fresh})
+        run_id = writer.seal().run_id
+    started = datetime(2026, 3, 3, tzinfo=UTC)
+    registry.add_run(
+        RunSummary(run_id, "verify", started, True, "0.1.0", registry.root / "runs" / run_id)
+    )
+    chain = load_chain(entry.file)
+    result = verify(fresh, {"polynomial": chain})
+    registry.add_verification(entry.model_id, result, performed=started, run_id=run_id)
+    worst = result.of("polynomial").against_standard.worst_percent_fs
+    tolerance = {Verdict.PASS: 1.0, Verdict.CONDITIONAL_PASS: 1.01 * worst}.get(wanted, 0.05)
+    *_, decisions = judge_check(
+        fresh, chain, standard_uncertainty_percent=0.02, tolerance_percent_fs=tolerance
+    )  # as the panel judges it
+    assert Verdict.worst(each.verdict for each in decisions) is wanted
+
+    issue = replace(ISSUE, tolerance_percent_fs=tolerance)
+    record = build_record(registry, bench.calibration, issue)
+    assert record.conformity.fresh
+    assert record.conformity.verdict is wanted
+    assert sum(record.conformity.counts.values()) == len(fresh)
+    assert record.conformity == record.verification.conformity
+    assert CertificateRecord.from_json(record.to_json()) == record
+    assert "point of the verification" in certificate_content(record, "en")["conformity"]["decides"]
+
+
 def test_what_nobody_has_confirmed_is_stated_or_refused(registry: Registry) -> None:
     bench = calibrated_bench(registry)  # its model went into use at once
     calibration, model_id = bench.calibration, registry.models()[0].model_id
 
     def unreviewed(*names: str, tolerance: float = 0.1) -> tuple[str, ...]:
         return build_record(
-            registry, calibration, Issue(names, tolerance_percent_fs=tolerance)
+            registry,
+            calibration,
+            replace(ISSUE, authorised_by=names, tolerance_percent_fs=tolerance),
         ).unreviewed
 
     assert unreviewed("A. Boss") == ("unverified", "unchecked")
@@ -182,7 +226,7 @@ def test_what_nobody_has_confirmed_is_stated_or_refused(registry: Registry) -> N
     assert unreviewed("A. Boss", tolerance=1e-6) == ("outside", "unchecked")
     registry.review("calibrations", calibration.calibration_id, checked_by="A. Boss")
     assert unreviewed("A. Boss") == ("unchecked",)  # it was in use before
-    strict = Issue(["A. Boss"], refuse_unreviewed=True)
+    strict = Issue(["A. Boss"])
     with pytest.raises(RecordError, match="nobody else has checked it"):
         build_record(registry, calibration, strict)
     registry.activate(model_id, operator="A. Boss", reason="checked now")
@@ -262,9 +306,12 @@ def test_a_laboratory_refuses_what_is_not_reviewed(tmp_path: Path) -> None:
     path = tmp_path / "laboratory.toml"
     laboratory = '[laboratory]\nname = "Lab"\ncity = "Ulm"\ncountry = "DE"\n'
     path.write_text(laboratory)
-    assert read_letterhead(path).policy.unreviewed == "state"
-    path.write_text(laboratory + '[policy]\nunreviewed = "refuse"\n')
-    assert read_letterhead(path).policy.unreviewed == "refuse"
+    assert read_letterhead(path).refuses_unreviewed
+    for head in (laboratory, ""):  # the simulated bench needs no laboratory to have a policy
+        path.write_text(head + '[policy]\nunreviewed = "state"\n')
+        assert not read_letterhead(path).refuses_unreviewed
+    path.unlink()
+    assert kept_letterhead(tmp_path).refuses_unreviewed
     path.write_text(laboratory + '[policy]\nunreviewed = "hide"\n')
     with pytest.raises(InputError, match=r"policy\.unreviewed"):
         read_letterhead(path)

@@ -26,7 +26,7 @@ from torquebench.reports.certificate.record import StaticTable
 from torquebench.reports.certificate.static_content import class_words
 
 STAIRCASE = load_profile("staircase")
-ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), languages=LANGUAGES)
+ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), languages=LANGUAGES, refuse_unreviewed=False)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from tests.system.command_line import run
+from tests.system.command_line import laboratory, run
 from tests.unit.station.data_directories import filled_directory
 
 from torquebench.errors import InputError
@@ -30,6 +30,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
         TORQUEBENCH_OPERATOR="Ana",
     )
     assert done.returncode == 0, done.stderr
+    laboratory(data)
     issued = run("certificate", "latest", "--out", folder / "out", "--data", data, cwd=folder)
     assert issued.returncode == 0, issued.stderr
     return data

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
-from torquebench.panel.api.access import Caller, Service, Token, address_of
+from torquebench.panel.api.access import Caller, Service, Token, Watched, address_of
 from torquebench.panel.api.models import (
     ClientBody,
     MadeClient,
@@ -96,6 +96,12 @@ def change_user(service: Service, caller: Caller, name: UserName, body: UserChan
         password=body.password,
         unlock=body.unlock,
     )
+
+
+@router.get("/people")
+def people(service: Watched) -> list[str]:
+    """Return the names of the laboratory's people, one of whom has measured what is entered."""
+    return list(service.laboratory_people())
 
 
 @router.get("/clients")

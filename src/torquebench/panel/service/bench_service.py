@@ -43,6 +43,7 @@ from torquebench.panel.service.records.queries import RecordQueries
 from torquebench.panel.service.records.table_import import TableImport
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import Event, PanelStore
+from torquebench.reports.certificate import kept_letterhead
 from torquebench.station import Station, data_directory
 
 __all__ = ["JOB_KINDS", "BenchService"]
@@ -93,7 +94,9 @@ class BenchService:
         self.settings = SettingsStore(store, base)
         self.people = People(store, later=self._later.submit)
         self.clients = Clients(store)
-        self.tables = TableImport(lambda: self.station.registry, self.settings, self.note)
+        self.tables = TableImport(
+            lambda: self.station.registry, self.settings, self.note, self.laboratory_people
+        )
         self.lease = CommandLease(self.note, self._lives, lambda: self.jobs.busy)
         self.station = self._open_station()
         self._watch()
@@ -323,6 +326,17 @@ class BenchService:
     def log(self, limit: int = 100, before: int | None = None) -> list[Event]:
         """Return what was done, the newest first; `before` is an event's number."""
         return self._store.events(min(max(limit, 1), 1000), before)
+
+    def laboratory_people(self) -> tuple[str, ...]:
+        """Return the laboratory's people: with an account here, or named in its file.
+
+        Raises
+        ------
+        InputError
+            The file can't be used.
+        """
+        named = kept_letterhead(self.station.registry.root).people
+        return tuple(dict.fromkeys((*self.people.names(), *named)))
 
     def _lives(self, actor: Actor) -> bool:
         if actor.kind == "client":

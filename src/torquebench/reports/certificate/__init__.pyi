@@ -27,6 +27,8 @@ from .labels import (
 from .laboratory import (
     LABORATORY_FILE as LABORATORY_FILE,
     Letterhead as Letterhead,
+    kept_letterhead as kept_letterhead,
+    person_among as person_among,
     read_letterhead as read_letterhead,
 )
 from .record import (

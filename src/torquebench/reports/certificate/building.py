@@ -13,16 +13,19 @@ from torquebench.calibration import (
     find_deviations,
     refuse_deviations,
 )
+from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
     CalibrationEntry,
     Equipment,
-    ModelEntry,
     Registry,
+    RunFolder,
+    VerificationEntry,
 )
 from torquebench.reports.certificate.record import (
     CertificateRecord,
+    Conformity,
     DeviationStatement,
     Item,
     Method,
@@ -32,6 +35,7 @@ from torquebench.reports.certificate.record import (
 from torquebench.reports.certificate.results import evaluate_results
 from torquebench.reports.certificate.source import Source, run_data
 from torquebench.reports.certificate.static import static_tables
+from torquebench.uncertainty import Verdict
 
 __all__ = [
     "DEFAULT_TOLERANCE_PERCENT_FS",
@@ -49,7 +53,7 @@ UNREVIEWED = {
     "unverified": "its model isn't verified on fresh points",
     "outside": "its verification is outside the tolerance",
     "unchecked": "nobody else has checked it before it went into use",
-    "self_signed": "who authorises it has measured it",
+    "self_signed": "who authorises it has measured or entered it",
 }
 """What may be missing of a certificate, and how it is said where it is refused."""
 
@@ -87,7 +91,7 @@ class Issue:
     number: str = ""
     issued: date | None = None
     draft: bool = False
-    refuse_unreviewed: bool = False
+    refuse_unreviewed: bool = True
 
 
 def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
@@ -159,16 +163,15 @@ def build_record(
     )
     title, kind = _compensation(source)
     measured_by = calibration.measured_by or source.run.operator
-    verification = _verification(registry, source.model_entry)
+    verification = _verification(registry, source, issue.tolerance_percent_fs)
     unreviewed = _unreviewed(registry, source, calibration, issue, verification)
     if unreviewed and issue.refuse_unreviewed and not issue.draft:
         raise RecordError(
             f"calibration {calibration.calibration_id}: "
             + "; ".join(UNREVIEWED[each] for each in unreviewed),
-            "what the laboratory demands of a certificate: verified within its tolerance on fresh "
-            "points, checked by a second person before it went into use, authorised by somebody "
-            "who didn't measure",
-            "`torquebench verify`, a review and `models activate`, or another --authorised-by",
+            "verified within its tolerance on fresh points, checked by a second person before it "
+            "went into use, authorised by somebody who didn't measure",
+            "verify it, have it checked, put its model into use again, or have somebody else sign",
         )
     earlier = registry.certificates(calibration.calibration_id)
     return CertificateRecord(
@@ -193,7 +196,7 @@ def build_record(
         budget=results.budget,
         budget_step=results.budget_step,
         budget_freedom=results.budget_freedom,
-        conformity=results.conformity,
+        conformity=_worse(results.conformity, verification),
         verification=verification,
         static=static,
         zero_hysteresis=zero_hysteresis,
@@ -221,7 +224,10 @@ def _unreviewed(
 ) -> tuple[str, ...]:
     """Return what a second person or fresh points haven't confirmed, as keys of `UNREVIEWED`."""
     found = []
-    measured_by = (calibration.measured_by or source.run.operator).strip().casefold()
+    # Whoever enters a table answers for it as much as who has measured it.
+    entered_by = str(source.folder.metadata.get("entered_by") or "")
+    doers = (calibration.measured_by, source.run.operator, entered_by)
+    measured = {name.strip().casefold() for name in doers if name.strip()}
     model, tolerance = source.model_entry, issue.tolerance_percent_fs
     if model is not None and verification is None:
         found.append("unverified")
@@ -231,13 +237,13 @@ def _unreviewed(
     reviews = [
         each.checked
         for each in registry.reviews("calibrations", calibration.calibration_id)
-        if each.accepted and each.checked_by.strip().casefold() != measured_by
+        if each.accepted and each.checked_by.strip().casefold() not in measured
     ]
     used = [] if model is None else registry.activations(calibration.transducer_serial)
     begun = [each.activated for each in used if model and each.model_id == model.model_id]
     if not reviews or (begun and min(reviews) > max(begun)):
         found.append("unchecked")
-    if any(name.strip().casefold() == measured_by for name in issue.authorised_by):
+    if any(name.strip().casefold() in measured for name in issue.authorised_by):
         found.append("self_signed")
     return tuple(found)
 
@@ -320,8 +326,60 @@ def _item(registry: Registry, source: Source, calibration: CalibrationEntry) -> 
     )
 
 
-def _verification(registry: Registry, entry: ModelEntry | None) -> VerificationSummary | None:
+def _worse(steps: Conformity | None, verification: VerificationSummary | None) -> Conformity | None:
+    """Return the worse verdict: of the calibration's steps, or of the verification's points."""
+    fresh = None if verification is None else verification.conformity
+    if steps is None or fresh is None:
+        return steps
+    return max((fresh, steps), key=lambda each: each.verdict.severity)
+
+
+def _judged_points(
+    registry: Registry,
+    source: Source,
+    latest: VerificationEntry,
+    tolerance_percent_fs: float | None,
+) -> Conformity | None:
+    """Judge the verification's own points as the verification itself does."""
+    if tolerance_percent_fs is None or latest.run_id is None:
+        return None
+    folder = RunFolder.open(registry.run(latest.run_id).folder)
+    data = run_data(folder)
+    if data.sha256() != latest.data_sha256:
+        raise RecordError(
+            f"the points of verification {latest.run_id} were changed",
+            "the points as they were registered",
+            "restore them from a backup, or verify again",
+        )
+    standard = folder.metadata["bench"]["verification_standard"]
+    torque, expanded, decisions = judge_check(
+        data,
+        source.chain,
+        standard_uncertainty_percent=float(standard["expanded_uncertainty_percent"]),
+        tolerance_percent_fs=tolerance_percent_fs,
+    )
+    error = torque - data.standard_nm
+    deciding = max(
+        range(len(decisions)),
+        key=lambda place: (decisions[place].verdict.severity, abs(error[place]) + expanded[place]),
+    )
+    found = [decision.verdict for decision in decisions]
+    return Conformity(
+        tolerance_percent_fs=tolerance_percent_fs,
+        verdict=found[deciding],
+        worst_error_nm=float(error[deciding]),
+        expanded_nm=float(expanded[deciding]),
+        at_nm=float(data.standard_nm[deciding]),
+        counts={verdict.value: found.count(verdict) for verdict in Verdict if verdict},
+        fresh=True,
+    )
+
+
+def _verification(
+    registry: Registry, source: Source, tolerance_percent_fs: float | None
+) -> VerificationSummary | None:
     """Return what the latest verification of the model found."""
+    entry = source.model_entry
     found = [] if entry is None else registry.verifications(entry.model_id)
     if not found:
         return None
@@ -340,6 +398,7 @@ def _verification(registry: Registry, entry: ModelEntry | None) -> VerificationS
         # Averaged errors of a simulated bench refer to the true torque, which no standard shows.
         averaged_after_nm=None if averaged is None or truth else float(averaged["worst_nm"]),
         data_sha256=latest.data_sha256,
+        conformity=_judged_points(registry, source, latest, tolerance_percent_fs),
     )
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
     CertificateRecord,
+    Conformity,
     DeviationStatement,
     Party,
     ResultRow,
@@ -163,9 +164,6 @@ def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str] | No
     found = record.conformity
     if found is None:
         return None
-    error, expanded = words.pair(found.worst_error_nm, found.expanded_nm)
-    counted = [f"{words[verdict]} {count}" for verdict, count in found.counts.items() if count]
-    mark = "，" if words.language == "zh" else ", "
     return {
         "title": words["conformity"],
         "verdict": words[found.verdict.value],
@@ -173,12 +171,23 @@ def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str] | No
             tolerance=words.short(found.tolerance_percent_fs),
             limit=words.short(found.tolerance_percent_fs / 100.0 * record.item.range_nm),
         ),
-        "decides": words["conformity_decides"].format(
-            torque=words.short(found.at_nm), error=error, expanded=expanded
-        ),
-        "counts": mark.join(counted) + ("。" if words.language == "zh" else "."),
+        "decides": _deciding(found, words),
+        "counts": _counts(found, words),
         "rule": words["rule"],
     }
+
+
+def _deciding(found: Conformity, words: Labels) -> str:
+    error, expanded = words.pair(found.worst_error_nm, found.expanded_nm)
+    return words["conformity_decides_fresh" if found.fresh else "conformity_decides"].format(
+        torque=words.short(found.at_nm), error=error, expanded=expanded
+    )
+
+
+def _counts(found: Conformity, words: Labels) -> str:
+    counted = [f"{words[verdict]} {count}" for verdict, count in found.counts.items() if count]
+    mark = "，" if words.language == "zh" else ", "
+    return mark.join(counted) + ("。" if words.language == "zh" else ".")
 
 
 def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
@@ -215,10 +224,13 @@ def _verification_text(record: CertificateRecord, words: Labels) -> str:
         before=words.short(found.worst_before_nm, 2),
         after=words.short(found.worst_after_nm, 2),
     )
-    if found.averaged_after_nm is None:
-        return text
-    averaged = words.short(found.averaged_after_nm, 2)
-    return f"{text} {words['verification_averaged'].format(averaged=averaged)}"
+    if found.averaged_after_nm is not None:
+        averaged = words.short(found.averaged_after_nm, 2)
+        text = f"{text} {words['verification_averaged'].format(averaged=averaged)}"
+    judged = found.conformity
+    if judged is not None:
+        text = f"{text} {_deciding(judged, words)} {_counts(judged, words)}"
+    return text
 
 
 def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:

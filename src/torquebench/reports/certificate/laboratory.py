@@ -1,7 +1,8 @@
 """Who issues certificates and for whom: a small TOML file."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -9,7 +10,7 @@ from torquebench.errors import InputError
 from torquebench.reports.certificate.record import Party
 from torquebench.validation import parse_toml, validated
 
-__all__ = ["LABORATORY_FILE", "Letterhead", "read_letterhead"]
+__all__ = ["LABORATORY_FILE", "Letterhead", "kept_letterhead", "person_among", "read_letterhead"]
 
 LABORATORY_FILE = "laboratory.toml"
 """Where a data directory keeps it."""
@@ -28,32 +29,84 @@ class _Party(BaseModel):
     email: str = ""
 
     def party(self) -> Party:
-        return Party(**self.model_dump())
+        return Party(**self.model_dump(exclude={"people"}))
+
+
+class _Laboratory(_Party):
+    people: tuple[Annotated[str, Field(min_length=1)], ...] = ()
 
 
 class _Policy(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    unreviewed: Literal["state", "refuse"] = "state"
+    unreviewed: Literal["state", "refuse"] = "refuse"
 
 
 class Letterhead(BaseModel):
     """The laboratory that issues, and the customer; the laboratory itself where none is given.
 
-    `policy.unreviewed` is what becomes of a certificate that nobody has reviewed: every page
-    states it, or it is refused.
+    `laboratory.people` are those who measure, check and sign there. `policy.unreviewed` is what
+    becomes of a certificate that nobody has reviewed: it is refused, or every page states it. The
+    simulated bench needs no laboratory, but may have a policy.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    laboratory: _Party
+    laboratory: _Laboratory | None = None
     customer: _Party | None = None
     policy: _Policy = _Policy()
 
     @property
     def parties(self) -> tuple[Party, Party]:
-        """Laboratory and customer."""
-        return self.laboratory.party(), (self.customer or self.laboratory).party()
+        """Laboratory and customer; both empty where there is no laboratory."""
+        laboratory = Party() if self.laboratory is None else self.laboratory.party()
+        return laboratory, laboratory if self.customer is None else self.customer.party()
+
+    @property
+    def people(self) -> tuple[str, ...]:
+        """The people of the laboratory."""
+        return () if self.laboratory is None else self.laboratory.people
+
+    @property
+    def refuses_unreviewed(self) -> bool:
+        """Whether there is no certificate that nobody has reviewed."""
+        return self.policy.unreviewed == "refuse"
+
+
+def kept_letterhead(root: Path) -> Letterhead:
+    """Return what a data directory says of its laboratory; the strict default without a file.
+
+    Raises
+    ------
+    InputError
+        The file can't be used; with its key.
+    """
+    path = root / LABORATORY_FILE
+    return read_letterhead(path) if path.is_file() else Letterhead()
+
+
+def person_among(name: str, people: Iterable[str], what: str = "measured by") -> str:
+    """Return the person of the laboratory who is meant, as the laboratory writes the name.
+
+    Raises
+    ------
+    InputError
+        Nobody there is called that.
+
+    Examples
+    --------
+    >>> person_among(" a. kim", ["A. Kim", "B. Li"])
+    'A. Kim'
+    """
+    known = list(dict.fromkeys(people))
+    for each in known:
+        if each.strip().casefold() == name.strip().casefold():
+            return each
+    raise InputError(
+        f"{what} {name.strip()[:80]!r}, who is nobody of the laboratory",
+        "one of " + ", ".join(known) if known else "a person of the laboratory",
+        f'name them in {LABORATORY_FILE}: people = ["A. Kim", …] under [laboratory]',
+    )
 
 
 def read_letterhead(path: Path) -> Letterhead:
@@ -63,8 +116,8 @@ def read_letterhead(path: Path) -> Letterhead:
     ----------
     path : pathlib.Path
         A TOML file with the table ``[laboratory]`` (name, street, post_code, city, country,
-        email), where the customer is somebody else ``[customer]``, and where wanted ``[policy]``
-        with ``unreviewed = "refuse"``.
+        email, people), where the customer is somebody else ``[customer]``, and where wanted
+        ``[policy]`` with ``unreviewed = "state"``.
 
     Raises
     ------

@@ -208,6 +208,33 @@ class BudgetRow:
 
 
 @dataclass(frozen=True)
+class Conformity:
+    """The statement of conformity with what it rests on.
+
+    Parameters
+    ----------
+    tolerance_percent_fs : float
+        Largest allowed |error| in % of full scale.
+    verdict : str
+        The worst of all steps, or of all points of the verification.
+    worst_error_nm, expanded_nm, at_nm : float
+        Error, its expanded uncertainty and the torque of the step or point that decides.
+    counts : mapping of str to int
+        Number of steps or points by verdict.
+    fresh : bool
+        Whether it rests on the verification's points.
+    """
+
+    tolerance_percent_fs: float
+    verdict: Verdict
+    worst_error_nm: float
+    expanded_nm: float
+    at_nm: float
+    counts: Mapping[str, int]
+    fresh: bool = False
+
+
+@dataclass(frozen=True)
 class VerificationSummary:
     """What a verification at fresh points found, against the verification standard.
 
@@ -217,6 +244,8 @@ class VerificationSummary:
         Largest |error| of single readings in N·m.
     averaged_after_nm : float or None
         Largest |error| averaged over the groups.
+    conformity : Conformity or None
+        How its own points are judged; None where nothing is judged, or no run holds them.
     """
 
     performed: date
@@ -226,30 +255,7 @@ class VerificationSummary:
     worst_after_nm: float
     averaged_after_nm: float | None
     data_sha256: str
-
-
-@dataclass(frozen=True)
-class Conformity:
-    """The statement of conformity with what it rests on.
-
-    Parameters
-    ----------
-    tolerance_percent_fs : float
-        Largest allowed |error| in % of full scale.
-    verdict : str
-        The worst of all steps.
-    worst_error_nm, expanded_nm, at_nm : float
-        Error, its expanded uncertainty and the torque of the step that decides.
-    counts : mapping of str to int
-        Number of steps by verdict.
-    """
-
-    tolerance_percent_fs: float
-    verdict: Verdict
-    worst_error_nm: float
-    expanded_nm: float
-    at_nm: float
-    counts: Mapping[str, int]
+    conformity: Conformity | None = None
 
 
 @dataclass(frozen=True)

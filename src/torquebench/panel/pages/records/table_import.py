@@ -104,7 +104,11 @@ class TableEntry:
                 words("h3", text("elsewhere.circumstances"))
                 with box("div", "columns"):
                     for name in (*NEEDED, *OPTIONAL):
-                        self._field(name, maxlength="120", autocomplete="off")
+                        if name == "measured_by":
+                            people = self._visitor.service.laboratory_people()
+                            self._field(name, people[0], options={each: each for each in people})
+                        else:
+                            self._field(name, maxlength="120", autocomplete="off")
                 with box("div", "line"):
                     button(text("elsewhere.enter"), self._enter, "primary", picture="save")
             self._rest.set_visibility(False)

@@ -224,6 +224,12 @@ class People:
         """
         return _user(self._known(name))
 
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all people with an active account."""
+        with self._store.transaction(reading=True) as connection:
+            query = select(users.c.name).where(users.c.active).order_by(users.c.name)
+            return tuple(connection.scalars(query))
+
     def change_user(
         self,
         actor: Actor,

@@ -26,11 +26,10 @@ from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import rehearse, zero_modules
 from torquebench.procedures import verify as verify_plan
 from torquebench.reports.certificate import (
-    LABORATORY_FILE,
     Issue,
     build_record,
     issue_certificate,
-    read_letterhead,
+    kept_letterhead,
 )
 from torquebench.station import Progress
 
@@ -147,22 +146,16 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
     registry, job = context.station.registry, context.job
     job.start("Issuing the certificate", 1)
     calibration = registry.patiently(lambda: registry.calibration(request.calibration_id))
-    kept = registry.root / LABORATORY_FILE
-    parties: dict[str, Any] = {}
-    if kept.is_file():
-        letterhead = read_letterhead(kept)
-        laboratory, customer = letterhead.parties
-        parties = {
-            "laboratory": laboratory,
-            "customer": customer,
-            "refuse_unreviewed": letterhead.policy.unreviewed == "refuse",
-        }
+    letterhead = kept_letterhead(registry.root)
+    laboratory, customer = letterhead.parties
     issue = Issue(
         [context.actor.name],
         languages=request.languages,
         tolerance_percent_fs=request.tolerance_percent_fs,
         number=request.number,
-        **parties,
+        laboratory=laboratory,
+        customer=customer,
+        refuse_unreviewed=letterhead.refuses_unreviewed,
     )
     record = registry.patiently(lambda: build_record(registry, calibration, issue))
     issued = issue_certificate(registry, record)

@@ -7,7 +7,7 @@ name that it goes by, is ever taken for a path.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -34,6 +34,7 @@ from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
+from torquebench.reports.certificate import person_among
 from torquebench.validation import validated
 
 __all__ = [
@@ -92,7 +93,7 @@ class EnterTableRequest(TableRequest):
     called: Needed = Field(default="table.csv", description="What records call the table.")
     transducer_serial: Needed
     indicator: Needed = Field(description="Counter or amplifier that it was read with.")
-    measured_by: Needed
+    measured_by: Needed = Field(description="A person of the laboratory; see `GET /people`.")
     reference_serial: Needed
     manufacturer: Words = ""
     transducer_model: Words = ""
@@ -205,6 +206,8 @@ class TableImport:
         Names the profiles.
     note : callable
         Called with an actor, what was done, and details.
+    people : callable
+        Returns the names of the laboratory's people: one of them has measured.
     """
 
     def __init__(
@@ -212,8 +215,10 @@ class TableImport:
         registry: Callable[[], Registry],
         settings: SettingsStore,
         note: Callable[..., None],
+        people: Callable[[], Iterable[str]],
     ) -> None:
         self._registry = registry
+        self._people = people
         self._settings = settings
         self._note = note
 
@@ -262,6 +267,8 @@ class TableImport:
         """
         require(actor, "metrologist")
         asked = _validated(EnterTableRequest, request)
+        measured_by = person_among(asked.measured_by, self._people())
+        asked = asked.model_copy(update={"measured_by": measured_by})
         read, profile = self._points(asked, asked.transducer_serial, asked.indicator)
         points = assign_nominal(read, profile)
         with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
