@@ -1,8 +1,9 @@
 """Latency of the live path, block by block: ``python -m benchmarks.live_path [--quick]``.
 
 Eight channels of one core: a block of 10 ms of 60 kHz edges with 5 ns of jitter becomes frequency,
-torque, compensated torque with its standard uncertainty (compiled table), and is checked by the
-supervisor; then the journal takes it, with every edge, and a viewer that nobody empties. Every
+torque, compensated torque with the uncertainty of a chain that has all effects: hysteresis,
+temperature, rotation, running-in, inertia by the encoder's acceleration, dynamics. It is checked by
+the supervisor; then the journal takes it, with every edge, and a viewer that nobody empties. Every
 part is the one that a bench runs, with the priority that the system grants acquisition. Exits with
 1 where more than 1 % of the blocks take more than 2 ms.
 """
@@ -17,13 +18,17 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from benchmarks.rotating import fitted_chain
+from benchmarks.rotating_chains import make_rotating_chain
 from benchmarks.safety import other_programs
-from torquebench.bench.active_chain import ActiveChain, StreamReadings
+from torquebench.bench.acceleration import EncoderAcceleration
+from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.channels import Channel
 from torquebench.bench.clock import BenchClock
@@ -34,7 +39,7 @@ from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
 from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
 from torquebench.bench.state import CommandState
-from torquebench.chain import MeasuringChain
+from torquebench.chain import Dynamics, Effect, MeasuringChain, Mounting, effect_from
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model
 from torquebench.records import RunFolder
 from torquebench.signals import EdgeBlock, FrequencyCounter
@@ -79,6 +84,39 @@ def edge_blocks(duration_s: float) -> Iterator[dict[str, EdgeBlock]]:
         yield blocks
 
 
+def turning_effects() -> tuple[Effect, ...]:
+    """Identify what temperature, rotation and acceleration add to a synthetic chain that turns."""
+    chain = make_rotating_chain("running-in", 1)
+    found = fitted_chain(chain).stored
+    part = FULL_SCALE_NM / chain.range_nm
+    return tuple(_scaled(each, part) for each in found)
+
+
+def _scaled(effect: Effect, part: float) -> Effect:
+    """Return an effect for another range: everything in N·m grows with it."""
+    values = effect.specification()
+    kind = values.pop("kind")
+    scaled = {
+        name: _times(value, part) if "_nm" in name and value else value
+        for name, value in values.items()
+    }
+    return effect_from({"kind": kind, **scaled})
+
+
+def _times(value: Any, part: float) -> Any:
+    return [_times(each, part) for each in value] if isinstance(value, tuple) else part * value
+
+
+def all_effects(description: BenchDescription) -> tuple[Effect, ...]:
+    """Return every effect that a chain of the bench may have."""
+    return (
+        *chain_effects(description, "output", 23.0),
+        *turning_effects(),
+        Mounting("three positions", 0.01),
+        Dynamics("steps", BLOCK_S, late_s=1e-3),
+    )
+
+
 def fitted_model() -> CompensationModel:
     """Fit the recommended model to a chain with hysteresis."""
     draw = np.random.default_rng(2)
@@ -98,8 +136,12 @@ class LivePath:
         commands = CommandState()
         self.supervisor = SafetySupervisor(description, drivers, BenchClock(fast=True), commands)
         transducer = description.output.transducer
-        chain = MeasuringChain(fitted_model(), chain_effects(description, "output", 23.0))
+        chain = MeasuringChain(fitted_model(), all_effects(description))
         self.chains = {name: ActiveChain(chain, "1", RECOMMENDED) for name in NAMES}
+        for each in self.chains.values():
+            each.warm_up()
+            each.zero = ZeroTaken(0.0, 23.0)
+        self.shafts = {name: EncoderAcceleration() for name in NAMES}
         self.channels: dict[str, Channel] = {}
         for name in NAMES:
             counter = FrequencyCounter("regression", BLOCK_S, TIMEBASE_HZ, edge_jitter_s=JITTER_S)
@@ -111,15 +153,22 @@ class LivePath:
     def push(self, edges: dict[str, EdgeBlock]) -> AcquiredBlock:
         """Turn edges into a checked block."""
         samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
+        start_s = self.index * BLOCK_S
+        time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
+        rpm = 600.0 * np.sin(0.5 * time_s)
+        counts = np.round(360_000 / 60.0 * 1200.0 * (1.0 - np.cos(0.5 * time_s)))
+        angles = AngleSamples(time_s, counts.astype(np.int64), 360_000)
         compensated = {
             name: self.chains[name].push(
-                StreamReadings(each.time_s, each.torque_nm, each.counter_nm, 0.0, 23.0)
+                StreamReadings.joined(
+                    [(each.time_s, each.torque_nm, each.counter_nm)],
+                    [float(rpm.mean())],
+                    [23.0 + 5.0 * float(np.sin(0.1 * start_s))],
+                    [self.shafts[name](time_s, counts, 360_000)],
+                )
             )
             for name, each in samples.items()
         }
-        start_s = self.index * BLOCK_S
-        time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
-        angles = AngleSamples(time_s, np.arange(10, dtype=np.int64), 360_000)
         block = AcquiredBlock(
             index=self.index,
             start_s=start_s,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.acceleration import Acceleration
 from torquebench.chain import ChainStream, MeasuringChain, Readings, Timebase, Torque, joined
 
 __all__ = ["ActiveChain", "StreamPart", "StreamReadings", "TimedTorque", "ZeroTaken"]
@@ -51,6 +52,8 @@ class StreamReadings:
         Over a window's block; NaN where it isn't measured.
     until_s : float64 array of shape (n,), float or None
         Centre of the last window of a window's block; of all where not given.
+    acceleration_rad_s2, acceleration_uncertainty_rad_s2 : float64 array of shape (n,) or float
+        Over a window's block; NaN where it isn't measured.
     """
 
     time_s: NDArray[np.float64]
@@ -59,15 +62,21 @@ class StreamReadings:
     speed_rpm: NDArray[np.float64] | float = np.nan
     temperature_c: NDArray[np.float64] | float = np.nan
     until_s: NDArray[np.float64] | float | None = None
+    acceleration_rad_s2: NDArray[np.float64] | float = np.nan
+    acceleration_uncertainty_rad_s2: NDArray[np.float64] | float = np.nan
 
     @classmethod
     def joined(
-        cls, parts: Sequence[StreamPart], speed_rpm: Sequence[float], temperature_c: Sequence[float]
+        cls,
+        parts: Sequence[StreamPart],
+        speed_rpm: Sequence[float],
+        temperature_c: Sequence[float],
+        accelerations: Sequence[Acceleration],
     ) -> StreamReadings:
-        """Join blocks, each with its speed and temperature."""
+        """Join blocks, each with its speed, temperature and acceleration."""
         until_s = [float(time_s[-1]) if time_s.size else np.nan for time_s, _, _ in parts]
         if len(parts) == 1:
-            return cls(*parts[0], speed_rpm[0], temperature_c[0], until_s[0])
+            return cls(*parts[0], speed_rpm[0], temperature_c[0], until_s[0], *accelerations[0])
         counts = [time_s.size for time_s, _, _ in parts]
         counted = [counter_nm for _, _, counter_nm in parts if counter_nm is not None]
         return cls(
@@ -77,6 +86,7 @@ class StreamReadings:
             np.repeat(speed_rpm, counts),
             np.repeat(temperature_c, counts),
             np.repeat(until_s, counts),
+            *(np.repeat(column, counts) for column in zip(*accelerations, strict=True)),
         )
 
 
@@ -154,10 +164,13 @@ class ActiveChain:
             counter_nm=readings.counter_nm,
             time_s=readings.time_s,
             speed_rpm=readings.speed_rpm,
+            acceleration_rad_s2=readings.acceleration_rad_s2,
+            acceleration_uncertainty_rad_s2=readings.acceleration_uncertainty_rad_s2,
             temperature_c=readings.temperature_c,
             zero_age_h=age_h,
             zero_temperature_c=None if zero is None else zero.temperature_c,
             calibration_age_h=self._calibration_age_h,
+            of_bench=True,
         )
 
     def window(self, start_s: float, stop_s: float) -> TimedTorque | None:

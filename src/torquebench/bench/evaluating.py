@@ -7,6 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from torquebench.bench.acceleration import (
+    LEAST_SPAN_S,
+    UNKNOWN,
+    Acceleration,
+    EncoderAcceleration,
+)
 from torquebench.bench.active_chain import ActiveChain, StreamPart, StreamReadings
 from torquebench.bench.channels import Channel
 from torquebench.bench.description import BenchDescription
@@ -48,6 +54,7 @@ class BlockEvaluator:
         self._drivers = drivers
         rows = round(KEPT_S * ANGLE_RATE_HZ)
         self.angles = {side: SampleRing(columns=1, capacity=rows) for side in SIDES}
+        self._accelerations = {side: EncoderAcceleration() for side in SIDES}
 
     def block(self, index: int, raw: CounterBlock, channels: Sequence[Channel]) -> AcquiredBlock:
         """Return what a block of edges states, compensation aside.
@@ -80,11 +87,13 @@ class BlockEvaluator:
             if channel.fine_samples is not None:
                 fine[name] = channel.fine_samples
         speeds: dict[Side, float] = {}
+        accelerations: dict[Side, Acceleration] = {}
         for side, angle in raw.angles.items():
             self._check_encoder(side, angle)
             self.angles[side].append(angle.time_s, angle.counts)
             if angle.time_s.size >= 2:  # else the encoder is silent, which is no standstill
                 speeds[side] = mean_speed(angle.time_s, angle.counts, angle.counts_per_revolution)
+            accelerations[side] = self._acceleration(side, angle)
         return AcquiredBlock(
             index=index,
             start_s=raw.start_s,
@@ -95,7 +104,16 @@ class BlockEvaluator:
             temperatures=dict(self._drivers.temperature.temperatures()),
             edges=raw.edges,
             fine=fine,
+            accelerations=accelerations,
         )
+
+    def _acceleration(self, side: Side, angle: AngleSamples) -> Acceleration:
+        time_s, counts = angle.time_s, np.asarray(angle.counts, dtype=np.float64)
+        if time_s.size and time_s[-1] - time_s[0] < LEAST_SPAN_S:
+            time_s, counts = self.angles[side].window(
+                time_s[-1] - LEAST_SPAN_S, np.nextafter(time_s[-1], np.inf)
+            )
+        return self._accelerations[side](time_s, counts, angle.counts_per_revolution)
 
     def stretch(
         self, blocks: Sequence[AcquiredBlock], compensations: Mapping[Side, ActiveChain]
@@ -117,8 +135,10 @@ class BlockEvaluator:
         speed_rpm = [block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S for block in blocks]
         temperature_c = [block.temperatures.get(probe, np.nan) for block in blocks]
 
+        accelerations = [block.accelerations.get(side, UNKNOWN) for block in blocks]
+
         def readings(parts: Sequence[StreamPart]) -> StreamReadings:
-            return StreamReadings.joined(parts, speed_rpm, temperature_c)
+            return StreamReadings.joined(parts, speed_rpm, temperature_c, accelerations)
 
         if name not in blocks[0].fine:
             active.end_fine()

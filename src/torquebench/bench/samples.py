@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.acceleration import Acceleration
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import Side, torque_channel
 from torquebench.chain import Torque
@@ -86,6 +87,8 @@ class AcquiredBlock:
         The raw edges.
     fine : mapping of channel name to TorqueSamples
         Shorter windows of the channels that somebody has counted finely.
+    accelerations : mapping of side to Acceleration
+        Over the block; a side is missing as long as its encoder tells too little.
     compensated : mapping of side to Torque
         Only sides with an active measuring chain: torque and uncertainty of the windows of its
         channel, NaN where the reading has a fault or lies outside the calibrated range. Empty as
@@ -101,6 +104,7 @@ class AcquiredBlock:
     temperatures: Mapping[str, float]
     edges: Mapping[str, EdgeBlock]
     fine: Mapping[str, TorqueSamples] = field(default_factory=dict)
+    accelerations: Mapping[Side, Acceleration] = field(default_factory=dict)
     compensated: Mapping[Side, Torque] = field(default_factory=dict)
 
     def follows(self, before: AcquiredBlock) -> bool:

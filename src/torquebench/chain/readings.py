@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FloatArray", "Known", "Readings", "known_or"]
+__all__ = ["FloatArray", "Known", "Readings", "known_or", "row_of"]
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
@@ -40,6 +40,8 @@ class Readings:
         Standard uncertainty of that zero, N·m.
     calibration_age_h : float or None
         Time since the calibration.
+    of_bench : bool
+        Whether `time_s` counts from the opening of the bench: it then tells nothing of running-in.
     loadings : float
         How many separate loadings each reading is the mean of.
     """
@@ -57,6 +59,7 @@ class Readings:
     zero_nm: Known = None
     calibration_age_h: float | None = None
     loadings: float = 1.0
+    of_bench: bool = False
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)
@@ -72,4 +75,19 @@ def known_or(value: Known, otherwise: float) -> FloatArray:
     """
     if value is None:
         return np.asarray(otherwise)
+    if isinstance(value, float):  # of the live stream
+        return np.asarray(otherwise if value != value else value)
     return np.where(np.isnan(value), otherwise, value)
+
+
+def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
+    """Return a quantity for each of so many readings, with another number where it isn't measured.
+
+    Examples
+    --------
+    >>> row_of(None, 2).tolist(), row_of(np.array([1.0, np.nan]), 2, 5.0).tolist()
+    ([nan, nan], [1.0, 5.0])
+    """
+    if isinstance(value, np.ndarray) and value.shape == (count,):
+        return value if np.isnan(otherwise) else known_or(value, otherwise)
+    return np.full(count, otherwise if value is None or np.isnan(value) else value)

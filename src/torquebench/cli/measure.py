@@ -136,18 +136,23 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
 
 
 def measured_line(station: Station, blocks: list[AcquiredBlock]) -> str:
-    """Return one line of at most 80 columns about an interval."""
+    """Return one line of at most 80 columns about an interval; speed and its rate of the input."""
+    from torquebench.bench.acceleration import UNKNOWN
+
     newest = blocks[-1]
-    rpm = newest.speed_rad_s["input"] * RPM_PER_RAD_S
+    rpm = newest.speed_rad_s.get("input", float("nan")) * RPM_PER_RAD_S
+    rate = newest.accelerations.get("input", UNKNOWN).rad_s2 * RPM_PER_RAD_S
     temperature = newest.temperatures[station.description.input.temperature_probe]
     return (
-        f"{newest.stop_s:6.1f} s  in {_torque('input', blocks)}  out {_torque('output', blocks)}"
-        f" N·m  {rpm:7.1f} rpm  {temperature:.1f} °C"
+        f"{newest.stop_s:6.1f} s in {_torque('input', blocks)} out {_torque('output', blocks)}"
+        f" N·m {rpm:7.1f} rpm {rate:+5.0f}/s {temperature:.1f} °C"
     )
 
 
 def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
     """Return mean torque ± U (k = 2), with what it is: compensated, raw or a fault."""
+    whole, decimals = (7, 3) if side == "input" else (8, 2)
+    width = whole + 3 + decimals + (2 if side == "input" else 3)
     import numpy as np
 
     from torquebench.bench.drivers.base import torque_channel
@@ -156,12 +161,13 @@ def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
     samples = [block.channels[torque_channel(side)] for block in blocks]
     fault = next((each.fault_kind for each in samples if each.fault.any()), None)
     if fault is not None:
-        return f"{fault.name.lower().replace('_', ' '):>17}"
+        return f"{fault.name.lower().replace('_', ' '):>{width}.{width}}"
     compensated = [block.compensated[side] for block in blocks if side in block.compensated]
     if len(compensated) == len(blocks):
         mean = joined(compensated).mean()
         if not np.all(np.isfinite(mean.value_nm)):
-            return f"{'beyond range':>17}"
-        return f"{mean.value_nm[0]:9.3f} ± {mean.expanded_uncertainty_nm[0]:5.3f}"
+            return f"{'beyond range':>{width}}"
+        value, expanded = mean.value_nm[0], mean.expanded_uncertainty_nm[0]
+        return f"{value:{whole}.{decimals}f} ± {expanded:5.{decimals}f}"
     torque = np.concatenate([each.torque_nm for each in samples])
-    return f"{np.mean(torque):9.3f} raw    "
+    return f"{np.mean(torque):{whole}.{decimals}f} raw".ljust(width)

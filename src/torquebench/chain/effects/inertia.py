@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import FloatArray, Readings, known_or, row_of
 from torquebench.chain.torque import Component, Shared
 
 __all__ = ["Inertia"]
@@ -39,9 +39,7 @@ class Inertia(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the inertia's torque at the acceleration of each reading."""
-        acceleration = np.broadcast_to(
-            known_or(readings.acceleration_rad_s2, np.nan), torque_nm.shape
-        )
+        acceleration = row_of(readings.acceleration_rad_s2, torque_nm.size)
         known = ~np.isnan(acceleration)
         now = np.where(known, acceleration, 0.0)
         of_acceleration = np.where(

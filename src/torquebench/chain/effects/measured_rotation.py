@@ -10,19 +10,18 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.chain._kernels import rotation
 from torquebench.chain.effect import Effect, Refusal, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import (
     Numbers,
-    Place,
     Table,
     between,
     bilinear,
-    linear,
     located,
     numbers,
 )
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import FloatArray, Readings, known_or, row_of
 from torquebench.chain.torque import Component, Shared
 
 __all__ = ["MeasuredRotation"]
@@ -106,33 +105,60 @@ class MeasuredRotation(Effect):
         return cls(**{name: plain(value) for name, value in values.items()})
 
     @cached_property
-    def _tables(self) -> tuple[FloatArray, ...]:
-        return tuple(
-            np.array(each)
-            for each in (
-                self.even_nm,
-                self.even_uncertainty_nm,
-                self.odd_nm,
-                self.odd_uncertainty_nm,
-            )
-        )
+    def _tables(self) -> FloatArray:
+        return np.array([self.even_nm, self.even_uncertainty_nm, self.odd_nm,
+                         self.odd_uncertainty_nm])  # fmt: skip
 
     @cached_property
-    def _columns(self) -> tuple[FloatArray, ...]:
+    def _columns(self) -> FloatArray:
         nothing = np.zeros(len(self.speeds_rpm))
-        return tuple(
-            np.array(each) if each else nothing
-            for each in (
-                self.span,
-                self.span_uncertainty,
-                self.running_in_nm,
-                self.running_in_uncertainty_nm,
-            )
+        return np.array(
+            [
+                each or nothing
+                for each in (
+                    self.span,
+                    self.span_uncertainty,
+                    self.running_in_nm,
+                    self.running_in_uncertainty_nm,
+                )
+            ]
         )
 
     @cached_property
-    def _loads(self) -> tuple[FloatArray, FloatArray]:
-        return np.array(self.load_nm), np.array(self.load_uncertainty_nm)
+    def _loads(self) -> FloatArray:
+        shape = (2, len(self.speeds_rpm), len(self.load_at_nm))
+        return np.array(
+            [self.load_nm, self.load_uncertainty_nm] if self.load_at_nm else []
+        ).reshape(shape)
+
+    @cached_property
+    def _blind(self) -> FloatArray:
+        """Tables without a temperature: at the calibration's, u over all measured ones."""
+        nodes = self._nodes[1]
+        rows = np.arange(float(len(self.speeds_rpm)))
+        around = np.array(
+            [
+                [bilinear(table, located(rows, rows), located(nodes, np.full(rows.size, celsius)))
+                 for table in self._tables]
+                for celsius in (self.calibrated_c, *between(nodes, self.low_c, self.high_c))
+            ]
+        )  # fmt: skip
+        found, spread = around[0], np.max(np.abs(around - around[0]), axis=0) / np.sqrt(3.0)
+        found[1], found[3] = np.hypot(found[1], spread[0]), np.hypot(found[3], spread[2])
+        return np.asarray(found)
+
+    @cached_property
+    def _nodes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return np.array(self.speeds_rpm), np.array(self.at_c), np.array(self.load_at_nm)
+
+    @cached_property
+    def _unknown(self) -> tuple[float, float]:
+        """What an unknown speed makes of zero and drag, N·m: rectangular."""
+        even, even_u, odd, odd_u = self._tables
+        return (
+            float(np.max(np.hypot(even / np.sqrt(3.0), even_u))),
+            float(np.max(np.hypot(odd / np.sqrt(3.0), odd_u))),
+        )
 
     @cached_property
     def _limits_rpm(self) -> tuple[float, float]:
@@ -144,14 +170,13 @@ class MeasuredRotation(Effect):
 
     def outside(self, readings: Readings) -> Refusal | None:
         """Return which speeds and temperatures the tables don't reach."""
-        shape = readings.reading_nm.shape
-        speed = np.broadcast_to(known_or(readings.speed_rpm, np.nan), shape)
+        speed = row_of(readings.speed_rpm, readings.reading_nm.size)
         low, high = self._limits_rpm
         rows = (speed < low) | (speed > high)
         if rows.any():
             allowed = f"{low:.4g} to {high:.4g} 1/min"
             return Refusal(rows, f"speed {speed[rows][0]:.4g} 1/min", allowed)
-        now = np.broadcast_to(known_or(readings.temperature_c, np.nan), shape)
+        now = row_of(readings.temperature_c, readings.reading_nm.size)
         rows = self._refused(speed, now)
         if not rows.any():
             return None
@@ -160,91 +185,38 @@ class MeasuredRotation(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return what turning adds at the speed, temperature, load and time of each reading."""
-        even, even_u, odd, odd_u = self._tables
-        span, span_u, running, running_u = self._columns
-        shape = torque_nm.shape
-        speed = np.broadcast_to(known_or(readings.speed_rpm, np.nan), shape)
-        known = ~np.isnan(speed)
-        sign = np.where(np.abs(speed) > STANDSTILL_RPM, np.sign(speed), 0.0)
-        sign = np.where(known, sign, 0.0)
-        turns = np.abs(sign)
-        row = located(np.array(self.speeds_rpm), np.where(known, np.abs(speed), 0.0))
-        celsius = np.broadcast_to(known_or(readings.temperature_c, np.nan), shape)
-        warm = ~np.isnan(celsius)
-        column = located(np.array(self.at_c), np.where(warm, celsius, self.calibrated_c))
-        refused = self._refused(speed, celsius)
-        unknown = [
-            float(np.max(np.hypot(v / np.sqrt(3.0), u))) for v, u in ((even, even_u), (odd, odd_u))
-        ]
-        place = np.column_stack(
-            [
-                np.where(known, speed, 0.0) / CORRELATION_RPM,
-                np.where(warm, celsius, self.calibrated_c) / CORRELATION_K,
-            ]
+        count = torque_nm.size
+        speed, celsius = row_of(readings.speed_rpm, count), row_of(readings.temperature_c, count)
+        zero_u, zero, drag_u, drag, running, running_u = rotation(
+            speed,
+            celsius,
+            torque_nm,
+            self._nodes,
+            self._tables,
+            self._blind,
+            self._columns,
+            self._loads,
+            self._unknown,
+            (*self._limits_rpm, STANDSTILL_RPM),
         )
-        shift, shift_u = self._at(even, even_u, row, column, warm)
-        drag, drag_u = self._at(odd, odd_u, row, column, warm)
-        span_now, span_now_u = linear(span, row), linear(span_u, row)
-        load, load_u = self._by_load(row, np.abs(torque_nm))
+        place = np.empty((count, 2))
+        place[:, 0] = known_or(speed, 0.0) / CORRELATION_RPM
+        place[:, 1] = known_or(celsius, self.calibrated_c) / CORRELATION_K
         found = [
-            Component(
-                "zero over speed",
-                Shared.CALIBRATION,
-                np.where(known, turns * np.hypot(shift_u, span_now_u * torque_nm), unknown[0]),
-                np.where(refused, np.nan, -turns * (shift + span_now * torque_nm)),
-                place,
-            ),
-            Component(
-                "bearing drag",
-                Shared.MOUNTING,
-                np.where(known, sign * np.hypot(drag_u, load_u), unknown[1]),
-                -sign * (drag + load),
-                place,
-            ),
+            Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
+            Component("bearing drag", Shared.MOUNTING, drag_u, drag, place),
         ]
         if self.running_in_s > 0.0:
-            found.append(self._running_in(readings, sign, row, running, running_u))
+            found.append(self._running_in(readings, running, running_u))
         return tuple(found)
 
-    def _by_load(self, row: Place, size_nm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        if not self.load_at_nm:
-            nothing = np.zeros(size_nm.shape)
-            return nothing, nothing
-        column = located(np.array(self.load_at_nm), size_nm)
-        value, uncertainty = self._loads
-        return bilinear(value, row, column), bilinear(uncertainty, row, column)
-
-    def _running_in(
-        self, readings: Readings, sign: FloatArray, row: Place, value: FloatArray, u: FloatArray
-    ) -> Component:
+    def _running_in(self, readings: Readings, start: FloatArray, start_u: FloatArray) -> Component:
         """Return what running-in adds; at an unknown time anything from nothing to all of it."""
-        start, start_u = linear(value, row), linear(u, row)
-        if readings.time_s is None:
-            return Component(
-                "running-in", Shared.MOUNTING, sign * np.hypot(start / np.sqrt(3.0), start_u)
-            )
+        if readings.time_s is None or readings.of_bench:
+            u = np.copysign(np.hypot(start / np.sqrt(3.0), start_u), start_u)
+            return Component("running-in", Shared.MOUNTING, u)
         left = np.exp(-np.maximum(readings.time_s, 0.0) / self.running_in_s)
-        return Component("running-in", Shared.MOUNTING, sign * start_u * left, -sign * start * left)
-
-    def _at(
-        self,
-        value: FloatArray,
-        uncertainty: FloatArray,
-        row: Place,
-        column: Place,
-        warm: NDArray[np.bool_],
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return a table's value and uncertainty; without a temperature over all measured ones."""
-        u = bilinear(uncertainty, row, column)
-        if not warm.all():
-            nodes = np.array(self.at_c)
-            around = [
-                bilinear(value, row, located(nodes, np.full(u.shape, celsius)))
-                for celsius in (self.calibrated_c, *between(nodes, self.low_c, self.high_c))
-            ]
-            spread = np.max(np.abs(np.array(around) - around[0]), axis=0) / np.sqrt(3.0)
-            u = np.where(warm, u, np.hypot(u, spread))
-        return bilinear(value, row, column), u
+        return Component("running-in", Shared.MOUNTING, start_u * left, -start * left)
 
     def _refused(self, speed: FloatArray, celsius: FloatArray) -> NDArray[np.bool_]:
         low, high = self._limits_rpm

@@ -9,9 +9,10 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from torquebench.chain._kernels import temperature
 from torquebench.chain.effect import Effect, Refusal, register
 from torquebench.chain.grid import Numbers, between, linear, located, numbers
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
 
 __all__ = ["MeasuredTemperature"]
@@ -70,12 +71,10 @@ class MeasuredTemperature(Effect):
         return np.array(self.at_c)
 
     @cached_property
-    def _curves(self) -> tuple[FloatArray, ...]:
+    def _curves(self) -> FloatArray:
         nothing = np.zeros(len(self.at_c))
-        return tuple(
-            np.array(each) if each else nothing
-            for each in (self.zero_nm, self.zero_uncertainty_nm, self.span, self.span_uncertainty)
-        )
+        found = (self.zero_nm, self.zero_uncertainty_nm, self.span, self.span_uncertainty)
+        return np.array([each or nothing for each in found])
 
     @cached_property
     def _unknown(self) -> tuple[float, float]:
@@ -90,7 +89,7 @@ class MeasuredTemperature(Effect):
 
     def outside(self, readings: Readings) -> Refusal | None:
         """Return which temperatures the curves don't reach."""
-        now = np.broadcast_to(known_or(readings.temperature_c, np.nan), readings.reading_nm.shape)
+        now = row_of(readings.temperature_c, readings.reading_nm.size)
         rows = (now < self.at_c[0]) | (now > self.at_c[-1])
         if not rows.any():
             return None
@@ -103,32 +102,18 @@ class MeasuredTemperature(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return zero and span at the temperature of each reading."""
-        zero, zero_u, span, span_u = self._curves
-        now = np.broadcast_to(known_or(readings.temperature_c, np.nan), torque_nm.shape)
-        known = ~np.isnan(now)
-        at = located(self._nodes, np.where(known, now, self.calibrated_c))
-        refused = known & ((now < self.at_c[0]) | (now > self.at_c[-1]))
-        zeroed = known_or(readings.zero_temperature_c, self.calibrated_c)
-        before = located(self._nodes, zeroed)
-        shift = linear(zero, at) - linear(zero, before)
-        near = np.minimum(np.abs(now - zeroed) / CORRELATION_K, 1.0)
-        shift_u = near * np.hypot(linear(zero_u, at), linear(zero_u, before))
-        factor, factor_u = linear(span, at), linear(span_u, at)
-        unknown_zero, unknown_span = self._unknown
-        place = (np.where(known, now, self.calibrated_c) / CORRELATION_K)[:, None]
+        zero_u, zero, span_u, span, place = temperature(
+            row_of(readings.temperature_c, torque_nm.size),
+            row_of(readings.zero_temperature_c, torque_nm.size, self.calibrated_c),
+            torque_nm,
+            self._nodes,
+            self._curves,
+            self._unknown,
+            self.calibrated_c,
+            CORRELATION_K,
+        )
+        where = place[:, None]
         return (
-            Component(
-                "temperature of zero",
-                Shared.ZEROING,
-                np.where(known, shift_u, unknown_zero),
-                np.where(refused, np.nan, np.where(known, -shift, 0.0)),
-                place,
-            ),
-            Component(
-                "temperature of span",
-                Shared.CALIBRATION,
-                np.where(known, factor_u, unknown_span) * torque_nm,
-                np.where(known, -factor, 0.0) * torque_nm,
-                place,
-            ),
+            Component("temperature of zero", Shared.ZEROING, zero_u, zero, where),
+            Component("temperature of span", Shared.CALIBRATION, span_u, span, where),
         )
