@@ -163,7 +163,7 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
         assert each.expanded_nm == pytest.approx(expected.expanded_nm, rel=1e-12), name
 
     line = live_torque("output", [block])
-    assert line.split() == [f"{expected.torque_nm:.3f}", "±", f"{expected.expanded_nm:.3f}"]
+    assert line.split() == [f"{expected.torque_nm:.2f}", "±", f"{expected.expanded_nm:.2f}"]
     options = ("--temperature-change", TEMPERATURE_C - 23.0, "--speed", 0, "--zero-age", 0)
     budget = run("budget", file, "--reading", READING_NM, "--branch", "up", *options, cwd=tmp_path)
     assert "k = 2.00" in " ".join(budget.stdout.split())
