@@ -34,7 +34,7 @@ def _on_table(
 ) -> float:
     i, j, share = row
     low, high = _on_line(table[i], column), _on_line(table[j], column)
-    return low + share * (high - low)
+    return float(low + share * (high - low))
 
 
 @njit(cache=True)
