@@ -129,7 +129,7 @@ class ModelChoice:
         >>> ModelChoice("published-network", {"hidden": 0}).check()
         Traceback (most recent call last):
         ...
-        torquebench.errors.InputError: hidden = 0 of PublishedNetworkModel; allowed: 1 to 1000
+        torquebench.errors.InputError: hidden = 0 of PublishedNetworkModel; allowed: an int in ...
         """
         for name in CHOSEN_ELSEWHERE:
             if name in self.parameters:

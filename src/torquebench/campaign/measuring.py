@@ -176,6 +176,7 @@ def measure_friction(
     station: Station,
     settings: FrictionSettings | None = None,
     *,
+    metadata: Mapping[str, Any] | None = None,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> Measured[FrictionSweep]:
@@ -185,7 +186,7 @@ def measure_friction(
         lambda: friction_sweep(station.devices, settings),
         kind="no-load-friction",
         title="No-load friction of the reducer",
-        metadata={"side": "input"},
+        metadata={"side": "input", **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )

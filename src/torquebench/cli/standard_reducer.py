@@ -22,17 +22,14 @@ from torquebench.cli.options import (
     bench_description,
 )
 from torquebench.cli.reducer_tables import check_reports
-from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
+    from torquebench.campaign.standard_reducer import StandardReducerCheck
     from torquebench.chain import Timebase
-    from torquebench.procedures import FrictionSettings
-    from torquebench.reducers import FrictionCheck, ReducerDescription
+    from torquebench.reducers import ReducerDescription
 
 __all__ = ["standard_reducer"]
-
-SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
 
 
 def standard_reducer(
@@ -79,68 +76,36 @@ def standard_reducer(
     accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
     if kind is not None:
         confirm_test(described, kind, yes)
-    check, named, certificate, compensation, run_id = _measured(
+    found = _measured(
         described, kind, tolerance, repeats, both_directions, data, accepted, yes, real_time
     )
-    _print(check, named, compensation, run_id, described.simulated)
+    _print(found)
     if report:
         from torquebench.reports.page_pdf import write_report
         from torquebench.reports.standard_reducer_report import standard_reducer_page
 
         page = standard_reducer_page(
-            check,
-            name=named,
-            certificate=certificate,
-            compensation=compensation,
-            run_id=run_id,
-            simulated=described.simulated,
+            found.check,
+            name=found.reducer.name,
+            certificate=found.reducer.certificate,
+            compensation=found.compensation,
+            run_id=found.run_id,
+            simulated=found.simulated,
         )
         for path in report:
             say(f"Report: {write_report(page, path)}")
-    if not check.kept:
+    if not found.check.kept:
         raise typer.Exit(CHECK_FAILED)
 
 
 def _kind(named: str | None, described: BenchDescription) -> ReducerDescription | None:
+    """Read the reducer's description and check it before a bench is opened."""
+    from torquebench.campaign.standard_reducer import standard_reducer
     from torquebench.reducers import load_reducer
 
-    if named is None:
-        if described.simulated:
-            return None
-        raise InputError(
-            f"no standard reducer for {described.name}",
-            "a description (.toml) with [[certified_friction]]",
-            "say with --reducer what is mounted",
-        )
-    kind = load_reducer(named)
-    if not kind.certified_friction:
-        raise InputError(
-            f"{named}: no certified_friction",
-            "[[certified_friction]] with speed_rpm, torque_nm, expanded_uncertainty_nm",
-            "enter its certificate",
-        )
-    expected = described.bench.reducer_ratio
-    if abs(kind.ratio / expected - 1.0) > 1e-6:
-        raise InputError(
-            f"{named}: a ratio of {kind.ratio:g}",
-            f"{expected:g}, the ratio of what is mounted on {described.name}",
-            "correct the reducer's description, or reducer_ratio of the bench",
-        )
+    kind = None if named is None else load_reducer(named)
+    standard_reducer(kind, described)
     return kind
-
-
-def _settings(
-    speeds: list[float], kind: ReducerDescription | None, repeats: int, both: bool
-) -> FrictionSettings:
-    from torquebench.procedures import FrictionSettings
-
-    fastest = min(speeds[-1], SPEEDS_RPM[-1] if kind is None else kind.max_input_speed_rpm)
-    wanted = tuple(speed for speed in SPEEDS_RPM if speeds[0] <= speed <= fastest)
-    return FrictionSettings(
-        wanted or tuple(speed for speed in speeds if speed <= fastest),
-        repeats=repeats,
-        counter_clockwise=both,
-    )
 
 
 def _measured(
@@ -153,16 +118,16 @@ def _measured(
     accepted: Timebase | None,
     yes: bool,
     real_time: bool,
-) -> tuple[FrictionCheck, str, str, str, str]:
+) -> StandardReducerCheck:
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
-    from torquebench.campaign.measuring import RunAbortedError, measure_friction
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.campaign.standard_reducer import check_standard_reducer, standard_reducer
     from torquebench.cli.interrupts import BenchInterrupts
     from torquebench.cli.measure import compensated
     from torquebench.cli.presence import attending
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.prompts import answering
     from torquebench.cli.recovered import tell_recovered, tell_warnings
-    from torquebench.reducers import check_friction
     from torquebench.station import Station
 
     if described.simulated:
@@ -173,8 +138,7 @@ def _measured(
         tell_recovered(station)
         compensation = compensated(station, "input", accepted)
         note(f"input: {compensation}")
-        certified = station.drivers.reducer_certificate if kind is None else kind.certified_friction
-        settings = _settings([each.speed_rpm for each in certified] or [1.0], kind, repeats, both)
+        mounted = standard_reducer(kind, described, station.drivers.reducer_certificate)
         progress = TerminalProgress()
         interrupts = BenchInterrupts(station, progress)
         try:
@@ -185,32 +149,27 @@ def _measured(
                 interrupts.watching(),
                 answering(prompts, progress, yes=yes),
             ):
-                measured = measure_friction(
-                    station, settings, progress=progress, on_pause=interrupts.ask
+                return check_standard_reducer(
+                    station,
+                    mounted,
+                    mounted.settings(repeats, both_directions=both),
+                    tolerance_percent=tolerance,
+                    compensation=compensation,
+                    progress=progress,
+                    on_pause=interrupts.ask,
                 )
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None
-    found = measured.result
-    check = check_friction(
-        found.nominal_rpm,
-        found.torque_nm,
-        found.repeat,
-        certified,
-        described.input.range_nm,
-        tolerance,
-    )
-    named = "standard reducer of the simulated bench" if kind is None else kind.name
-    certificate = "of the simulated reducer" if kind is None else kind.certificate
-    return check, named, certificate, compensation, measured.record.run_id
 
 
-def _print(
-    check: FrictionCheck, name: str, compensation: str, run_id: str, simulated: bool
-) -> None:
+def _print(found: StandardReducerCheck) -> None:
     from torquebench.reports.errors_table import number
 
-    suffix = " - simulated" if simulated else ""
-    table = narrow_table(f"{name}{suffix}", caption=f"Input module: {compensation}.")
+    check = found.check
+    suffix = " - simulated" if found.simulated else ""
+    table = narrow_table(
+        f"{found.reducer.name}{suffix}", caption=f"Input module: {found.compensation}."
+    )
     for header in ("rpm", "known, N·m", "mean, N·m", "error, % FS", "repeatability, % FS"):
         table.add_column(header, justify="right")
     for point in check.points:
@@ -229,4 +188,4 @@ def _print(
     ):
         verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
         say(f"{what} {number(value)} % FS: {verdict} {check.tolerance_percent:g} % FS")
-    say(f"Run: {run_id}")
+    say(f"Run: {found.run_id}")

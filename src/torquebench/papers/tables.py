@@ -18,6 +18,7 @@ from torquebench.campaign.measuring import (
     measure_verification,
 )
 from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
 from torquebench.errors import InputError
 from torquebench.procedures import FrictionSettings
 from torquebench.records.csv_text import read_csv
@@ -37,7 +38,6 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
 _KINDS = ("calibration", "same-points", "other-points", "alone")
 
 
@@ -235,15 +235,7 @@ def _friction(
     progress: Progress,
 ) -> FrictionTable:
     speeds = [point.speed_rpm for point in certified]
-    wanted = tuple(speed for speed in settings.speeds_rpm if speeds[0] <= speed <= speeds[-1])
-    if not wanted:
-        raise InputError(
-            f"a sweep over {settings.speeds_rpm[0]:g} to {settings.speeds_rpm[-1]:g} rpm",
-            f"speeds within the certificate's {speeds[0]:g} to {speeds[-1]:g} rpm",
-        )
-    settings = FrictionSettings(
-        wanted, settings.repeats, settings.clockwise, settings.counter_clockwise
-    )
+    settings = within_certificate(settings, certified)
     found = measure_friction(station, settings, progress=progress).result
     speed = np.abs(found.nominal_rpm)
     return FrictionTable(

@@ -182,6 +182,32 @@ def start(service: BenchService, kind: str, request: dict[str, Any]) -> JobView:
     return view
 
 
+def test_a_standard_reducer_checks_the_bench(service: BenchService) -> None:
+    shown = service.jobs.preview("standard-reducer", {"repeats": 2})
+    assert shown.largest_speed_rpm["input"] == 1200.0
+    with pytest.raises(InputError, match="no certified_friction"):
+        service.jobs.preview("standard-reducer", {"reducer": "rv-40e"})
+    reducer = service.settings.get("reducers", "rv-40e").document
+    points = [
+        {"speed_rpm": speed, "torque_nm": 0.9, "expanded_uncertainty_nm": 0.01}
+        for speed in (100.0, 200.0)
+    ]
+    service.settings.change(
+        CHIEF,
+        "reducers",
+        "certified",
+        {**reducer, "name": "certified", "ratio": 80.0, "certified_friction": points},
+        reason="its certificate",
+    )
+    view = start(service, "standard-reducer", {"reducer": "certified", "repeats": 2})
+    assert view.result.verdict == "fail"
+    found = view.result.details
+    assert [point["speed_rpm"] for point in found["points"]] == [100.0, 200.0]
+    assert found["error_percent_fs"] > 0.1 > found["repeatability_percent_fs"]
+    run = service.records.run(view.result.run_ids[0])
+    assert run.metadata["standard_reducer"]["certified_friction"] == points
+
+
 def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:
     request = {"side": "output", "profile": "small-torques", "up_to_nm": 60.0}
     shown = service.jobs.preview("calibrate", request)

@@ -14,6 +14,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.job_panel import JobPanel, problem_note
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.results import comparison, outcomes
+from torquebench.panel.pages.reducer.standard import STANDARD, StandardForm, standard_result
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SIGNALS, JobView
 
@@ -21,6 +22,7 @@ __all__ = ["reducer_page"]
 
 PAST_S = 600.0
 POINTS = 800
+KINDS = ("reducer-test", STANDARD)
 
 
 class _ReducerPage:
@@ -69,6 +71,7 @@ class _ReducerPage:
                 with box("div", "line"):
                     button(text("reducer.start"), self._start, "primary", picture="play_arrow")
             self._plan = box("div")
+            StandardForm(visitor, self.refresh).build()
         self._preview()
 
     def _request(self) -> dict[str, Any]:
@@ -102,7 +105,7 @@ class _ReducerPage:
 
     def refresh(self) -> None:
         jobs = self.visitor.service.jobs.recent()
-        job = next((each for each in jobs if each.kind == "reducer-test"), None)
+        job = next((each for each in jobs if each.kind in KINDS), None)
         self._panel.refresh(job)
         known = None if job is None else (job.job_id, job.open)
         if known != self._shown:
@@ -124,6 +127,8 @@ class _ReducerPage:
                     self._place = box("div")
                     with self._place:
                         empty(text("reducer.waiting"), "hourglass_empty")
+            elif job.result is not None and job.kind == STANDARD:
+                standard_result(text, job.result.details)
             elif job.result is not None:
                 outcomes(text, job.result.details)
                 with panel(text("reducer.compare")):
@@ -161,6 +166,8 @@ class _ReducerPage:
     @staticmethod
     def _runs_of(job: JobView) -> str:
         """Return which test is under way; a full test has several, one after the other."""
+        if job.kind == STANDARD:
+            return "no-load"
         asked = str(job.request["test"])
         parts = [test.name for test in TESTS.values() if test.title == job.stage]
         return asked if asked in TESTS and asked != "full" else next(iter(parts), "hysteresis")

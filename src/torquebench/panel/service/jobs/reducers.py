@@ -1,6 +1,9 @@
-"""Tests of a mounted reducer as jobs.
+"""Tests of a mounted reducer, and of the bench by a standard reducer, as jobs.
 
-Details of the result, as JSON: `name`, `short`, `reducer_name`, `serial` and `outcomes`; each
+Details of the result of "standard-reducer", as JSON: `reducer`, `certificate`, `compensation`,
+`tolerance_percent_fs`, `error_percent_fs`, `repeatability_percent_fs`, and `points` (`speed_rpm`,
+`known_nm`, `known_u_nm`, `measured_nm`, `error_nm`, `error_percent`, `spread_nm`,
+`spread_percent`). Of "reducer-test": `name`, `short`, `reducer_name`, `serial` and `outcomes`; each
 outcome has `name`, `title`, `verdict`, `remarks`, `run_id` and `quantities` (`key`, `title`,
 `value`, `expanded_uncertainty`, `unit`, `limit`, `verdict`, `rule`, `truth`).
 """
@@ -20,13 +23,19 @@ from torquebench.campaign.reducers.results import (
 )
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import TESTS, rehearse_reducer_test, run_reducer_test
-from torquebench.panel.service.fields import WHOLE, Flag, ProfileName
+from torquebench.campaign.standard_reducer import (
+    StandardReducer,
+    check_standard_reducer,
+    standard_reducer,
+)
+from torquebench.panel.service.fields import WHOLE, Flag, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, limits
 from torquebench.panel.service.jobs.results import as_details
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
+from torquebench.procedures import friction_sweep, rehearse
 
-__all__ = ["REDUCER_KINDS", "ReducerTestRequest"]
+__all__ = ["REDUCER_KINDS", "ReducerTestRequest", "StandardReducerRequest"]
 
 
 class ReducerTestRequest(JobRequest):
@@ -42,6 +51,84 @@ class ReducerTestRequest(JobRequest):
     quick: Flag = False
     repeats: Annotated[int, Field(ge=1, le=1000), WHOLE] | None = None
     bench_clear: Flag = False
+
+
+class StandardReducerRequest(JobRequest):
+    """Check the bench from end to end: a standard reducer's certified friction against measured.
+
+    Input driven in steps of speed, output free. `reducer` names a description with certified
+    friction; without it, what the simulated bench brings along. The largest error and the largest
+    difference between repeats are judged by `tolerance_percent_fs`.
+    """
+
+    reducer: ProfileName | None = None
+    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
+    repeats: Annotated[int, Field(ge=2, le=100), WHOLE] = 3
+    both_directions: Flag = False
+    bench_clear: Flag = False
+
+
+def _standard(place: Workplace, request: StandardReducerRequest) -> StandardReducer:
+    named, station = request.reducer, place.station
+    kind = None if named is None else place.settings.reducer(named)
+    return standard_reducer(kind, station.description, station.drivers.reducer_certificate)
+
+
+def preview_standard(place: Workplace, request: StandardReducerRequest) -> JobPreview:
+    """Rehearse the sweep."""
+    station = place.station
+    settings = _standard(place, request).settings(
+        request.repeats, both_directions=request.both_directions
+    )
+    found = rehearse(station.devices, friction_sweep(station.devices, settings))
+    torque_limit, speed_limit = limits(station.description)
+    return JobPreview(
+        kind="standard-reducer",
+        title=STANDARD_TITLE,
+        duration_s=found.duration_s,
+        points=found.points,
+        limit_torque_nm=torque_limit,
+        largest_speed_rpm={"input": settings.speeds_rpm[-1]},
+        limit_speed_rpm=speed_limit,
+        mounts=("reducer",),
+    )
+
+
+def run_standard(context: JobContext, request: StandardReducerRequest) -> JobResult:
+    """Measure the friction and judge it."""
+    station = context.station
+    confirm_clear(station.description, request.bench_clear)
+    mounted = _standard(context, request)
+    active = station.devices.context.acquisition.compensation("input")
+    found = check_standard_reducer(
+        station,
+        mounted,
+        mounted.settings(request.repeats, both_directions=request.both_directions),
+        tolerance_percent=request.tolerance_percent_fs,
+        compensation="not compensated"
+        if active is None
+        else f"compensated by model-{active.model_id}",
+        progress=context.job,
+    )
+    check = found.check
+    return JobResult(
+        headline=f"Standard reducer: error {check.error_percent:.3g} % FS, repeatability "
+        f"{check.repeatability_percent:.3g} % FS, tolerance {check.tolerance_percent:g} % FS.",
+        verdict="pass" if check.kept else "fail",
+        simulated=found.simulated,
+        run_ids=(found.run_id,),
+        details=as_details(
+            {
+                "reducer": found.reducer.name,
+                "certificate": found.reducer.certificate,
+                "compensation": found.compensation,
+                "tolerance_percent_fs": check.tolerance_percent,
+                "error_percent_fs": check.error_percent,
+                "repeatability_percent_fs": check.repeatability_percent,
+                "points": check.points,
+            }
+        ),
+    )
 
 
 def _settings(request: ReducerTestRequest) -> ReducerTestSettings:
@@ -134,6 +221,14 @@ def _title(request: ReducerTestRequest) -> str:
     return f"{TESTS[request.test].title} of {request.reducer}"
 
 
+STANDARD_TITLE = "Check the bench by a standard reducer"
 REDUCER_KINDS: tuple[JobKind, ...] = (
+    JobKind(
+        "standard-reducer",
+        lambda _asked: STANDARD_TITLE,
+        StandardReducerRequest,
+        run_standard,
+        preview_standard,
+    ),
     JobKind("reducer-test", _title, ReducerTestRequest, run_test, preview_test),
 )

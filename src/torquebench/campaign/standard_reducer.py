@@ -1,0 +1,219 @@
+"""The bench checked from end to end by a standard reducer with certified friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from torquebench.bench.description import BenchDescription
+from torquebench.campaign.measuring import OnPause, measure_friction
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import InputError
+from torquebench.procedures import FrictionSettings, FrictionSweep
+from torquebench.reducers import (
+    CertifiedFriction,
+    FrictionCheck,
+    ReducerDescription,
+    check_friction,
+)
+from torquebench.station import Station
+
+__all__ = [
+    "SPEEDS_RPM",
+    "StandardReducer",
+    "StandardReducerCheck",
+    "check_standard_reducer",
+    "standard_reducer",
+    "within_certificate",
+]
+
+SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
+"""Steps of the input speed, as the source papers drive them up to 1200 rpm."""
+
+
+@dataclass(frozen=True)
+class StandardReducer:
+    """What is mounted, and what its certificate says.
+
+    Attributes
+    ----------
+    name, certificate : str
+    friction : tuple of CertifiedFriction
+    max_speed_rpm : float
+        Fastest input speed of its data sheet, 1/min.
+    """
+
+    name: str
+    certificate: str
+    friction: tuple[CertifiedFriction, ...]
+    max_speed_rpm: float = SPEEDS_RPM[-1]
+
+    def settings(self, repeats: int = 3, *, both_directions: bool = False) -> FrictionSettings:
+        """Return the sweep over the speeds that certificate and data sheet have."""
+        return within_certificate(
+            FrictionSettings(SPEEDS_RPM, repeats=repeats, counter_clockwise=both_directions),
+            self.friction,
+            self.max_speed_rpm,
+        )
+
+
+@dataclass(frozen=True)
+class StandardReducerCheck:
+    """Known against measured friction.
+
+    Attributes
+    ----------
+    reducer : StandardReducer
+    check : FrictionCheck
+    compensation : str
+        By what the input module was compensated, in words.
+    sweep : FrictionSweep
+        What was measured.
+    run_id : str
+    simulated : bool
+    """
+
+    reducer: StandardReducer
+    check: FrictionCheck
+    compensation: str
+    sweep: FrictionSweep
+    run_id: str
+    simulated: bool
+
+
+def standard_reducer(
+    kind: ReducerDescription | None,
+    description: BenchDescription,
+    brought_along: tuple[CertifiedFriction, ...] = (),
+) -> StandardReducer:
+    """Return the standard reducer of a description, or what the simulated bench brings along.
+
+    Raises
+    ------
+    InputError
+        There is none, it has no certified friction, or its ratio isn't that of the bench.
+    """
+    if kind is None:
+        if not description.simulated:
+            raise InputError(
+                f"no standard reducer for {description.name}",
+                "a description with certified friction",
+                "say what is mounted",
+            )
+        return StandardReducer(
+            "standard reducer of the simulated bench", "of the simulated reducer", brought_along
+        )
+    if not kind.certified_friction:
+        raise InputError(
+            f"{kind.name}: no certified_friction",
+            "[[certified_friction]] with speed_rpm, torque_nm, expanded_uncertainty_nm",
+            "enter its certificate in the reducer's description",
+        )
+    expected = description.bench.reducer_ratio
+    if abs(kind.ratio / expected - 1.0) > 1e-6:
+        raise InputError(
+            f"{kind.name}: a ratio of {kind.ratio:g}",
+            f"{expected:g}, the ratio of what is mounted on {description.name}",
+            "correct the reducer's description, or reducer_ratio of the bench",
+        )
+    return StandardReducer(
+        kind.name, kind.certificate, kind.certified_friction, kind.max_input_speed_rpm
+    )
+
+
+def within_certificate(
+    settings: FrictionSettings,
+    certified: tuple[CertifiedFriction, ...],
+    max_speed_rpm: float = float("inf"),
+) -> FrictionSettings:
+    """Return a sweep over those speeds that the certificate covers.
+
+    Raises
+    ------
+    InputError
+        It covers none of them.
+    """
+    speeds = [point.speed_rpm for point in certified]
+    high = min(speeds[-1], max_speed_rpm) if speeds else 0.0
+    wanted = tuple(each for each in settings.speeds_rpm if speeds and speeds[0] <= each <= high)
+    wanted = wanted or tuple(each for each in speeds if each <= high)
+    if not wanted:
+        raise InputError(
+            f"a sweep over {settings.speeds_rpm[0]:g} to {settings.speeds_rpm[-1]:g} rpm",
+            f"speeds within the certificate's {speeds[0]:g} to {speeds[-1]:g} rpm"
+            if speeds
+            else "a certificate of friction",
+        )
+    return FrictionSettings(
+        wanted, settings.repeats, settings.clockwise, settings.counter_clockwise
+    )
+
+
+def check_standard_reducer(
+    station: Station,
+    reducer: StandardReducer,
+    settings: FrictionSettings,
+    *,
+    tolerance_percent: float = 0.1,
+    compensation: str,
+    metadata: Mapping[str, Any] | None = None,
+    progress: Progress = NO_PROGRESS,
+    on_pause: OnPause | None = None,
+) -> StandardReducerCheck:
+    """Sweep the mounted standard reducer and set what is read beside its certificate.
+
+    Parameters
+    ----------
+    station : Station
+    reducer : StandardReducer
+    settings : FrictionSettings
+        Of `StandardReducer.settings`.
+    tolerance_percent : float
+        Largest error and difference between repeats, % FS of the input module.
+    compensation : str
+        By what the input module is compensated, in words.
+    metadata : mapping, optional
+        What else the run's record is to know.
+    progress, on_pause
+        As in `measure_calibration`.
+
+    Raises
+    ------
+    InputError
+        There is no certificate.
+    LimitError, InterlockError, SignalFault, BenchError, RunAbortedError
+        As every procedure.
+    """
+    known = {
+        "standard_reducer": {
+            "name": reducer.name,
+            "certificate": reducer.certificate,
+            "tolerance_percent": tolerance_percent,
+            "certified_friction": [each.model_dump() for each in reducer.friction],
+        }
+    }
+    measured = measure_friction(
+        station,
+        settings,
+        metadata={**known, **(metadata or {})},
+        progress=progress,
+        on_pause=on_pause,
+    )
+    found = measured.result
+    check = check_friction(
+        found.nominal_rpm,
+        found.torque_nm,
+        found.repeat,
+        reducer.friction,
+        station.description.input.range_nm,
+        tolerance_percent,
+    )
+    return StandardReducerCheck(
+        reducer,
+        check,
+        compensation,
+        found,
+        measured.record.run_id,
+        station.description.simulated,
+    )
