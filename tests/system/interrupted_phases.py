@@ -52,6 +52,7 @@ MODEL = "polynomial"
 SERIAL = "SIM-T2000"
 PHASES: dict[str, tuple[Any, str, int]] = {
     "begin": (Registry, "add_run", 1),
+    "prepare": (RunWriter, "document", 4),
     "measure": (RunWriter, "document", 12),
     "results": (RunWriter, "write_results", 1),
     "seal": (raw_stream, "seal_raw", 1),

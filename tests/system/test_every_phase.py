@@ -20,6 +20,7 @@ SEED = 3
 @pytest.mark.parametrize(
     ("event", "phase", "named"),
     [
+        ("disk full", "prepare", "interrupted"),
         ("killed", "sealed", "measured"),
         ("killed", "register model", "measured"),
         ("killed", "register check", "measured"),

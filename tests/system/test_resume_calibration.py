@@ -74,10 +74,6 @@ def test_a_calibration_killed_at_any_moment_keeps_its_points_and_goes_on(
             assert before.status in ("failed", "interrupted"), "a full disk"
         kept = points_on_disk(folder)
         assert sum(1 for _ in folder.documents("event")) >= seen, "acknowledged, so kept"
-        if not kept:
-            with pytest.raises(InputError, match="no point"):
-                read_interrupted(station.registry, before)
-            return
         if before.status == "failed":  # its last point may have met what stopped it
             kept = kept[:-1]
         interrupted = read_interrupted(station.registry, before)

@@ -56,7 +56,7 @@ class InterruptedCalibration:
         Every acknowledged point, complete series or not, in measuring order; of a run that was
         stopped by an alarm all but the last one, in which the cause may have begun.
     interrupted : datetime.datetime
-        When the last point was taken.
+        When the last point was taken, or the run begun where it has none.
     lost_at_end : int
         Documents after the last point of which damage has left nothing but that they were there.
     """
@@ -216,9 +216,10 @@ def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
     if run.status == "failed" and not _measured(folder):
         taken = taken[:-1]  # what stopped it may have begun while the last point was taken
     before = _before(registry, folder)
-    if start is None or not (taken or before):
+    if start is None:
         raise InputError(
-            f"run {run.run_id} has no point", "at least one acknowledged point", "calibrate again"
+            f"run {run.run_id} ended before it began", "a calibration that had begun",
+            "calibrate again",
         )
     profile = _profile(run, start)
     steps = profile.staircase(float(start["range_nm"]))

@@ -41,7 +41,8 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
         kept = "1 acknowledged point is" if run.points == 1 else f"{run.points} points are"
         torn = f", {run.torn_bytes} incomplete bytes left out" if run.torn_bytes else ""
         damaged = f", damaged and left out: {run.damaged}" if run.damaged else ""
-        warn(f"run {run.run_id} was interrupted; {kept} kept{torn}{damaged}: {run.advice}")
+        advice = named.remedy if named else run.advice
+        warn(f"run {run.run_id} was interrupted; {kept} kept{torn}{damaged}: {advice}")
     tell_unfinished([run for run in unfinished.values() if run.run_id != but])
 
 

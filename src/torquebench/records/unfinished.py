@@ -49,7 +49,7 @@ class RunState(Enum):
     MEASURED = "measured"
     """It is complete and registered; what it was made for isn't."""
     INTERRUPTED = "interrupted"
-    """A calibration that can be gone on with."""
+    """A calibration that can be gone on with; from its beginning where it has no point yet."""
 
 
 @dataclass(frozen=True)
@@ -176,10 +176,14 @@ def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[Unfinishe
 
 
 def can_go_on(folder: RunFolder, now: datetime) -> bool:
-    """Return whether an interrupted calibration has a point, not too old by its profile."""
+    """Return whether an interrupted calibration had begun, not too long ago by its profile.
+
+    One that goes on with another run and has no point of its own leaves that to the other run.
+    """
     start, last_s = _start_and_last_point(folder)
-    if last_s is None:
+    if not start or (last_s is None and folder.metadata.get("resumes")):
         return False
+    last_s = float(start["time"]) if last_s is None else last_s
     clause = start.get("profile", {}).get("settings", {}).get("interruption") or {}
     passed_h = (now.timestamp() - last_s) / 3600.0
     return clause.get("resume") != "never" and passed_h <= clause.get("longest_h", LONGEST_H)
@@ -230,7 +234,8 @@ def latest_unfinished_calibration(registry: RunStateRecords) -> RunSummary | Non
             continue
         if run.run_id in measured:
             return run
-        interrupted = run.status in INTERRUPTED and not followers(registry, run)
+        begun = run.status in INTERRUPTED and _start_and_last_point(RunFolder(run.folder))[0]
+        interrupted = begun and not followers(registry, run)
         if interrupted and not _calibrated_since(registry, run):
             return run
     return None

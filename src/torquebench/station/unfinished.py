@@ -50,18 +50,10 @@ class RecoveredRun:
     problem: str = ""
 
     @property
-    def resumable(self) -> bool:
-        """Whether `torquebench calibrate --resume` may go on with it."""
-        calibrates = self.kind.startswith("calibrate-") and self.status != "completed"
-        return calibrates and self.points > 0 and not self.problem
-
-    @property
     def advice(self) -> str:
-        """What to do about it."""
+        """What to do about it, unless it is one of `unfinished_runs`, which say it themselves."""
         if self.problem:
             return f"it can't be entered yet ({self.problem}); make room or repair the disk"
-        if self.resumable:
-            return f"go on with `torquebench calibrate --resume {self.run_id}`, or start again"
         return "start again; what was recorded stays"
 
 
