@@ -17,7 +17,7 @@ from benchmarks.fault_procedures import REDUCER
 from torquebench.bench.audit import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
-from torquebench.campaign.reducers.results import ReducerTestRecord
+from torquebench.campaign.reducers.results import ReducerTestQuantity, ReducerTestRecord
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.records import RunFolder
@@ -207,21 +207,48 @@ def slipped(recording: TransmissionRecording) -> Iterator[str]:
 
 
 def differing(found: ReducerTestRecord, undisturbed: ReducerTestRecord) -> Iterator[str]:
-    """Say which results differ by more than both their expanded uncertainties."""
-    before = {
-        (outcome.name, each.key): each
-        for outcome in undisturbed.outcomes
-        for each in outcome.quantities
-    }
-    for outcome in found.outcomes:
-        for each in outcome.quantities:
-            other = before.get((outcome.name, each.key))
-            if other is None:
-                yield f"wrong: {each.key} isn't in the undisturbed result"
-            elif not abs(each.value - other.value) <= (
-                each.expanded_uncertainty + other.expanded_uncertainty
-            ):
+    """Say which results differ by more than both their expanded uncertainties.
+
+    Of a spectrum the largest orders are listed: one that the other result doesn't list is there at
+    most as large as the least that it does.
+    """
+    one, other = _quantities(found), _quantities(undisturbed)
+    for name in {**one, **other}:
+        each, before = one.get(name), other.get(name)
+        if each is None or before is None:
+            shown, rest = (each, other) if before is None else (before, one)
+            assert shown is not None
+            listed = [rest[key] for key in rest if _spectrum(key) == _spectrum(name)]
+            least = min(listed, key=lambda quantity: quantity.value, default=None)
+            where = "undisturbed" if before is None else "disturbed"
+            if not _spectrum(name) or least is None:
+                yield f"wrong: {shown.key} isn't in the {where} result"
+            elif shown.value - least.value > _both(shown, least):
                 yield (
-                    f"wrong: {each.key} {each.value:.5g} ± {each.expanded_uncertainty:.2g} "
-                    f"{each.unit}, undisturbed {other.value:.5g} ± {other.expanded_uncertainty:.2g}"
+                    f"wrong: {_stated(shown)} isn't among the largest of the {where} result, "
+                    f"down to {_stated(least)}"
                 )
+        elif not abs(each.value - before.value) <= _both(each, before):
+            yield f"wrong: {_stated(each)}, undisturbed {_stated(before)}"
+
+
+def _quantities(record: ReducerTestRecord) -> dict[tuple[str, str], ReducerTestQuantity]:
+    return {
+        (outcome.name, each.key): each for outcome in record.outcomes for each in outcome.quantities
+    }
+
+
+def _spectrum(name: tuple[str, str]) -> tuple[str, str] | None:
+    """Return the spectrum that an order belongs to; None for any other quantity."""
+    test, key = name
+    return (test, key.split("_", 2)[2]) if key.startswith("order_") else None
+
+
+def _both(one: ReducerTestQuantity, other: ReducerTestQuantity) -> float:
+    return one.expanded_uncertainty + other.expanded_uncertainty
+
+
+def _stated(quantity: ReducerTestQuantity) -> str:
+    return (
+        f"{quantity.key} {quantity.value:.5g} ± {quantity.expanded_uncertainty:.2g} {quantity.unit}"
+    )

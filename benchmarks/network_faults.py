@@ -38,6 +38,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
 from torquebench.campaign.reducers.results import ReducerTestRecord
+from torquebench.errors import BenchError
 from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.simulators import MisbehaviourKind
 from torquebench.station import Station
@@ -91,7 +92,8 @@ AT_REST_S = 15.0
 """How long both drives may take to go off, s of wall time, with every time-out on the way."""
 SAFE_S: dict[Time, float] = {"on-demand": 2.0, "real": 5.0}
 """Longest time until both drives are off, s of bench time: the drive's own watchdog included, and
-in real time every time-out."""
+in real time every time-out. It begins with the fault, or with the alarm where nobody can doubt the
+answers of an instrument before."""
 POLL_S = 0.002
 """How often it looks what the drives do, s of wall time."""
 LASTING_S = 120.0
@@ -180,15 +182,19 @@ def networked(seed: int, time: Time = "on-demand") -> BenchDescription:
 @contextlib.contextmanager
 def opened(seed: int, data: Path, time: Time) -> Iterator[tuple[Station, Served]]:
     """Serve all instruments and open a station on them."""
-    with (
-        served(networked(seed, time)) as instruments,
-        Station.open(instruments.description, data) as station,
-    ):
-        yield station, instruments
+    with served(networked(seed, time)) as instruments:
+        station = Station.open(instruments.description, data)
+        try:
+            yield station, instruments
+        finally:
+            with contextlib.suppress(BenchError):  # what isn't off in the end was judged before
+                station.close()
 
 
 class Breaker:
     """Has an instrument misbehave at a moment of bench time, and times the way to rest.
+
+    Both drives were off for the first time at `safe_s`, and are since `resting_s`.
 
     Parameters
     ----------
@@ -220,6 +226,7 @@ class Breaker:
         self.broken_s: float | None = None
         self.was_on = False
         self.safe_s: float | None = None
+        self.resting_s: float | None = None
         self.wall_s = float("nan")
         self._thread = threading.Thread(target=self._watch, name="breaker", daemon=True)
 
@@ -239,7 +246,7 @@ class Breaker:
     def await_rest(self) -> None:
         """Wait until both drives are off."""
         deadline = time.monotonic() + AT_REST_S
-        while self.broken_s is not None and self.safe_s is None and time.monotonic() < deadline:
+        while self.broken_s is not None and self.resting_s is None and time.monotonic() < deadline:
             time.sleep(0.01)
 
     def _watch(self) -> None:
@@ -260,9 +267,12 @@ class Breaker:
                         replies=order.replies,
                         duration_s=LASTING_S,
                     )
-            elif not moves(status):
-                self.safe_s, self.wall_s = now_s, time.monotonic() - began
-                return
+            elif moves(status):
+                self.resting_s = None
+            elif self.resting_s is None:
+                self.resting_s = now_s
+                if self.safe_s is None:
+                    self.safe_s, self.wall_s = now_s, time.monotonic() - began
 
 
 def moment(fault: WireFault, start_s: float, lasts_s: float, draw: np.random.Generator) -> float:
@@ -298,10 +308,11 @@ def one_wire_fault(
             unsafe = list(unsafe_end(station, breaker.at_rest()))
         await_safe(station, AT_REST_S)  # it is itself again, and says that it is off
         alarms = station.supervisor.history
+        safe_s = time_to_rest(fault, breaker, error, alarms)
         if breaker.broken_s is None:
             return Outcome(fault.name, procedure.name, "too late", "", float("nan"), 0)
         points, wrong = record_of(station, error, spoilt=fault.kind == "scale")
-        problems = [*unsafe, *_problems(fault, breaker, error, alarms, SAFE_S[time]), *wrong]
+        problems = [*unsafe, *_problems(fault, breaker, error, alarms, safe_s, time), *wrong]
         if isinstance(result, TransmissionRecording):
             problems += slipped(result)
         if isinstance(result, ReducerTestRecord):
@@ -309,17 +320,36 @@ def one_wire_fault(
             assert isinstance(undisturbed, ReducerTestRecord)
             problems += differing(result, undisturbed)
     status, named = status_of(error, alarms)
-    timed = error is not None and breaker.was_on and breaker.safe_s is not None
+    timed = fault.must_be_noticed and np.isfinite(safe_s)
     return Outcome(
         fault.name,
         procedure.name,
         status,
         named,
-        (breaker.safe_s or 0.0) - breaker.broken_s if timed else float("nan"),
+        safe_s,
         points,
         tuple(problems),
         wall_s=breaker.wall_s if timed else float("nan"),
     )
+
+
+def time_to_rest(
+    fault: WireFault, breaker: Breaker, error: BaseException | None, alarms: Sequence[Alarm]
+) -> float:
+    """Return how long both drives took to be off, s of bench time; NaN where that says nothing.
+
+    Answers in the right form that nobody can doubt count from the alarm that they end with: until
+    then the bench does what it is told. Without an alarm a procedure refuses what it has read, and
+    has taken the power off before it says so.
+    """
+    broken_s, safe_s, resting_s = breaker.broken_s, breaker.safe_s, breaker.resting_s
+    if error is None or not breaker.was_on or broken_s is None or safe_s is None:
+        return float("nan")
+    if fault.must_be_noticed:
+        return safe_s - broken_s
+    if not alarms or resting_s is None:
+        return float("nan")
+    return max(0.0, resting_s - max(broken_s, alarms[0].time_s))
 
 
 def _problems(
@@ -327,7 +357,8 @@ def _problems(
     breaker: Breaker,
     error: BaseException | None,
     alarms: Sequence[Alarm],
-    longest_s: float,
+    safe_s: float,
+    time: Time,
 ) -> Iterator[str]:
     """Say what is wrong with the way it ended, power and record apart."""
     yield from ended_badly(error, alarms, disk=False)
@@ -340,14 +371,11 @@ def _problems(
         return
     if not alarms and fault.must_be_noticed:  # else the procedure may refuse what it read
         yield f"other: no alarm, only {type(error).__name__}: {error}"
-    if breaker.safe_s is None:
-        return
-    bench_s = breaker.safe_s - (breaker.broken_s or 0.0)
     if fault.endpoint == "temperature":
-        if breaker.wall_s > PROBES_S:
+        if fault.must_be_noticed and breaker.wall_s > PROBES_S:
             yield f"unsafe: safe only after {breaker.wall_s:.2f} s"
-    elif bench_s > longest_s:
-        yield f"unsafe: safe only after {bench_s:.2f} s of bench time"
+    elif safe_s > SAFE_S[time]:
+        yield f"unsafe: safe only after {safe_s:.2f} s of bench time"
 
 
 def drawn_wires(

@@ -16,7 +16,7 @@ import resource
 import select
 import shutil
 import signal
-import sqlite3
+import subprocess
 import sys
 import tempfile
 import threading
@@ -55,6 +55,18 @@ WRONG_PERCENT = 0.1
 AWAY_S, LOST_S = 2.0, 3600.0
 LONGEST_S = 300.0
 """How long one command may take, s of wall time."""
+LOCKED_WITHIN_S = 3.0
+HOLD = """
+import os, sqlite3, sys, time
+database, seconds, owner = sys.argv[1], float(sys.argv[2]), int(sys.argv[3])
+connection = sqlite3.connect(database, timeout=30.0)
+connection.execute("BEGIN EXCLUSIVE")
+print("held", flush=True)
+until = time.monotonic() + seconds
+while time.monotonic() < until and os.getppid() == owner:
+    time.sleep(0.01)
+"""
+"""Holds a database until its time is over or who has started it is gone."""
 CRASHED = 3
 LATEST_EVENT = 12
 LATEST_CALL = 20_000
@@ -74,18 +86,15 @@ def _lock_database(seconds: float) -> Callable[[_Child], None]:
     """Return what has another process hold the registry's database."""
 
     def lock(child: _Child) -> None:
-        held, told = os.pipe()
-        owner = os.getpid()
-        if os.fork() == 0:
-            with contextlib.suppress(BaseException):
-                connection = sqlite3.connect(child.data / REGISTRY_FILE, timeout=30.0)
-                connection.execute("BEGIN EXCLUSIVE")
-                os.write(told, b".")
-                until = time.monotonic() + seconds
-                while time.monotonic() < until and os.getppid() == owner:
-                    time.sleep(0.01)
-            os._exit(0)
-        os.read(held, 1)
+        database, owner = str(child.data / REGISTRY_FILE), str(os.getpid())
+        holder = subprocess.Popen(
+            [sys.executable, "-c", HOLD, database, str(seconds), owner],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        # In the middle of a transaction it gets the lock after it, while the command goes on.
+        assert holder.stdout is not None
+        select.select([holder.stdout], [], [], LOCKED_WITHIN_S)
 
     return lock
 
