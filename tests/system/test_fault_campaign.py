@@ -22,11 +22,14 @@ from benchmarks.network_faults import (
     WireFault,
     drawn_wires,
     one_wire_fault,
+    time_to_rest,
     wire_faults,
 )
 from benchmarks.phase_faults import PHASE_FAULTS, PHASE_KINDS, PHASES
 
+from torquebench.bench.safety import Alarm, AlarmKind
 from torquebench.campaign.reducers.results import ReducerTestQuantity
+from torquebench.errors import BenchError
 
 SAMPLE = (
     "transducer silent",
@@ -103,7 +106,45 @@ def a_record(value: float) -> Any:
 
 def test_a_result_is_wrong_where_both_uncertainties_do_not_explain_it() -> None:
     assert list(differing(a_record(1.0), a_record(1.19))) == []
-    assert "undisturbed 1.21" in next(differing(a_record(1.0), a_record(1.21)))
+    assert "undisturbed backlash 1.21" in next(differing(a_record(1.0), a_record(1.21)))
+
+
+def a_spectrum(**amplitudes: float) -> Any:
+    quantities = [
+        ReducerTestQuantity(f"{key}_clockwise", key, value, 0.1, "arcsec")
+        for key, value in amplitudes.items()
+    ]
+    return SimpleNamespace(
+        outcomes=[SimpleNamespace(name="transmission-error", quantities=quantities)]
+    )
+
+
+def test_an_order_that_is_not_listed_is_at_most_as_large_as_the_least_that_is() -> None:
+    undisturbed = a_spectrum(order_1=5.0, order_2=0.30)
+    assert list(differing(a_spectrum(order_1=5.0, order_9=0.35), undisturbed)) == []
+    (said,) = differing(a_spectrum(order_1=5.0, order_9=0.60), undisturbed)
+    assert "order_9_clockwise 0.6" in said
+    assert "down to order_2_clockwise 0.3" in said
+    lost = list(differing(a_spectrum(order_2=0.30), undisturbed))
+    assert len(lost) == 1
+    assert "order_1_clockwise 5" in lost[0]
+    assert "isn't among the largest of the disturbed result" in lost[0]
+
+
+def ended(broken_s: float, safe_s: float, resting_s: float) -> Any:
+    return SimpleNamespace(was_on=True, broken_s=broken_s, safe_s=safe_s, resting_s=resting_s)
+
+
+def test_answers_that_nobody_can_doubt_count_from_their_alarm() -> None:
+    alarm = Alarm(AlarmKind.NOT_SAFE, "output", "still on", "off", "press the stop", 25.6)
+    ways, error = ended(12.8, 14.0, 25.7), BenchError("still on", "off")
+    for kind, alarms, expected in (
+        ("drop", (alarm,), 1.2),
+        ("freeze", (alarm,), 0.1),
+        ("freeze", (), float("nan")),  # the procedure itself refuses what it has read
+    ):
+        found = time_to_rest(WireFault("output_drive", kind), ways, error, alarms)
+        assert found == pytest.approx(expected, nan_ok=True)
 
 
 def test_every_instrument_on_the_wire_gets_every_kind() -> None:

@@ -218,7 +218,8 @@ def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
     before = _before(registry, folder)
     if start is None:
         raise InputError(
-            f"run {run.run_id} ended before it began", "a calibration that had begun",
+            f"run {run.run_id} ended before it began",
+            "a calibration that had begun",
             "calibrate again",
         )
     profile = _profile(run, start)
