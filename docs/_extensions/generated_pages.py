@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from pydantic import BaseModel
 from sphinx.util import logging
@@ -83,6 +83,74 @@ def _commands() -> str:
     for name, command in sorted(root.commands.items()):
         describe(command, f"torquebench {name}", 2)
     return "\n".join(lines)
+
+
+def _answers() -> str:
+    from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER
+
+    lines = [
+        "# Answers in JSON",
+        "",
+        "Generated from the program. With `--json` a command prints one JSON object on one line:",
+        "",
+        "| key | value |",
+        "| --- | --- |",
+        "| `torquebench` | version |",
+        "| `command` | the command, such as `records list` |",
+        "| `exit_code` | 0, 1, 2 or 130, as the [exit codes](../reference/commands.md#exit-codes) |",
+        "| `answer` | the table below; what was known before an error |",
+        "| `warnings` | list of text |",
+        "| `error` | null, or `found`, `allowed` and `do` |",
+        "",
+        "Names end with their unit. `null` is a value that isn't known or doesn't exist. Times are "
+        "ISO 8601. Keys marked “if” are there only where an option or the result brings them.",
+        "",
+    ]
+    lines += [f"`{name}` has no `--json`: it {why}." for name, why in WITHOUT_ANSWER.items()]
+    shapes: dict[type, list[str]] = {}
+    waiting = [(kind, name) for name, kind in ANSWERS.items()]
+    for kind, name in waiting:
+        shapes.setdefault(kind, []).append(f"`{name}`")
+    for kind in list(shapes):
+        _parts(kind, shapes)
+    for kind, names in shapes.items():
+        heading = ", ".join(names) if names else kind.__name__
+        lines += ["", f"(answer-{kind.__name__})=", f"## {heading}", "", kind.__doc__ or "", ""]
+        lines += ["| key | value | |", "| --- | --- | --- |"]
+        for key, value in get_type_hints(kind).items():
+            when = "" if key in kind.__required_keys__ else "if"  # type: ignore[attr-defined]
+            lines.append(f"| `{key}` | {_shape(value)} | {when} |")
+    return "\n".join(lines) + "\n"
+
+
+def _parts(kind: Any, shapes: dict[type, list[str]]) -> None:
+    """Add the shapes that a shape is made of."""
+    for value in get_type_hints(kind).values():
+        for part in _inside(value):
+            if part not in shapes:
+                shapes[part] = []
+                _parts(part, shapes)
+
+
+def _inside(value: Any) -> Iterator[type]:
+    if is_typeddict(value):
+        yield value
+    for part in get_args(value):
+        yield from _inside(part)
+
+
+def _shape(value: Any) -> str:
+    if is_typeddict(value):
+        return f"[{value.__name__}](#answer-{value.__name__})"
+    origin, parts = get_origin(value), get_args(value)
+    if origin is list:
+        return f"list of {_shape(parts[0])}"
+    if origin is dict:
+        return f"object of {_shape(parts[1])}"
+    if origin in (Union, UnionType):
+        return " or ".join(_shape(each) for each in parts)
+    names = {str: "text", float: "number", int: "integer", bool: "true or false"}
+    return names.get(value, "null" if value is type(None) else "value")
 
 
 def _bounds(field: Any) -> str:
@@ -217,7 +285,7 @@ def _python(module: str, title: str) -> str:
 
 def write_pages(folder: Path) -> list[Path]:
     """Write every generated page; one that hasn't changed keeps its date."""
-    pages = {"commands": _commands(), "alarms": _alarms()}
+    pages = {"commands": _commands(), "answers": _answers(), "alarms": _alarms()}
     pages |= {f"{key}-file": _settings(*value) for key, value in SETTINGS.items()}
     pages |= {f"python/{module}": _python(module, title) for module, title in PYTHON.items()}
     listed = "\n".join(f"{module}" for module in PYTHON)

@@ -14,6 +14,7 @@ import typer
 from torquebench.cli import records
 from torquebench.cli.failure import guarded
 from torquebench.cli.options import HELP_MARKUP, REGISTRY_URL
+from torquebench.cli.output_options import add_output_options
 
 __all__ = ["app", "main"]
 
@@ -23,7 +24,6 @@ app = typer.Typer(
     "place, compensate, state the uncertainty. The simulated bench is the default.",
     no_args_is_help=True,
     rich_markup_mode=HELP_MARKUP,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -86,6 +86,7 @@ def _add_commands(wanted: str) -> None:
 
 
 _add_commands(sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else "")
+add_output_options(app)
 
 
 def _print_version(wanted: bool) -> None:
@@ -101,12 +102,21 @@ def options(
     version: Annotated[  # noqa: ARG001 - its callback prints it
         bool,
         typer.Option(
-            "--version", help="Print the version.", callback=_print_version, is_eager=True
+            "--version",
+            metavar=" ",
+            help="Print the version.",
+            callback=_print_version,
+            is_eager=True,
         ),
     ] = False,
     debug: Annotated[
         bool,
-        typer.Option("--debug", envvar="TORQUEBENCH_DEBUG", help="Show the traceback of an error."),
+        typer.Option(
+            "--debug",
+            metavar=" ",
+            envvar="TORQUEBENCH_DEBUG",
+            help="Show the traceback of an error.",
+        ),
     ] = False,
     registry: Annotated[
         str | None,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 
@@ -56,6 +56,7 @@ def audit(
     folder = data_directory(data)
     path = _folder_of(folder, run) / AUDIT_FILE if run is not None else folder / AUDIT_FOLDER
     lines = [line for line in read_audit(path) if not alarms or "alarm" in str(line.get("event"))]
+    answer(lines=lines[-limit:], earlier=max(len(lines) - limit, 0))
     if not lines:
         say(f"no {'alarm' if alarms else 'line'} in {path}")
         return

@@ -10,7 +10,7 @@ import typer
 
 from torquebench.cli.calibrating import run_calibrations
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import out, say
+from torquebench.cli.console import answer, out, say
 from torquebench.cli.model_parameters import ParameterOption, model_parameters
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -209,4 +209,10 @@ def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> Non
             rehearsal = rehearse_calibration(station, side, profile)
             for part in staircase_tables(description, side, profile, rehearsal):
                 out().print(part)
+            plan = {
+                "side": side,
+                "points": rehearsal.points,
+                "duration_s": rehearsal.duration_s,
+            }
+            answer(plans=[plan])
     say("Limits and interlocks checked; nothing was moved.")

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from torquebench.cli.console import note, out, say, warn, write_contradictions
+from torquebench.cli.console import (
+    answer,
+    note,
+    out,
+    say,
+    say_file,
+    warn,
+    write_contradictions,
+)
 from torquebench.cli.failure import CHECK_FAILED
 
 if TYPE_CHECKING:
@@ -113,7 +121,7 @@ def _write_reports(
     for path in reports:
         side = finished.measured.result.data.side
         own = path.with_stem(f"{path.stem}-{side}") if several else path
-        say(f"Report: {write_report(page, own)}")
+        say_file("Report", write_report(page, own))
 
 
 def report_calibration(finished: FinishedCalibration) -> None:
@@ -160,3 +168,21 @@ def report_calibration(finished: FinishedCalibration) -> None:
         warn(f"{result.unsettled} points still drifted when their waiting time was over")
     for remark in fitted.remarks:
         warn(remark)
+    module = {
+        "side": data.side,
+        "range_nm": data.range_nm,
+        "transducer": data.transducer_serial,
+        "simulated": data.simulated,
+        "points": len(data),
+        "kind": fitted.name,
+        "raw": rows[0][1],
+        "fitted": rows[1][1],
+        "loading_accuracy_percent": data.loading_accuracy_percent,
+        "model": f"model-{entry.model_id}",
+        "calibration": f"calibration-{entry.calibration_id}",
+        "in_use": not fitted.contradictions and finished.active == fitted.name,
+        "run": finished.measured.record.run_id,
+        "unsettled": result.unsettled,
+        "contradictions": fitted.contradictions,
+    }
+    answer(modules=[module])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
@@ -51,16 +52,31 @@ def compare(
     with Registry.open(data_directory(data)) as registry:
         found = compare_calibrations(registry, *numbers)
     _print(found)
+    answer(
+        before=found.before.name,
+        after=found.after.name,
+        transducer=found.after.entry.transducer_serial,
+        simulated=found.simulated,
+        steps=[
+            {
+                **dataclasses.asdict(step),
+                "normalised_error": step.normalised_error,
+                "significant": step.significant,
+            }
+            for step in found.steps
+        ],
+        verdict=found.verdict(),
+    )
     if result is not None:
         _write(found, result)
-        say(f"Steps: {result}")
+        say_file("Steps", result)
     if report:
         from torquebench.reports.calibration_comparison import calibration_comparison_page
         from torquebench.reports.page_pdf import write_report
 
         page = calibration_comparison_page(found)
         for path in report:
-            say(f"Report: {write_report(page, path)}")
+            say_file("Report", write_report(page, path))
 
 
 def _number(name: str) -> int:

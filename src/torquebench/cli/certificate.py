@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import note, say, warn
+from torquebench.cli.console import answer, note, say, say_file, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
@@ -216,9 +216,18 @@ def _issued(issued: IssuedCertificate) -> None:
     if record.supersedes:
         say(f"It replaces {escape(record.supersedes)}.")
     for path in issued.files:
-        typer.echo(str(path))
+        say_file("", path)
     for deviation in record.deviations:
         warn(f"it states a deviation: {deviation.found} (clause {deviation.clause})")
+    answer(
+        number=record.number,
+        simulated=record.simulated,
+        verdict=None if conformity is None else conformity.verdict,
+        tolerance_percent_fs=None if conformity is None else conformity.tolerance_percent_fs,
+        unreviewed=list(record.unreviewed),
+        deviations=list(record.deviations),
+        supersedes=record.supersedes,
+    )
     if record.compensation and record.verification is None:
         warn("no verification at fresh points is registered for this compensation; it says so")
 
@@ -233,6 +242,13 @@ def _check(registry: Registry, given: str) -> None:
 
 
 def _say_check(found: CertificateCheck) -> None:
+    answer(
+        number=found.number,
+        matches=found.matches,
+        findings=list(found.findings),
+        schema=found.schema,
+        replaced_by=found.replaced_by,
+    )
     for finding in found.findings:
         say(f"[red]no match[/red]  {escape(finding)}")
     if found.matches and found.entry is not None:

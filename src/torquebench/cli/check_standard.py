@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import narrow_table, note, out, say, warn
+from torquebench.cli.console import answer, narrow_table, note, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -141,5 +141,32 @@ def _report(result: CheckResult, tolerance: float) -> None:
         f"tolerance ±{tolerance:g} % FS, guard band w = U"
     )
     say(f"Run: {result.run_id}")
+    points = [
+        {
+            "standard_nm": standard,
+            "error_nm": error,
+            "expanded_uncertainty_nm": expanded,
+            "verdict": decision.verdict,
+        }
+        for standard, error, expanded, decision in zip(
+            data.standard_nm,
+            result.error_nm,
+            result.expanded_uncertainty_nm,
+            result.decisions,
+            strict=True,
+        )
+    ]
+    answer(
+        side=data.side,
+        range_nm=data.range_nm,
+        transducer=data.transducer_serial,
+        simulated=data.simulated,
+        model=None if model is None else f"model-{model.model_id}",
+        points=points,
+        verdict=result.verdict,
+        worst_percent_fs=result.worst_percent_fs,
+        tolerance_percent_fs=tolerance,
+        run=result.run_id,
+    )
     if not inside:
         raise typer.Exit(CHECK_FAILED)

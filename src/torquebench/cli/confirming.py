@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from torquebench.cli.console import note
+from torquebench.cli.console import stderr_console
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,6 +38,6 @@ def _confirm(description: BenchDescription, what: str, yes: bool) -> None:
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )
-    note(f"{description.name}: {what}.")
-    if not typer.confirm("Is the bench clear and may it be loaded?"):
+    stderr_console().print(f"{description.name}: {what}.", markup=False)
+    if not typer.confirm("Is the bench clear and may it be loaded?", err=True):
         raise typer.Exit(1)

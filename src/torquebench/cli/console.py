@@ -1,29 +1,42 @@
-"""What every command writes with: one console each for results and for messages."""
+"""What every command writes with: results, messages, and the same results as JSON.
+
+Results go to standard output, everything else to standard error. With `--json` a command prints
+one JSON object instead of its tables; with `--quiet` it prints warnings and errors only.
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from torquebench.errors import TorquebenchError
+from torquebench.errors import InputError, TorquebenchError
 
 if TYPE_CHECKING:
     from torquebench.calibration import Contradiction
 
 __all__ = [
+    "answer",
+    "answer_line",
+    "begin_output",
+    "is_json",
+    "is_quiet",
     "leave_standard_output",
     "narrow_table",
     "note",
     "out",
     "say",
+    "say_file",
     "stderr_console",
     "warn",
+    "write_answer",
     "write_contradictions",
     "write_error",
 ]
@@ -32,18 +45,99 @@ PLAIN_WIDTH = 80
 """Columns where nobody looks: pipes, files and logs stay readable on any terminal."""
 
 
-_standard_output_is_a_file = False
+@dataclass
+class _Output:
+    """How one command writes, and what it has answered so far."""
+
+    command: str = ""
+    json: bool = False
+    quiet: bool = False
+    standard_output_is_a_file: bool = False
+    answer: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    error: dict[str, str] | None = None
+
+
+_output = _Output()
+
+
+def begin_output(command: str, *, json: bool, quiet: bool) -> None:
+    """Set how the command that begins now writes."""
+    global _output
+    _output = _Output(command, json, quiet)
+
+
+def is_json() -> bool:
+    """Return whether the results are wanted as JSON."""
+    return _output.json
+
+
+def is_quiet() -> bool:
+    """Return whether only warnings and errors are wanted."""
+    return _output.quiet
+
+
+def answer(**facts: Any) -> None:
+    """Add facts to what `--json` prints; `cli.answers` lists those of every command.
+
+    A fact that is a list extends what was said before under its name.
+    """
+    for name, value in facts.items():
+        before = _output.answer.get(name)
+        if isinstance(before, list) and isinstance(value, list):
+            value = before + value
+        _output.answer[name] = value
+
+
+def answer_line(**facts: Any) -> None:
+    """Print one JSON object now, for a command that answers line by line."""
+    _print_json({"command": _output.command, "line": facts})
+
+
+def write_answer(exit_code: int) -> None:
+    """Print the command's answer as one JSON object on one line, where that is wanted."""
+    if not _output.json:
+        return
+    from torquebench import __version__
+
+    _print_json(
+        {
+            "torquebench": __version__,
+            "command": _output.command,
+            "exit_code": exit_code,
+            "answer": _output.answer,
+            "warnings": _output.warnings,
+            "error": _output.error,
+        }
+    )
+
+
+def _print_json(content: Mapping[str, Any]) -> None:
+    from torquebench.records.files import json_text
+
+    sys.stdout.write(json_text(content) + "\n")
+    sys.stdout.flush()
 
 
 def leave_standard_output() -> None:
-    """Print results to standard error from now on: a file is written to standard output."""
-    global _standard_output_is_a_file
-    _standard_output_is_a_file = True
+    """Print results to standard error from now on: a file is written to standard output.
+
+    Raises
+    ------
+    InputError
+        Where `--json` writes to standard output, too.
+    """
+    if _output.json:
+        raise InputError(
+            "a file and --json for standard output", "one of both", "name a file with --out"
+        )
+    _output.standard_output_is_a_file = True
 
 
 def out() -> Console:
     """Return the console of results (standard output); plain where it isn't a terminal."""
-    return _console(stderr=_standard_output_is_a_file)
+    silent = _output.json or _output.quiet
+    return _console(stderr=_output.standard_output_is_a_file, quiet=silent)
 
 
 def stderr_console() -> Console:
@@ -51,8 +145,8 @@ def stderr_console() -> Console:
     return _console(stderr=True)
 
 
-def _console(*, stderr: bool) -> Console:
-    console = Console(stderr=stderr, highlight=False, emoji=False)
+def _console(*, stderr: bool, quiet: bool = False) -> Console:
+    console = Console(stderr=stderr, quiet=quiet, highlight=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = PLAIN_WIDTH
     return console
@@ -63,18 +157,28 @@ def say(text: str) -> None:
     out().print(text)
 
 
+def say_file(title: str, path: object) -> None:
+    """Print where a file was written, and add it to the answer's `files`."""
+    named = f"{title}: {path}" if title else str(path)
+    out().print(named, markup=False, soft_wrap=not title)
+    answer(files=[str(path)])
+
+
 def note(text: str) -> None:
     """Print a line about the work itself, which a pipe of the results shouldn't carry."""
-    stderr_console().print(Text(text, style="dim"))
+    if not _output.quiet:
+        stderr_console().print(Text(text, style="dim"))
 
 
 def warn(text: str) -> None:
     """Print a warning to standard error."""
+    _output.warnings.append(text)
     stderr_console().print(f"[yellow]warning[/yellow]  {escape(text)}")
 
 
 def write_error(error: TorquebenchError) -> None:
     """Print what was found, what is allowed and what to do, one line each."""
+    _output.error = {"found": error.found, "allowed": error.allowed, "do": error.remedy}
     _write_message({"error": error.found, "allowed": error.allowed, "do": error.remedy})
 
 

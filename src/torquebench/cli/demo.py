@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import note, out, say
+from torquebench.cli.console import answer, note, out, say, say_file
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -70,7 +70,7 @@ def demo(
         result = _tell(description, _settings(description, quick), data, real_time)
     _write_report(report, result)
     _print(result)
-    say(f"Report: {report}")
+    say_file("Report", report)
     say(f"Records: torquebench records list --data {data}")
 
 
@@ -158,3 +158,15 @@ def _print(result: DemoResult) -> None:
     console.print(
         f"{result.bench_seconds:.0f} s of simulated bench time in {result.elapsed_seconds:.0f} s."
     )
+    modules = [
+        {
+            "side": each.side,
+            "range_nm": each.range_nm,
+            "transducer": each.transducer_serial,
+            "recommended": each.recommended.name,
+            "models": [found.verification for found in (each.raw, *each.models)],
+            "runs": each.run_ids,
+        }
+        for each in result.modules
+    ]
+    answer(simulated=result.simulated, modules=modules, bench_seconds=result.bench_seconds)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.console import answer, narrow_table, note, out, say
 from torquebench.cli.doctor_bench import Finding
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
@@ -98,6 +98,7 @@ def doctor(
             note(f"what comes after {title!r} was left out")
             break
     problems = sum(finding.state == "problem" for finding in findings)
+    answer(findings=findings, problems=problems)
     if problems:
         say(f"{problems} thing{'s' if problems > 1 else ''} to do before working.")
         raise typer.Exit(CHECK_FAILED)

@@ -8,12 +8,12 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 
@@ -69,6 +69,7 @@ def add_equipment(
     with Registry.open(data) as registry:
         registry.add_equipment(described)
     say(f"{kind.value} {escape(serial)} entered.")
+    answer(record=f"{kind.value} {serial}")
 
 
 def add_certificate(
@@ -103,6 +104,7 @@ def add_certificate(
                 file=file,
             )
         )
+    answer(record=f"certificate {number}")
     say(f"certificate {escape(number)} of {kind.value} {escape(serial)}, until {due:%Y-%m-%d}.")
 
 
@@ -129,6 +131,7 @@ def fit_part(
             performed_by=by,
             reason=reason,
         )
+    answer(record=f"{kind.value} {serial}")
     say(f"{escape(serial)} is {escape(role)} of {escape(into_serial)}.")
 
 
@@ -170,6 +173,7 @@ def adjust(
             )
         )
         earlier = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
+    answer(record=f"adjustment of {kind.value} {serial}")
     say(f"adjustment of {kind.value} {escape(serial)} entered: {escape(what)}")
     for entry in earlier:
         warn(f"calibration-{entry.calibration_id} was made before it: calibrate again")
@@ -185,6 +189,7 @@ def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
             raise InputError(f"no equipment {serial!r}", "one of `records list equipment`")
         for each in found:
             _show(registry, each)
+            answer(equipment=[_everything(registry, each)])
 
 
 def _show(registry: Registry, shown: Equipment) -> None:
@@ -227,6 +232,18 @@ def _show(registry: Registry, shown: Equipment) -> None:
         if value:
             table.add_row(escape(name), escape(value))
     out().print(table)
+
+
+def _everything(registry: Registry, shown: Equipment) -> dict[str, Any]:
+    certificates, adjustments = registry.reports(shown.serial), registry.adjustments(shown.serial)
+    of_kind: dict[str, Any] = {
+        "parts": registry.components((shown.kind, shown.serial)),
+        "certificates": [each for each in certificates if each.kind == shown.kind],
+        "adjustments": [each for each in adjustments if each.kind == shown.kind],
+    }
+    if shown.kind == "transducer":
+        of_kind["calibrations"] = registry.calibrations(shown.serial)
+    return {**vars(shown), **of_kind}
 
 
 def _known(registry: Registry, kind: Kind, serial: str) -> None:

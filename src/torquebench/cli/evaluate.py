@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
-from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -154,9 +154,22 @@ def static(
         torque = None if model is None else _compensated(model, shown)
         page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable.remarks)
         for path in report:
-            say(f"Report: {write_report(page, path)}")
+            say_file("Report", write_report(page, path))
+    content = {
+        "profile": {"name": chosen.name, "sha256": chosen.sha256},
+        "data_sha256": points.sha256(),
+        "deviations": list(deviations),
+        "steps_of_profile": evaluable.of_profile,
+        "left_out": list(evaluable.remarks),
+        "results": found,
+    }
+    answer(points=len(points), range_nm=points.range_nm, **content)
     if result is not None:
-        _write_results(result, found, evaluable, points, chosen, deviations)
+        from torquebench.atomic_write import atomic_write
+        from torquebench.records import json_text
+
+        atomic_write(result, json_text(content, indent=2) + "\n")
+        say_file("Every number", result)
     if register:
         from torquebench.campaign.external_calibration import ExternalCalibration
 
@@ -213,29 +226,6 @@ def _evaluate(
     return results
 
 
-def _write_results(
-    file: Path,
-    results: CalibrationResults | None,
-    evaluated: EvaluablePoints,
-    points: CalibrationData,
-    profile: Profile,
-    deviations: tuple[Deviation, ...],
-) -> None:
-    from torquebench.atomic_write import atomic_write
-    from torquebench.records import json_text
-
-    content = {
-        "profile": {"name": profile.name, "sha256": profile.sha256},
-        "data_sha256": points.sha256(),
-        "deviations": deviations,
-        "steps_of_profile": evaluated.of_profile,
-        "left_out": evaluated.remarks,
-        "results": results,
-    }
-    atomic_write(file, json_text(content, indent=2) + "\n")
-    say(f"Every number: {file}")
-
-
 def _register(
     folder: Path,
     table: Path,
@@ -261,6 +251,11 @@ def _register(
     if entered.model is not None:
         say(f"Compensation: model-{entered.model.model_id}.")
     say(f"Run: {entered.run_id}")
+    answer(
+        calibration=f"calibration-{entered.calibration.calibration_id}",
+        model=None if entered.model is None else f"model-{entered.model.model_id}",
+        run=entered.run_id,
+    )
 
 
 def _compensated(file: Path, points: CalibrationData) -> Any:

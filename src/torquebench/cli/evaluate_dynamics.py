@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.cli.options import check_output
 
 if TYPE_CHECKING:
@@ -66,7 +66,11 @@ def dynamics(
             "the chain's curve bends at small torques; give --model"
         )
     save_dynamics(result, found)
-    say(f"Dynamics: {result}")
+    say_file("Dynamics", result)
+
+
+def _estimated(value: float, u: float, unit: str) -> dict[str, float | str]:
+    return {"value": value, "expanded_uncertainty": 2.0 * u, "unit": unit}
 
 
 def _print(found: IdentifiedDynamics) -> None:
@@ -80,9 +84,11 @@ def _print(found: IdentifiedDynamics) -> None:
     table = narrow_table("Identified" + (" - simulated" if found.simulated else ""))
     for name in ("", "value", "U (k = 2)", "unit"):
         table.add_column(name, justify="left" if name in ("", "unit") else "right")
+    parameters: dict[str, dict[str, float | str]] = {}
     for words, name, factor, unit in rows:
         value, u = getattr(transfer, name), transfer.standard_uncertainty(name)
         table.add_row(words, f"{factor * value:.4g}", f"{2.0 * factor * u:.2g}", unit)
+        parameters[words] = _estimated(factor * value, factor * u, unit)
     if found.inertia is not None and found.shaft is not None:
         moment, shaft = found.inertia, found.shaft
         for words, value, u, unit in (
@@ -91,7 +97,15 @@ def _print(found: IdentifiedDynamics) -> None:
             ("damping", shaft.damping_nm_s, shaft.damping_uncertainty_nm_s, "N·m·s/rad"),
         ):
             table.add_row(words, f"{value:.4g}", f"{2.0 * u:.2g}", unit)
+            parameters[words] = _estimated(value, u, unit)
     out().print(table)
+    answer(
+        simulated=found.simulated,
+        parameters=parameters,
+        bandwidth_hz=designed.bandwidth_hz,
+        noise_gain=designed.noise_gain,
+        delay_s=designed.delay_s,
+    )
     for words, step in (("raw", designed.raw), ("with the filter", designed.compensated)):
         say(
             f"{words}: bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "

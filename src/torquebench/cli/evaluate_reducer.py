@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import say
+from torquebench.cli.console import say_file
 from torquebench.cli.reducer_columns import Kind, read_columns
 from torquebench.cli.reducer_tables import check_reports, present
 from torquebench.errors import InputError
@@ -129,7 +129,7 @@ def _write(page: Page, report: list[Path]) -> None:
     from torquebench.reports.page_pdf import write_report
 
     for path in report:
-        say(f"Report: {write_report(page, path)}")
+        say_file("Report", write_report(page, path))
 
 
 def hysteresis(

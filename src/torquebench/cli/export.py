@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import say, warn
+from torquebench.cli.console import answer, say, warn
+from torquebench.cli.console import out as results
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 
@@ -36,7 +37,8 @@ def export(
     for remark in exported.remarks:
         warn(remark)
     say(f"{len(exported.files)} files")
-    typer.echo(str(exported.folder))
+    results().print(str(exported.folder), markup=False, soft_wrap=True)
+    answer(folder=exported.folder, files=[exported.folder / name for name in exported.files])
 
 
 def find_run(registry: Registry, name: str) -> RunSummary:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.console import say
+from torquebench.cli.console import answer, say, say_file
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
 
@@ -57,4 +57,5 @@ def export_data(
         folder = RunFolder.open(find_run(registry, run).folder)
     export_streams(folder, out, file_format.value, stream.value)
     say(f"{stream.value} of {folder.run_id} as {file_format.value}")
-    typer.echo(str(out))
+    say_file("", out)
+    answer(run=folder.run_id, stream=stream, format=file_format)

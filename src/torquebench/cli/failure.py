@@ -1,4 +1,7 @@
-"""From errors to exit codes: 0 done, 1 a check or the bench failed, 2 unusable input."""
+"""From errors to exit codes: 0 done, 1 a check or the bench failed, 2 unusable input.
+
+130 is an end by Ctrl-C. With `--json` every end prints the answer, also that of an error.
+"""
 
 from __future__ import annotations
 
@@ -57,6 +60,14 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
     int
         The exit code of the process.
     """
+    from torquebench.cli.console import write_answer
+
+    code = _coded(run, debug)
+    write_answer(code)
+    return code
+
+
+def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
     from torquebench.cli.console import stderr_console, write_error
 
     try:

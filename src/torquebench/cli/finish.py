@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import say
+from torquebench.cli.console import answer, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 
@@ -43,10 +43,12 @@ def finish(
         if run is not None:
             finish_and_report(registry, find_unfinished(registry, run))
             return
+        answer(finished=[])
         every = unfinished_runs(registry)
         for each in every:
             if each.state is RunState.INTERRUPTED:
                 say(f"{each.found}: {each.remedy}")
+                answer(unfinished=[each.run_id])
             else:
                 finish_and_report(registry, each)
         if not every:
@@ -64,6 +66,7 @@ def finish_and_report(registry: Registry, run: UnfinishedRun) -> None:
     if finished.calibration is not None:
         report_calibration(finished.calibration)
     say(f"{finished.sentence}. Nothing was measured.")
+    answer(finished=[finished.run_id])
 
 
 def discard(
@@ -84,4 +87,5 @@ def discard(
     with BenchLock(None, folder), Registry.open(folder) as registry:
         found = find_unfinished(registry, run)
         discard_run(registry, found, by=by or operator_name(), reason=reason)
+    answer(record=f"run {found.run_id}")
     say(f"run {found.run_id} is discarded on the record; its folder stays as it is.")

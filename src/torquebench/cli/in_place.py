@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
 from torquebench.cli.options import BenchOption, RealTimeOption, bench_description
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
@@ -105,12 +105,18 @@ def in_place(
     for name, value in zip(names, found, strict=True):
         shown.add_row(name, number(value))
     out().print(shown)
+    answer(
+        side=side,
+        range_nm=range_nm,
+        simulated=description.simulated,
+        worst_percent_fs=dict(zip(names, found, strict=True)),
+    )
     if report:
         from torquebench.reports.page_pdf import write_report
 
         page = in_place_page(description.name, side, fitted)
         for path in report:
-            say(f"Report: {write_report(page, path)}")
+            say_file("Report", write_report(page, path))
 
 
 def _alone(path: Path, side: Side, description: BenchDescription) -> CalibrationData:

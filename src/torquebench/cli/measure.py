@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import note, out
+from torquebench.cli.console import answer, answer_line, is_json, note, out
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
@@ -70,6 +72,7 @@ def measure(
             note("simulated bench")
         for side, state in states.items():
             note(f"{side}: {state}")
+        answer(simulated=station.description.simulated, compensation=states, lines=0)
         try:
             _show(station, interval, count)
         except KeyboardInterrupt:
@@ -105,9 +108,13 @@ def _show(station: Station, interval_s: float, count: int | None) -> None:
     shown = 0
     try:
         while count is None or shown < count:
-            line = measured_line(station, _blocks(viewer, interval_s))
+            measured = measured_interval(station, _blocks(viewer, interval_s))
+            line = measured.line()
             shown += 1
-            if console.is_terminal:
+            answer(lines=shown)
+            if is_json():
+                answer_line(**asdict(measured))
+            elif console.is_terminal and not console.quiet:
                 console.file.write("\r\x1b[2K" + line)
                 console.file.flush()
             else:
@@ -135,24 +142,68 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
     return blocks
 
 
-def measured_line(station: Station, blocks: list[AcquiredBlock]) -> str:
-    """Return one line of at most 80 columns about an interval; speed and its rate of the input."""
+@dataclass(frozen=True)
+class MeasuredSide:
+    """Mean torque ± U (k = 2) of one side, and what it is: compensated, raw or a fault.
+
+    Attributes
+    ----------
+    torque_nm, expanded_uncertainty_nm : float or None
+    state : str
+        "compensated", "raw", "beyond range" or the fault's name.
+    """
+
+    torque_nm: float | None
+    expanded_uncertainty_nm: float | None
+    state: str
+
+    def text(self, whole: int, decimals: int) -> str:
+        """Return torque ± U with digits for the side, or the state in as many columns."""
+        width = whole + 3 + max(5, decimals + 2)
+        if self.torque_nm is None:
+            return f"{self.state:>{width}.{width}}"
+        if self.expanded_uncertainty_nm is None:
+            return f"{self.torque_nm:{whole}.{decimals}f} raw".ljust(width)
+        expanded = f"{self.expanded_uncertainty_nm:5.{decimals}f}"
+        return f"{self.torque_nm:{whole}.{decimals}f} ± {expanded}"
+
+
+@dataclass(frozen=True)
+class MeasuredInterval:
+    """What one line shows."""
+
+    time_s: float
+    input: MeasuredSide
+    output: MeasuredSide
+    speed_rpm: float
+    acceleration_rpm_s: float
+    temperature_c: float
+
+    def line(self) -> str:
+        """Return one line of at most 80 columns; speed and its rate of the input."""
+        return (
+            f"{self.time_s:6.1f} s in {self.input.text(7, 3)} out {self.output.text(8, 2)}"
+            f" N·m {self.speed_rpm:7.1f} rpm {self.acceleration_rpm_s:+5.0f}/s "
+            f"{self.temperature_c:.1f} °C"
+        )
+
+
+def measured_interval(station: Station, blocks: list[AcquiredBlock]) -> MeasuredInterval:
+    """Return the means of an interval."""
     from torquebench.bench.acceleration import UNKNOWN
 
     newest = blocks[-1]
-    rpm = newest.speed_rad_s.get("input", float("nan")) * RPM_PER_RAD_S
-    rate = newest.accelerations.get("input", UNKNOWN).rad_s2 * RPM_PER_RAD_S
-    temperature = newest.temperatures[station.description.input.temperature_probe]
-    return (
-        f"{newest.stop_s:6.1f} s in {_torque('input', blocks)} out {_torque('output', blocks)}"
-        f" N·m {rpm:7.1f} rpm {rate:+5.0f}/s {temperature:.1f} °C"
+    return MeasuredInterval(
+        newest.stop_s,
+        _torque("input", blocks),
+        _torque("output", blocks),
+        newest.speed_rad_s.get("input", math.nan) * RPM_PER_RAD_S,
+        newest.accelerations.get("input", UNKNOWN).rad_s2 * RPM_PER_RAD_S,
+        newest.temperatures[station.description.input.temperature_probe],
     )
 
 
-def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
-    """Return mean torque ± U (k = 2), with what it is: compensated, raw or a fault."""
-    whole, decimals = (7, 3) if side == "input" else (8, 2)
-    width = whole + 3 + decimals + (2 if side == "input" else 3)
+def _torque(side: Side, blocks: list[AcquiredBlock]) -> MeasuredSide:
     import numpy as np
 
     from torquebench.bench.drivers.base import torque_channel
@@ -161,13 +212,13 @@ def _torque(side: Side, blocks: list[AcquiredBlock]) -> str:
     samples = [block.channels[torque_channel(side)] for block in blocks]
     fault = next((each.fault_kind for each in samples if each.fault.any()), None)
     if fault is not None:
-        return f"{fault.name.lower().replace('_', ' '):>{width}.{width}}"
+        return MeasuredSide(None, None, fault.name.lower().replace("_", " "))
     compensated = [block.compensated[side] for block in blocks if side in block.compensated]
     if len(compensated) == len(blocks):
         mean = joined(compensated).mean()
         if not np.all(np.isfinite(mean.value_nm)):
-            return f"{'beyond range':>{width}}"
-        value, expanded = mean.value_nm[0], mean.expanded_uncertainty_nm[0]
-        return f"{value:{whole}.{decimals}f} ± {expanded:5.{decimals}f}"
+            return MeasuredSide(None, None, "beyond range")
+        value, expanded = float(mean.value_nm[0]), float(mean.expanded_uncertainty_nm[0])
+        return MeasuredSide(value, expanded, "compensated")
     torque = np.concatenate([each.torque_nm for each in samples])
-    return f"{np.mean(torque):{whole}.{decimals}f} raw".ljust(width)
+    return MeasuredSide(float(np.mean(torque)), None, "raw")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import answer, narrow_table, out, say, say_file
 from torquebench.cli.options import HELP_MARKUP, check_output
 from torquebench.errors import InputError
 
@@ -65,8 +65,9 @@ def additional_torque(
                 f"no design {design!r}", f"a .toml file, or one of {', '.join(DESIGNS)}"
             )
         chosen = load_design(Path(design))
-    answer, blocks = additional_torque_blocks(chosen)
-    say(answer.ours)
+    found, blocks = additional_torque_blocks(chosen)
+    say(found.ours)
+    answer(result=found.ours)
     _finish("Additional torque", f"{chosen.name}, {chosen.range_nm:g} N·m", blocks, reports)
 
 
@@ -76,8 +77,9 @@ def sections(report: ReportOption = None) -> None:
     reports = _checked(report)
     from torquebench.papers.mechanics import section_blocks
 
-    answer, blocks = section_blocks()
-    say(answer.ours)
+    found, blocks = section_blocks()
+    say(found.ours)
+    answer(result=found.ours)
     _finish("Rectangle against circle", "twist per length at equal area", blocks, reports)
 
 
@@ -117,8 +119,9 @@ def supports(
 
     design = SupportDesign(height, column, thickness, arm, arm_height, cylinder, 1e9 * modulus)
     size = 0.12 * max(height, column, arm, 0.5 * cylinder)
-    answer, blocks = support_blocks(torque, design, min(size, 0.5 * min(column, thickness)))
-    say(answer.ours)
+    found, blocks = support_blocks(torque, design, min(size, 0.5 * min(column, thickness)))
+    say(found.ours)
+    answer(result=found.ours)
     _finish("Two supports", f"{torque:g} N·m about the vertical axis", blocks, reports)
 
 
@@ -148,12 +151,24 @@ def _finish(
             for row in block.rows:
                 table.add_row(*row)
             out().print(table)
+            rows = [[_value(cell) for cell in row] for row in block.rows]
+            answer(tables=[{"header": block.header, "rows": rows}])
         elif isinstance(block, Facts):
             for name, value in block.items:
                 say(f"{name}: {value}")
+    facts = [item for block in blocks if isinstance(block, Facts) for item in block.items]
+    answer(facts=dict(facts))
     if reports:
         from torquebench.reports.page_pdf import write_report
 
         sections = [Section(title, "", tuple(blocks))]
         for path in reports:
-            say(f"Page: {write_report(Page(title, subtitle, sections), path)}")
+            say_file("Page", write_report(Page(title, subtitle, sections), path))
+
+
+def _value(cell: str) -> str | float:
+    """Return a table's cell as a number where it is one."""
+    try:
+        return float(cell.replace("−", "-"))
+    except ValueError:
+        return cell

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from torquebench.atomic_write import is_standard_output
 from torquebench.cli.chain_words import tell_missing
-from torquebench.cli.console import out, say, warn, write_contradictions
+from torquebench.cli.console import answer, out, say, say_file, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.model_parameters import ParameterOption, model_parameters
 from torquebench.cli.options import ColumnOption, RangeOption, WithoutOption, check_output
@@ -184,10 +184,10 @@ def fit(
         fitted.contradictions,
         accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
     )
-    say(f"Model: {result}")
+    say_file("Model", result)
     if page is not None:
         write_page(fit_page(fitted), page)
-        say(f"Report: {page}")
+        say_file("Report", page)
     if fitted.contradictions:
         write_contradictions(
             fitted.contradictions,
@@ -219,6 +219,19 @@ def _print_fit(fitted: FitResult) -> None:
     rows = [("raw reading", fitted.raw), (f"*{fitted.title}", fitted.fitted)]
     for part in error_blocks([("on the points that it was fitted to", rows)]):
         out().print(part)
+    answer(
+        points=len(data),
+        range_nm=data.range_nm,
+        simulated=data.simulated,
+        kind=fitted.name,
+        title=fitted.title,
+        raw=fitted.raw,
+        fitted=fitted.fitted,
+        scatter_nm=None if noise is None else noise.standard_deviation_nm,
+        contradictions=fitted.contradictions,
+    )
+    if comparison is not None:
+        answer(comparison=comparison.scores)
 
 
 def apply(
@@ -320,6 +333,16 @@ def apply(
         f"additional torque {done.lowest_nm:.4g} to {done.highest_nm:.4g} N·m, "
         f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
+    say_file("", result)
+    answer(
+        rows=done.rows,
+        simulated=done.simulated,
+        lowest_nm=done.lowest_nm,
+        highest_nm=done.highest_nm,
+        largest_uncertainty_nm=done.largest_uncertainty_nm,
+        unmeasured=list(unmeasured),
+        delay_s=None if filtering is None else filtering.delay_s,
+    )
     if filtering is not None:
         say(f"each torque belongs to the time of its row less {1e3 * filtering.delay_s:.4g} ms")
     if unmeasured:
@@ -416,6 +439,9 @@ def verify(
     say(f"U (k = 2) of these torques up to {compensated.expanded_uncertainty_nm:.3g} N·m")
     if chain.turns:
         out().print(cells_table(points, torque))
+        from torquebench.calibration import cells
+
+        answer(cells=cells(points, torque))
     titles = [name.removeprefix("*") for name, _ in rows[1:]]
     _write_verification(
         points,
@@ -426,6 +452,15 @@ def verify(
     )
     worst = compensated.against_standard.worst_percent_fs
     passed = worst <= tolerance
+    answer(
+        range_nm=result.range_nm,
+        groups=result.groups,
+        points=result.points,
+        simulated=result.simulated,
+        models=result.models,
+        tolerance_percent_fs=tolerance,
+        passed=passed,
+    )
     verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
     say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
     if not passed:
@@ -464,7 +499,7 @@ def _write_verification(
     ]
     page = verification_page(points, verified, facts, tolerance)
     for path in reports:
-        say(f"Report: {write_report(page, path)}")
+        say_file("Report", write_report(page, path))
 
 
 def _title(stored: StoredModel) -> str:

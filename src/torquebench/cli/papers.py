@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
 from torquebench.cli.options import RealTimeOption, bench_description, check_output
 from torquebench.errors import InputError
 
@@ -101,6 +101,7 @@ def papers(
 
         written = write_tables(save, tables[0])
         say(f"Tables: {len(written)} in {save}")
+        answer(files=[str(path) for path in written])
     page = _page(tables, study, quick)
     _write(page, reports)
 
@@ -220,6 +221,8 @@ def _write(page: Page, reports: list[Path]) -> None:
     for section in page.sections[1:]:
         item, _, verdict = section.heading.rpartition(": ")
         table.add_row(item, verdict)
+        answer(items=[{"item": item, "verdict": verdict}])
+    answer(simulated=page.simulated)
     out().print(table)
     for path in reports:
-        say(f"Page: {write_report(page, path)}")
+        say_file("Page", write_report(page, path))

@@ -16,7 +16,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
-from torquebench.cli.console import stderr_console
+from torquebench.cli.console import is_quiet, stderr_console
 
 __all__ = ["Attendance", "TerminalProgress"]
 
@@ -46,13 +46,14 @@ class TerminalProgress:
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or stderr_console()
+        self._drawn = self._console.is_terminal and not is_quiet()
         self._bars = Bars(
             TextColumn(f"{{task.description:<{TITLE_COLUMNS}}}"),
             BarColumn(bar_width=16),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
             console=self._console,
-            disable=not self._console.is_terminal,
+            disable=not self._drawn,
         )
         self.attendance: Attendance | None = None
         self._task: TaskID | None = None
@@ -78,9 +79,9 @@ class TerminalProgress:
         """Begin a stage of `total` steps (None where nobody can tell); ends the stage before."""
         self.finish()
         self._title, self._total, self._since = title, total, time.monotonic()
-        if self._console.is_terminal:
+        if self._drawn:
             self._task = self._bars.add_task(title, total=total)
-        else:
+        elif not is_quiet():
             self._console.print(title + (f" ({total})" if total else ""))
 
     def advance(self, steps: int = 1, detail: str = "") -> None:
@@ -100,7 +101,7 @@ class TerminalProgress:
             self._bars.update(
                 self._task, description=title[:TITLE_COLUMNS], total=total, completed=total
             )
-        elif detail:
+        elif detail and not is_quiet():
             self._console.print(f"{title} ({time.monotonic() - self._since:.1f} s)")
         self._task, self._title, self._total = None, "", None
 

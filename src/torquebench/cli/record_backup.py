@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.console import note, say, warn
+from torquebench.cli.console import answer, note, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 
@@ -38,6 +38,15 @@ def backup(
     from torquebench.station.backup import back_up
 
     done = back_up(data_directory(data), target, note)
+    answer(
+        runs=done.runs,
+        known_runs=done.known_runs,
+        open_runs=done.open_runs,
+        files_copied=done.files,
+        outside=done.outside,
+        problems=done.problems,
+        chain_end=str(done.head),
+    )
     say(
         f"{done.runs} run folders and {done.files} other files copied to {target}, "
         f"{done.known_runs} run folders were there already"
@@ -71,6 +80,7 @@ def restore(
     from torquebench.station.backup import restore as restore_backup
 
     done = restore_backup(source, data, replace=replace)
+    answer(restored=done.restored, replaced=done.replaced, kept=done.kept, aside=done.aside)
     say(f"{len(done.restored)} restored, {len(done.replaced)} replaced, {len(done.kept)} kept")
     for title, names in (("restored", done.restored), ("replaced", done.replaced)):
         for name in names[:20]:
@@ -100,6 +110,7 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
     from torquebench.station.rebuilding import rebuild as rebuild_registry
 
     done = rebuild_registry(checked_directory(data), operator_name(), note)
+    answer(**vars(done))
     if done.aside is not None:
         say(f"the registry as it was found lies in {done.aside}")
     for what in done.mended:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.console import narrow_table, out, say, warn
+from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
@@ -65,6 +65,24 @@ def verify(
     compared += f", {report.audit_lines} lines of the audit log"
     for remark in report.remarks:
         warn(remark)
+    defects = [
+        {
+            "kind": each.kind,
+            "where": each.place,
+            "found": each.what,
+            "remedy": each.way_back,
+        }
+        for each in report.findings
+    ]
+    answer(
+        intact=report.intact,
+        records=report.records,
+        runs=report.runs,
+        files_compared=report.files,
+        audit_lines=report.audit_lines,
+        chain_end=str(report.head),
+        defects=defects,
+    )
     if report.intact:
         say(compared)
         say("All are [green]as they were entered[/green].")
@@ -108,6 +126,7 @@ def review(
     with Registry.open(data_directory(data)) as registry:
         registry.review(subject, number, checked_by=by, accepted=not reject, remark=remark)
     say(f"{record} checked by {by}: {'not accepted' if reject else 'accepted'}")
+    answer(record=record)
 
 
 def amend(
@@ -126,6 +145,7 @@ def amend(
     fields = dict(_assignment(each) for each in changes)
     with Registry.open(data_directory(data)) as registry:
         registry.amend(subject, number, fields, amended_by=by, reason=reason)
+    answer(record=record)
     say(f"{record} amended: {', '.join(fields)}. The record itself stays as it was.")
 
 
@@ -172,4 +192,5 @@ def use(
         for contradiction in entry.contradictions:
             warn(str(contradiction))
         registry.activate(entry.model_id, operator=by, reason=reason, despite_contradictions=True)
+    answer(record=model)
     say(f"In use: {model} of calibration-{entry.calibration_id}, by {by}: {reason}")

@@ -22,7 +22,7 @@ from torquebench.cli import (
     record_backup,
     record_checks,
 )
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
@@ -80,6 +80,7 @@ def list_records(
 ) -> None:
     """List runs, calibrations, models and equipment, the newest first."""
     folder = data_directory(data)
+    answer(more=[])
     limit = MOST_LISTED if everything else limit
     if kind is Kind.runs and (runs := _runs_at_once(folder, limit + 1)) is not None:
         _print_runs(runs, limit)
@@ -138,10 +139,19 @@ def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
     table = narrow_table("Runs")
     for heading in ("run", "started (UTC)", "status", "bench"):
         table.add_column(heading, overflow="fold")
+    answer(runs=[])
     for run in runs[:limit]:
         where = "simulated" if run.simulated else run.bench
         table.add_row(run.run_id, _moment(run.started), run.status, where)
-    _print_list(table, more=len(runs) > limit)
+        line = {
+            "run": run.run_id,
+            "started": run.started,
+            "status": run.status,
+            "bench": run.bench,
+            "simulated": run.simulated,
+        }
+        answer(runs=[line])
+    _print_list(table, Kind.runs, more=len(runs) > limit)
 
 
 def _list_calibrations(registry: Registry, limit: int) -> None:
@@ -149,6 +159,7 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
     for heading in ("name", "performed (UTC)", "transducer", "points", "range", "profile"):
         table.add_column(heading, overflow="fold")
     found = registry.calibrations(limit=limit + 1)
+    answer(calibrations=[])
     for entry in found[:limit]:
         table.add_row(
             f"calibration-{entry.calibration_id}",
@@ -158,7 +169,17 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             entry.profile_name,
         )
-    _print_list(table, more=len(found) > limit)
+        line = {
+            "name": f"calibration-{entry.calibration_id}",
+            "performed": entry.performed,
+            "transducer": entry.transducer_serial,
+            "points": entry.points,
+            "range_nm": entry.range_nm,
+            "profile": entry.profile_name,
+            "simulated": entry.simulated,
+        }
+        answer(calibrations=[line])
+    _print_list(table, Kind.calibrations, more=len(found) > limit)
 
 
 def _list_models(registry: Registry, limit: int) -> None:
@@ -166,16 +187,28 @@ def _list_models(registry: Registry, limit: int) -> None:
     for heading in ("name", "created (UTC)", "kind", "transducer", "range", "in use"):
         table.add_column(heading, overflow="fold")
     found = registry.models(limit=limit + 1)
+    answer(models=[])
     for entry in found[:limit]:
+        in_use = _in_use(registry, entry)
         table.add_row(
             f"model-{entry.model_id}",
             _moment(entry.created),
             entry.kind,
             entry.transducer_serial,
             f"{entry.range_nm:g} N·m",
-            "yes" if _in_use(registry, entry) else "",
+            "yes" if in_use else "",
         )
-    _print_list(table, more=len(found) > limit)
+        line = {
+            "name": f"model-{entry.model_id}",
+            "created": entry.created,
+            "kind": entry.kind,
+            "transducer": entry.transducer_serial,
+            "range_nm": entry.range_nm,
+            "in_use": in_use,
+            "simulated": entry.simulated,
+        }
+        answer(models=[line])
+    _print_list(table, Kind.models, more=len(found) > limit)
 
 
 def _list_equipment(registry: Registry, limit: int) -> None:
@@ -188,15 +221,18 @@ def _list_equipment(registry: Registry, limit: int) -> None:
         span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
         what = f"{entry.manufacturer} {entry.model}".strip()
         table.add_row(entry.kind, entry.serial, what, span)
-    _print_list(table, more=len(found) > limit)
+    names = ("kind", "serial", "manufacturer", "model", "range_nm")
+    answer(equipment=[{name: getattr(each, name) for name in names} for each in found[:limit]])
+    _print_list(table, Kind.equipment, more=len(found) > limit)
 
 
-def _print_list(table: Table, *, more: bool) -> None:
+def _print_list(table: Table, kind: Kind, *, more: bool) -> None:
     if not table.row_count:
         table.caption = "none yet"
         table.show_header = False
     out().print(table)
     if more:
+        answer(more=[kind.value])
         say(f"There are more than these {table.row_count}: --limit NUMBER, or --all")
 
 
@@ -250,6 +286,7 @@ def _show_run(run: RunSummary) -> None:
             "files": _state_of(folder),
             "folder": str(run.folder),
         },
+        run,
     )
 
 
@@ -295,9 +332,11 @@ def _show_model(registry: Registry, model_id: int) -> None:
             },
             "contradictions": "; ".join(str(each) for each in entry.contradictions),
         },
+        entry,
     )
     for verification in registry.verifications(model_id):
         _show_verification(verification)
+        answer(verifications=[vars(verification)])
 
 
 def _show_verification(verification: VerificationEntry) -> None:
@@ -366,6 +405,7 @@ def _show_calibration(registry: Registry, calibration_id: int) -> None:
             },
             **{key: _short(value) for key, value in entry.summary.items()},
         },
+        entry,
     )
 
 
@@ -382,7 +422,7 @@ def _in_use(registry: Registry, entry: ModelEntry) -> bool:
     return bool(latest) and latest[-1] == entry.model_id
 
 
-def _facts(title: str, facts: Mapping[str, str]) -> None:
+def _facts(title: str, facts: Mapping[str, str], record: object) -> None:
     table = narrow_table(title)
     table.show_header = False
     table.add_column(style="dim", no_wrap=True)
@@ -391,6 +431,8 @@ def _facts(title: str, facts: Mapping[str, str]) -> None:
         if value:
             table.add_row(key, value)
     out().print(table)
+    answer(name=title, facts={key: value for key, value in facts.items() if value})
+    answer(record=vars(record))
 
 
 def _short(value: Any) -> str:

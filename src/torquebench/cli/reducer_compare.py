@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import answer, narrow_table, out, say, say_file
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.reducer_tables import check_reports
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.comparison import ReducerComparison
+    from torquebench.uncertainty import Budget
 
 __all__ = ["compare"]
 
@@ -51,6 +52,14 @@ def compare(
         _print_change(found)
     else:
         _print_specimens(found)
+    answer(
+        reducer=first.reducer,
+        test=first.test,
+        simulated=found.simulated,
+        serials=[each.serial for each in found.specimens],
+        runs=[each.run_id for each in found.specimens],
+        quantities=_quantities(found, change=change),
+    )
     if found.left_out:
         say(f"[dim]{found.left_out} values that aren't in every run are left out[/dim]")
     if report:
@@ -59,7 +68,32 @@ def compare(
 
         page = comparison_page(found)
         for path in report:
-            say(f"Report: {write_report(page, path)}")
+            say_file("Report", write_report(page, path))
+
+
+def _quantities(found: ReducerComparison, *, change: bool) -> list[dict[str, Any]]:
+    def values(key: str) -> list[float]:
+        return [each.quantities[key].estimate.value for each in found.specimens]
+
+    def estimated(key: str, estimate: Budget) -> dict[str, Any]:
+        return {
+            "key": key,
+            "title": found.title(key),
+            "unit": estimate.unit,
+            "value": estimate.value,
+            "expanded_uncertainty": estimate.expanded_uncertainty(),
+            "specimens": values(key),
+        }
+
+    if change:
+        return [
+            {**estimated(key, each.change), "significant": each.significant}
+            for key, each in found.changes.items()
+        ]
+    return [
+        {**estimated(key, each.mean), "spread": each.spread, "outliers": each.outliers}
+        for key, each in found.values.items()
+    ]
 
 
 def _print_change(found: ReducerComparison) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import narrow_table, out, say, stderr_console
+from torquebench.cli.console import answer, narrow_table, out, say_file, stderr_console
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import check_output
 from torquebench.errors import InputError
@@ -70,10 +70,37 @@ def present(
         )
         stderr_console().print(f"  {escape(finding.remedy)}", style="dim")
     if output is not None:
-        say(f"Every number: {escape(str(output / 'result.json'))}")
+        say_file("Every number", output / "result.json")
+    answer(
+        test=test,
+        data=data.name,
+        quantities=_plain_quantities(quantities, judged),
+        findings=list(findings),
+    )
     failed = any(each.decision.verdict.failed for each in judged)
     if failed or any(finding.severe for finding in findings):
         raise typer.Exit(CHECK_FAILED)
+
+
+def _plain_quantities(
+    quantities: Sequence[ResultQuantity], judged: Sequence[QuantityVerdict]
+) -> list[dict[str, Any]]:
+    verdicts = {
+        each.key: {"limit": each.limit, "verdict": each.decision.verdict} for each in judged
+    }
+    return [
+        {
+            "key": each.key,
+            "title": each.title,
+            "rule": each.rule,
+            "value": each.estimate.value,
+            "expanded_uncertainty": each.estimate.expanded_uncertainty(),
+            "coverage_factor": each.estimate.coverage_factor(),
+            "unit": each.estimate.unit,
+            **verdicts.get(each.key, {}),
+        }
+        for each in quantities
+    ]
 
 
 def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.cli.confirming import confirm_test
-from torquebench.cli.console import note, out, say
+from torquebench.cli.console import answer, note, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
@@ -257,6 +257,27 @@ def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
     ):
         parts = rehearse_reducer_test(station, wanted.name, wanted.reducer, wanted.settings)
     out().print(rehearsal_table(wanted.reducer, parts, simulated=described.simulated))
+    answer(
+        reducer=wanted.reducer.name,
+        serial=wanted.serial,
+        simulated=described.simulated,
+        plans=[
+            {
+                name: getattr(part, name)
+                for name in (
+                    "name",
+                    "title",
+                    "duration_s",
+                    "longest_s",
+                    "longest_warm_up_s",
+                    "points",
+                    "largest_torque_nm",
+                    "largest_speed_rpm",
+                )
+            }
+            for part in parts
+        ],
+    )
     say("Limits and interlocks checked; nothing was moved.")
 
 
@@ -316,6 +337,6 @@ def _finish(record: ReducerTestRecord, reports: list[Path]) -> None:
 
         page = reducer_page(record)
         for report in reports:
-            say(f"Report: {write_report(page, report)}")
+            say_file("Report", write_report(page, report))
     if record.failed:
         raise typer.Exit(CHECK_FAILED)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from torquebench.cli.console import narrow_table, out, say
+from torquebench.cli.console import answer, narrow_table, out, say
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.results import (
@@ -57,6 +57,26 @@ def print_record(record: ReducerTestRecord) -> None:
     say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
     for outcome in record.outcomes:
         _print_outcome(outcome)
+    parts = [
+        {
+            "test": each.name,
+            "title": each.title,
+            "run": each.run.run_id,
+            "quantities": each.quantities,
+            "findings": each.findings,
+            "remarks": each.remarks,
+        }
+        for each in record.outcomes
+    ]
+    answer(
+        reducer=record.reducer_name,
+        serial=record.serial,
+        simulated=record.simulated,
+        short=record.short,
+        parts=parts,
+        failures=record.failures,
+        verdict=record.verdict,
+    )
     for failure in record.failures:
         say(f"[red]{escape(failure.title)} has no result[/red]  {escape(failure.message)}")
     if record.verdict:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_test
-from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
@@ -93,7 +93,7 @@ def standard_reducer(
             simulated=found.simulated,
         )
         for path in report:
-            say(f"Report: {write_report(page, path)}")
+            say_file("Report", write_report(page, path))
     if not found.check.kept:
         raise typer.Exit(CHECK_FAILED)
 
@@ -189,3 +189,23 @@ def _print(found: StandardReducerCheck) -> None:
         verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
         say(f"{what} {number(value)} % FS: {verdict} {check.tolerance_percent:g} % FS")
     say(f"Run: {found.run_id}")
+    answer(
+        reducer=found.reducer.name,
+        simulated=found.simulated,
+        compensation=found.compensation,
+        points=[
+            {
+                "speed_rpm": point.speed_rpm,
+                "known_nm": point.known_nm,
+                "measured_nm": point.measured_nm,
+                "error_percent_fs": point.error_percent,
+                "repeatability_percent_fs": point.spread_percent,
+            }
+            for point in check.points
+        ],
+        error_percent_fs=check.error_percent,
+        repeatability_percent_fs=check.repeatability_percent,
+        tolerance_percent_fs=check.tolerance_percent,
+        passed=check.kept,
+        run=found.run_id,
+    )

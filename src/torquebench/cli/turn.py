@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import narrow_table, note, out, say, warn
+from torquebench.cli.console import (
+    answer,
+    narrow_table,
+    note,
+    out,
+    say,
+    say_file,
+    stderr_console,
+    warn,
+)
 from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -72,6 +81,7 @@ def turn(
 
     chosen = load_turning_profile(profile)
     description = bench_description(bench)
+    answer(side=side.value, profile=chosen.name, simulated=description.simulated)
     if dry_run:
         _dry_run(description, side, chosen)
         return
@@ -96,8 +106,9 @@ def _confirm(description: BenchDescription, side: str, profile: TurningProfile, 
             "check that nobody is at the bench, then give --yes",
         )
     top = profile.top_rpm(side)  # type: ignore[arg-type]
-    note(f"{description.name}: {side} will turn at up to {top:g} rpm by {profile.name}.")
-    if not typer.confirm("Is the bench clear and may it turn?"):
+    said = f"{description.name}: {side} will turn at up to {top:g} rpm by {profile.name}."
+    stderr_console().print(said, markup=False)
+    if not typer.confirm("Is the bench clear and may it turn?", err=True):
         raise typer.Exit(1)
 
 
@@ -151,13 +162,14 @@ def _run(
         except RunAbortedError as aborted:
             warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
             if profile.kind == "empty" and result.exists():
-                say(f"Complete series: {result}; --resume goes on with the others.")
+                say_file("Complete series, --resume measures the others", result)
             by_key = interrupts.signal == signal.SIGINT
             raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
     simulated = " (simulated)" if description.simulated else ""
     say(f"{done.rows} rows{simulated} in {done.bench_seconds / 60.0:.3g} min of bench time")
-    say(f"Table: {result}")
+    say_file("Table", result)
     say(f"Run: {done.run_id}")
+    answer(rows=done.rows, bench_seconds=done.bench_seconds, run=done.run_id)
 
 
 def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
@@ -195,3 +207,4 @@ def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
     table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min{waiting}")
     out().print(table)
     say("Limits and interlocks checked; nothing was moved.")
+    answer(points=rehearsal.points, duration_s=rehearsal.duration_s)

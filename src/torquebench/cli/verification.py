@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import note, out, say
+from torquebench.cli.console import answer, note, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -100,6 +100,16 @@ def verification(
     )
     kept = _print(result, titles, tolerance)
     say(f"Run: {run_id}")
+    answer(
+        range_nm=result.range_nm,
+        groups=result.groups,
+        points=result.points,
+        simulated=result.simulated,
+        models=result.models,
+        tolerance_percent_fs=tolerance,
+        passed=kept,
+        run=run_id,
+    )
     if report:
         from torquebench.reports.page_pdf import write_report
         from torquebench.reports.verification_report import Verified, verification_page
@@ -118,7 +128,7 @@ def verification(
         )
         page = verification_page(measured, verified, facts, tolerance)
         for path in report:
-            say(f"Report: {write_report(page, path)}")
+            say_file("Report", write_report(page, path))
     if not kept:
         raise typer.Exit(CHECK_FAILED)
 

@@ -1,0 +1,77 @@
+"""`--json` and `--quiet`: added to the commands in one place."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+import typer
+
+from torquebench.cli.answers import ANSWERS
+from torquebench.cli.console import begin_output
+
+__all__ = ["add_output_options"]
+
+JsonOption = Annotated[
+    bool,
+    typer.Option(
+        "--json", metavar=" ", help="Print the results as one JSON object instead of tables."
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", metavar=" ", help="Print warnings and errors only.")
+]
+
+PLAIN_NAMES = {Path: "path", str: "str", float: "float", int: "int"}
+
+
+def add_output_options(app: typer.Typer, path: str = "") -> None:
+    """Add `--quiet` to every command below, and `--json` to those in `cli.answers`."""
+    for info in app.registered_commands:
+        assert info.callback is not None
+        name = info.name or info.callback.__name__.replace("_", "-")
+        info.callback = _with_options(info.callback, f"{path}{name}")
+    for group in app.registered_groups:
+        assert group.typer_instance is not None
+        below = group.name or group.typer_instance.info.name
+        add_output_options(group.typer_instance, f"{path}{below} ")
+
+
+def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
+    @functools.wraps(command)
+    def run(*, quiet: bool = False, json: bool = False, **given: Any) -> Any:
+        begin_output(path, json=json, quiet=quiet)
+        return command(**given)
+
+    signature = inspect.signature(command, eval_str=True)
+    for each in signature.parameters.values():
+        kind, *options = get_args(each.annotation) or (None,)
+        for option in options:
+            option.metavar = option.metavar or _value_name(kind)
+    added = {"json": JsonOption} if path in ANSWERS else {}
+    added["quiet"] = QuietOption
+    parameters = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
+        for name, kind in added.items()
+    ]
+    named = [*signature.parameters.values(), *parameters]
+    run.__signature__ = signature.replace(parameters=named)  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in named}
+    return run
+
+
+def _value_name(kind: Any) -> str | None:
+    """Return how help names an option's value; None leaves it to the library.
+
+    A flag has none. Of a list one value is given at a time, a pair takes both.
+    """
+    if kind is bool:
+        return " "
+    inner = [each for each in (*get_args(kind), kind) if get_origin(each) in (list, tuple)]
+    if not inner:
+        return None
+    names = [PLAIN_NAMES.get(each) for each in get_args(inner[0])]
+    return " ".join(f"<{name}>" for name in names) if all(names) else None

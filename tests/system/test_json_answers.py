@@ -1,0 +1,151 @@
+"""Commands print the JSON that `cli.answers` and the documentation promise."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
+
+import pytest
+from tests.system.command_line import run
+
+from torquebench.cli.answers import ANSWERS
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+CALIBRATION = EXAMPLES / "calibration-output.csv"
+VERIFICATION = EXAMPLES / "verification-output.csv"
+READINGS = EXAMPLES / "readings-output.csv"
+
+
+def named(arguments: tuple[object, ...]) -> str:
+    words = [str(each) for each in arguments]
+    return next(" ".join(words[:k]) for k in (1, 2) if " ".join(words[:k]) in ANSWERS)
+
+
+def misfits(value: Any, kind: Any, where: str) -> list[str]:
+    """Return where a value differs from its declaration."""
+    if get_origin(kind) is NotRequired:
+        return misfits(value, get_args(kind)[0], where)
+    if get_origin(kind) in (Union, UnionType):
+        found = [misfits(value, each, where) for each in get_args(kind)]
+        return min(found, key=len)
+    if is_typeddict(kind):
+        if not isinstance(value, dict):
+            return [f"{where}: no object"]
+        fields = get_type_hints(kind)
+        wrong = [f"{where}.{name}: not declared" for name in value.keys() - fields.keys()]
+        wrong += [f"{where}.{name}: missing" for name in kind.__required_keys__ - value.keys()]
+        for name in value.keys() & fields.keys():
+            wrong += misfits(value[name], fields[name], f"{where}.{name}")
+        return wrong
+    if get_origin(kind) is list:
+        if not isinstance(value, list):
+            return [f"{where}: no list"]
+        return [each for item in value for each in misfits(item, get_args(kind)[0], f"{where}[]")]
+    if get_origin(kind) is dict:
+        return [e for item in value.values() for e in misfits(item, get_args(kind)[1], where)]
+    allowed = {float: (float, int), NoneType: NoneType, Any: object}.get(kind, kind)
+    fits = isinstance(value, allowed) and not (kind is float and isinstance(value, bool))
+    return [] if fits else [f"{where}: {value!r} isn't {kind}"]
+
+
+def checked(arguments: tuple[object, ...], text: str) -> dict[str, Any]:
+    """Return the answer in what a command printed, held against its declaration."""
+    written = json.loads(text)
+    name = named(arguments)
+    assert written["command"] == name
+    assert written["error"] is None
+    assert misfits(written["answer"], ANSWERS[name], "answer") == []
+    return written["answer"]
+
+
+def in_records(folder: Path, arguments: tuple[object, ...]) -> tuple[object, ...]:
+    tables = ("fit", "apply", "verify", "export", "budget", "mechanics", "evaluate")
+    return () if arguments[0] in tables else ("--data", folder / "data")
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Two calibrations of the output module, a check, and a fitted table."""
+    folder = tmp_path_factory.mktemp("answers")
+    for arguments in (
+        ("calibrate", "output", "--step-percent", "25", "--json"),
+        ("calibrate", "output", "--step-percent", "25", "--json"),
+        ("check", "output", "--json"),
+        ("fit", CALIBRATION, "--range", "2000", "--json"),
+        ("test", "no-load", "--short", "--json"),
+    ):
+        done = run(*arguments, *in_records(folder, arguments), cwd=folder)
+        assert done.returncode == 0, done.stderr
+        checked(arguments, done.stdout)
+    yield folder
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("calibrate", "both", "--dry-run"),
+        ("verification", "output", "--groups", "2", "--points", "8"),
+        ("certificate", "latest"),
+        ("fit", CALIBRATION, "--range", "2000", "--out", "other.json"),
+        ("apply", "model.json", READINGS, "--out", "torque.csv"),
+        ("verify", "model.json", VERIFICATION),
+        ("export", "model.json", "--out", "model.csv"),
+        ("budget", "model.json", "--reading", "500", "--reading", "-20"),
+        ("turn", "output", "--out", "run.csv", "--dry-run"),
+        ("test", "starting", "--dry-run"),
+        ("mechanics", "additional-torque"),
+        ("mechanics", "sections"),
+        ("records", "list"),
+        ("records", "list", "runs"),
+        ("records", "show", "latest"),
+        ("records", "show", "model-1"),
+        ("records", "show", "calibration-1"),
+        ("records", "verify"),
+        ("records", "compare", "calibration-1", "calibration-2"),
+        ("records", "audit", "latest"),
+        ("records", "backup", "backup"),
+        ("records", "restore", "backup"),
+        ("records", "rebuild"),
+        ("records", "export", "latest", "--out", "exported"),
+        ("records", "export-data", "latest", "--out", "samples.csv"),
+        ("records", "finish"),
+        ("records", "review", "calibration-1", "--by", "Anna"),
+        ("records", "amend", "calibration-1", "measured_by=Anna", "--by", "Ben", "--reason", "x"),
+        ("records", "use", "model-1", "--by", "Anna", "--reason", "a trial"),
+        ("records", "add-equipment", "calibrator", "C-7"),
+        ("doctor",),
+        ("evaluate", "static", CALIBRATION, "--range", "2000", "--reference-uncertainty", "0.02",
+         "--resolution", "0.01"),
+    ],
+    ids=lambda arguments: " ".join(str(each) for each in arguments[:2]),
+)  # fmt: skip
+def test_answers_are_as_declared(records: Path, arguments: tuple[object, ...]) -> None:
+    done = run(*arguments, "--json", *in_records(records, arguments), cwd=records)
+    assert done.returncode in (0, 1), done.stderr
+    answer = checked(arguments, done.stdout)
+    assert all((records / file).exists() for file in answer.get("files", ()))
+
+
+def test_measured_lines_come_one_by_one(records: Path) -> None:
+    given = ("measure", "--count", "2", "--interval", "0.1", "--json")
+    done = run(*given, *in_records(records, given), cwd=records)
+    assert done.returncode == 0, done.stderr
+    *lines, last = done.stdout.splitlines()
+    assert [sorted(json.loads(line)["line"]) for line in lines] == 2 * [
+        ["acceleration_rpm_s", "input", "output", "speed_rpm", "temperature_c", "time_s"]
+    ]
+    assert json.loads(lines[0])["line"]["output"]["state"] == "compensated"
+    assert checked(("measure",), last)["lines"] == 2
+
+
+def test_an_error_is_json_too(tmp_path: Path) -> None:
+    done = run("verify", "no.json", "no.csv", "--json", cwd=tmp_path)
+    assert done.returncode == 2
+    written = json.loads(done.stdout)
+    assert (written["exit_code"], bool(written["error"]["found"])) == (2, True)
+
+
+def test_quiet_prints_nothing_where_all_is_well(records: Path) -> None:
+    done = run("verify", "model.json", VERIFICATION, "--quiet", cwd=records)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

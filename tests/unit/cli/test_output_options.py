@@ -1,0 +1,106 @@
+"""Every command takes `--quiet`, and those that answer with data take `--json`."""
+
+from typing import Any
+
+import pytest
+import typer
+
+from torquebench.cli import app
+from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER
+from torquebench.cli.console import answer, begin_output, leave_standard_output, note, say, warn
+from torquebench.cli.failure import guarded
+from torquebench.errors import InputError
+
+
+def commands(group: Any = None, path: str = "") -> dict[str, set[str]]:
+    """Return each command with its options."""
+    found: dict[str, set[str]] = {}
+    for name, child in getattr(group or typer.main.get_command(app), "commands", {}).items():
+        if hasattr(child, "commands"):
+            found |= commands(child, f"{path}{name} ")
+        else:
+            found[path + name] = {option for each in child.params for option in each.opts}
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _reset():
+    yield
+    begin_output("", json=False, quiet=False)
+
+
+def test_every_command_answers_in_json_or_is_named_with_the_reason() -> None:
+    assert set(commands()) == set(ANSWERS) | set(WITHOUT_ANSWER)
+    assert not set(ANSWERS) & set(WITHOUT_ANSWER)
+    for name, options in commands().items():
+        assert ("--json" in options) == (name in ANSWERS), name
+
+
+def test_every_command_can_be_quiet() -> None:
+    assert [name for name, options in commands().items() if not {"--quiet", "-q"} <= options] == []
+
+
+def test_completion_can_be_installed_and_shown() -> None:
+    options = {option for each in typer.main.get_command(app).params for option in each.opts}
+    assert {"--install-completion", "--show-completion", "--version"} <= options
+
+
+def test_quiet_leaves_warnings_and_errors(capsys: pytest.CaptureFixture[str]) -> None:
+    def run() -> None:
+        begin_output("fit", json=False, quiet=True)
+        say("a result")
+        note("a note")
+        warn("a warning")
+        raise InputError("an error")
+
+    assert guarded(run, debug=lambda: False) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "a result" not in said.err
+    assert "a note" not in said.err
+    assert "a warning" in said.err
+    assert "an error" in said.err
+
+
+def test_json_replaces_the_tables_and_carries_warnings_and_the_error(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    import json
+
+    def run() -> None:
+        begin_output("fit", json=True, quiet=False)
+        say("a result")
+        answer(points=3, files=["a.json"])
+        answer(files=["b.html"])
+        warn("a warning")
+        raise InputError("what was found", "what is allowed", "what to do")
+
+    assert guarded(run, debug=lambda: False) == 2
+    written = json.loads(capsys.readouterr().out)
+    assert written.pop("torquebench")
+    assert written == {
+        "command": "fit",
+        "exit_code": 2,
+        "answer": {"points": 3, "files": ["a.json", "b.html"]},
+        "warnings": ["a warning"],
+        "error": {
+            "found": "what was found",
+            "allowed": "what is allowed",
+            "do": "what to do",
+        },
+    }
+
+
+def test_a_file_and_json_cannot_share_standard_output() -> None:
+    begin_output("fit", json=True, quiet=False)
+    with pytest.raises(InputError, match="standard output"):
+        leave_standard_output()
+
+
+def test_help_shows_no_value_of_a_flag_and_two_of_a_pair() -> None:
+    from typer.testing import CliRunner
+
+    said = CliRunner().invoke(app, ["evaluate", "hysteresis", "--help"]).output
+    assert said.count("bool") == 1  # the library's own --help
+    assert "list[" not in said
+    assert "<float> <float>" in " ".join(said.split())
