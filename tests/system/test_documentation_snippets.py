@@ -51,7 +51,7 @@ def commands(page: str) -> Iterator[list[str]]:
     """Yield the words of every torquebench command of a page."""
     for block in blocks(page, "", "sh", "bash", "console"):
         for line in block.replace("\\\n", " ").splitlines():
-            line = line.strip().removeprefix("$ ")
+            line = line.strip().removeprefix("$ ").partition(" > ")[0]
             if line.startswith("torquebench ") and "…" not in line:
                 yield shlex.split(line, comments=True)[1:]
 
