@@ -1,7 +1,6 @@
 """Commands print the JSON that `cli.answers` and the documentation promise."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
@@ -65,7 +64,7 @@ def in_records(folder: Path, arguments: tuple[object, ...]) -> tuple[object, ...
 
 
 @pytest.fixture(scope="module")
-def records(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two calibrations of the output module, a check, and a fitted table."""
     folder = tmp_path_factory.mktemp("answers")
     for arguments in (
@@ -78,7 +77,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         done = run(*arguments, *in_records(folder, arguments), cwd=folder)
         assert done.returncode == 0, done.stderr
         checked(arguments, done.stdout)
-    yield folder
+    return folder
 
 
 @pytest.mark.parametrize(
