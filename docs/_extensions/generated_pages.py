@@ -97,12 +97,12 @@ def _answers() -> str:
         "| --- | --- |",
         "| `torquebench` | version |",
         "| `command` | the command, such as `records list` |",
-        "| `exit_code` | 0, 1, 2 or 130, as the [exit codes](../reference/commands.md#exit-codes) |",
+        "| `exit_code` | one of the [exit codes](../reference/commands.md#exit-codes) |",
         "| `answer` | the table below; what was known before an error |",
         "| `warnings` | list of text |",
         "| `error` | null, or `found`, `allowed` and `do` |",
         "",
-        "Names end with their unit. `null` is a value that isn't known or doesn't exist. Times are "
+        "Names end with their unit. `null`: not known, or there is none. Times are",
         "ISO 8601. Keys marked “if” are there only where an option or the result brings them.",
         "",
     ]
