@@ -161,3 +161,18 @@ def test_many_watchers_read_while_rows_come(hub: LiveHub) -> None:
         thread.join()
     assert problems == []
     assert {len(SIGNALS)} == {len(hub.since(0).values)}
+
+
+def test_single_windows_are_kept_for_spectra(hub: LiveHub) -> None:
+    for number in range(10):
+        hub.take(block(number))
+    found = hub.windows("output_raw_nm", 0.06, 0.12)
+    np.testing.assert_allclose(found.time_s, [0.065, 0.075, 0.085, 0.095, 0.105, 0.115])
+    np.testing.assert_allclose(found.value_nm, [639.5, 640.0, 640.5] * 2)
+    assert hub.windows("input_torque_nm", 0.0, 1.0).value_nm.tolist() == [10.0] * 30
+    assert hub.windows("output_torque_nm", 0.0, 1.0).time_s.size == 0
+    for number in range(10, 4100):  # a little more than two minutes
+        hub.take(block(number))
+    assert hub.windows("output_raw_nm", 0.0, 1e9).time_s[0] == pytest.approx(3.005, abs=0.1)
+    with pytest.raises(InputError, match="input_speed_rpm"):
+        hub.windows("input_speed_rpm", 0.0, 1.0)

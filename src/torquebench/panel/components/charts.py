@@ -8,6 +8,8 @@ from typing import Any
 
 from nicegui import ui
 
+from torquebench.panel.components.elements import box, icon
+
 __all__ = ["COLOURS", "Chart", "Line"]
 
 COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
@@ -152,9 +154,21 @@ class Chart:
             "yAxis": _axis(y_title, vertical=True, logarithmic=logarithmic),
             "series": self._lines(lines),
         }
-        self.element = ui.echart(options).classes("chart tall" if tall else "chart")
-        self.element.props["role"] = "img"
-        self.element.props["aria-label"] = label
+        with box("figure", "figure"):
+            self.element = ui.echart(options).classes("chart tall" if tall else "chart")
+            self.element.props["role"] = "img"
+            self.element.props["aria-label"] = label
+            with box("div", "figure-tools"):
+                self._tool("image", "picture", label)
+                self._tool("table_view", "table", label)
+
+    def _tool(self, picture: str, kind: str, label: str) -> None:
+        """Make a button by which the browser saves the chart; `panel.js` names it."""
+        made = box("button", "control small quiet", type="button", data_chart_tool=kind)
+        made.props["data-chart"] = self.element.html_id
+        made.props["aria-label"] = label
+        with made:
+            icon(picture)
 
     def _lines(self, lines: Sequence[Line]) -> list[dict[str, Any]]:
         series = [_series(line, names=bool(self._names)) for line in lines]

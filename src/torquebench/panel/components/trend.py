@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -26,7 +26,7 @@ class Trace:
     ----------
     name : str
         The signal.
-    title : str
+    title, unit : str
     grid : int
         Which band.
     colour : str
@@ -34,14 +34,18 @@ class Trace:
     dashed : bool
     axis : int
         0 the left scale, 1 the right one.
+    decimals : int
+        Of its numbers.
     """
 
     name: str
     title: str
+    unit: str
     grid: int
     colour: str
     dashed: bool = False
     axis: int = 0
+    decimals: int = 2
 
 
 @dataclass(frozen=True)
@@ -54,49 +58,75 @@ class Band:
         Of the left and the right scale; empty hides it.
     floor, secondFloor : float
         The least span that a scale shows.
+    ends : (float, float) or None
+        Fixed ends of the left scale.
+    aligned : bool
+        Zero is at the same height on both scales.
     """
 
     title: str
     floor: float
     second: str = ""
     secondFloor: float = 1.0  # noqa: N815 - a property of the browser's component
+    ends: tuple[float, float] | None = None
+    aligned: bool = False
 
 
 class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI's is skipped
-    """The live chart, and the numbers beside it.
+    """The live chart, its tools and table of values, and the numbers beside it.
 
     Parameters
     ----------
     label : str
         What it shows, for those who can't see it.
-    traces : sequence of Trace
-    bands : sequence of Band
+    said : mapping of str to str
+        What its buttons and headings say.
+    name : str
+        Of files that are saved.
     places : mapping of signal name to (element, decimals)
         Elements whose text is the newest number.
     region : element
         What goes grey when no numbers come.
+    on_view : callable
+        Called with the ends (bench time, s) of a span that finer rows are wanted of.
     """
 
     def __init__(
         self,
         label: str,
-        traces: Sequence[Trace],
-        bands: Sequence[Band],
+        said: Mapping[str, str],
+        name: str,
         places: Mapping[str, tuple[Any, int]],
         region: Any,
+        on_view: Callable[[float, float], Any],
     ) -> None:
         super().__init__()
         self.props["label"] = label
-        self.props["series"] = [asdict(trace) for trace in traces]
-        self.props["grids"] = [asdict(band) for band in bands]
+        self.props["words"] = dict(said)
+        self.props["name"] = name
+        self.props["series"] = []
+        self.props["grids"] = []
         self.props["places"] = {
             name: {"id": element.html_id, "decimals": decimals}
             for name, (element, decimals) in places.items()
         }
         self.props["region"] = region.html_id
+        self.view: tuple[float, float] | None = None
+        """Ends of the span that is held, bench time in s; None while the chart follows."""
         self._sent = self._painted = 0
         self._sent_at = 0.0
         self.on("painted", self._answered)
+        self.on("zoomed", self._zoomed)
+        self.on("view", lambda event: on_view(event.args["start"], event.args["stop"]))
+
+    def arrange(self, traces: Sequence[Trace], bands: Sequence[Band]) -> None:
+        """Show other lines."""
+        self.props["series"] = [asdict(trace) for trace in traces]
+        self.props["grids"] = [asdict(band) for band in bands]
+
+    def _zoomed(self, event: Any) -> None:
+        held = event.args
+        self.view = None if held is None else (float(held["start"]), float(held["stop"]))
 
     def _answered(self, event: Any) -> None:
         self._painted = min(max(self._painted, int(event.args)), self._sent)
@@ -108,7 +138,7 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
             return True
         return time.monotonic() - self._sent_at > PATIENCE_S
 
-    def reset(self, seconds: float, trend: Any) -> None:
+    def reset(self, seconds: float, trend: Any, clock_offset_s: float) -> None:
         """Show another span of time, beginning with the past that the server holds."""
         self.run_method(
             "reset",
@@ -117,9 +147,28 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
             _lists(trend.low),
             _lists(trend.high),
             _lists(trend.values),
+            clock_offset_s,
         )
 
-    def push(self, increment: Any, numbers: Mapping[str, float | None]) -> None:
+    def finer(self, start_s: float, stop_s: float, trend: Any) -> None:
+        """Send the rows of a held span."""
+        self.run_method(
+            "finer",
+            start_s,
+            stop_s,
+            trend.time_s.tolist(),
+            _lists(trend.low),
+            _lists(trend.high),
+            _lists(trend.values),
+        )
+
+    def marks(self, markers: Iterable[tuple[float, str]]) -> None:
+        """Show markers: bench time in s, and note."""
+        self.run_method("marks", [{"time": time_s, "note": note} for time_s, note in markers])
+
+    def push(
+        self, increment: Any, numbers: Mapping[str, float | None], clock_offset_s: float
+    ) -> None:
         """Send rows that are new, and the newest numbers."""
         self._sent += 1
         self._sent_at = time.monotonic()
@@ -132,12 +181,9 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
                 "v": _lists(increment.values),
                 "n": numbers,
                 "i": self._sent,
+                "o": clock_offset_s,
             },
         )
-
-    def toggle(self, names: Sequence[str], shown: bool) -> None:
-        """Show or hide lines."""
-        self.run_method("toggle", list(names), shown)
 
 
 def _lists(columns: Mapping[str, Any]) -> dict[str, list[float]]:

@@ -52,6 +52,8 @@ def head(text: Text, look: str, title: str) -> None:
         "unready": text("frame.unready"),
         "unheard": text("frame.unheard", what="{what}"),
         "changed": text("frame.changed", what="{what}"),
+        "savePicture": text("frame.save_picture"),
+        "saveTable": text("frame.save_table"),
     }
     said = json.dumps(texts).replace("<", "\\u003c")
     language = LANGUAGE_TAGS[text.language]

@@ -8,26 +8,17 @@ from nicegui import ui
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.fitting import model_title
-from torquebench.panel.components.elements import box, on_press, panel, tag, words
-from torquebench.panel.components.trend import Band, Trace, Trend
+from torquebench.panel.components.elements import box, panel, tag, words
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.live_chart import LiveChart
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import SIGNALS, BenchSnapshot, LiveHub, SideSnapshot
+from torquebench.panel.service import BenchSnapshot, SideSnapshot
 from torquebench.panel.text import Text
 
 __all__ = ["live_page"]
 
 PUSH_S = 1.0 / 40.0
 """How often a page asks for new rows: more often than they come, so that none waits long."""
-MOST_ROWS = 300
-"""That come one by one; a page that lacks more gets the whole past again, reduced."""
-SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
-LINES = {
-    "raw": ("input_raw_nm", "output_raw_nm"),
-    "compensated": ("input_torque_nm", "output_torque_nm"),
-    "reference": ("input_reference_nm", "output_reference_nm"),
-    "speed": ("input_speed_rpm", "output_speed_rpm"),
-}
 FACTS = {
     "speed_input": ("input_speed_rpm", "rpm", 2),
     "speed_output": ("output_speed_rpm", "rpm", 3),
@@ -38,19 +29,6 @@ FACTS = {
     "efficiency": ("efficiency_percent", "%", 1),
 }
 DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
-
-
-def _traces() -> tuple[Trace, ...]:
-    return (
-        Trace("output_raw_nm", "raw", 0, "--series-raw", dashed=True),
-        Trace("output_torque_nm", "compensated", 0, "--series-2"),
-        Trace("output_reference_nm", "standard", 0, "--series-3", dashed=True),
-        Trace("input_raw_nm", "raw", 1, "--series-raw", dashed=True),
-        Trace("input_torque_nm", "compensated", 1, "--series-1"),
-        Trace("input_reference_nm", "standard", 1, "--series-3", dashed=True),
-        Trace("input_speed_rpm", "input", 2, "--series-1"),
-        Trace("output_speed_rpm", "output", 2, "--series-2", axis=1),
-    )
 
 
 class _Tile:
@@ -132,109 +110,43 @@ class _Tile:
 
 
 class _LivePage:
-    """What an open live page shows and how far it has shown it."""
+    """What an open live page shows."""
 
     def __init__(self, visitor: Visitor) -> None:
         self.visitor, self.text = visitor, visitor.text
-        self.hub: LiveHub | None = None
         self.sides = visitor.service.snapshot().sides
-        self.sequence = 0
-        self.span = "seconds_10"
 
     def build(self) -> None:
         """Make the page's elements."""
         text = self.text
-        with box("div", "stack") as region:
-            with box("div", "tiles"):
-                self.tiles = {
-                    side: _Tile(text, side, self.sides[side].range_nm) for side in reversed(SIDES)
-                }
-            places: dict[str, tuple[Any, int]] = {}
-            for side, tile in self.tiles.items():
-                places |= {key: where for key, where in tile.places.items() if key != "torque"}
-                places[f"{side}_torque"] = tile.places["torque"]
-            with box("div", "facts"):
-                for key, (signal, unit, decimals) in FACTS.items():
-                    places[signal] = (_fact(text(f"live.{key}"), unit), decimals)
-            with panel(text("live.trend")):
-                self._controls()
-                self.trend = Trend(
-                    text("live.trend_label"), _traces(), self._bands(), places, region
-                )
-
-    def _bands(self) -> tuple[Band, ...]:
-        text, sides = self.text, self.visitor.service.snapshot().sides
-        return (
-            Band(text("live.band_output"), sides["output"].range_nm * 1e-3),
-            Band(text("live.band_input"), sides["input"].range_nm * 1e-3),
-            Band(text("live.band_speed_input"), 1.0, text("live.band_speed_output"), 0.1),
-        )
-
-    def _controls(self) -> None:
-        text = self.text
-        with box("div", "spread"):
-            with box("div", "line", role="group", aria_label=text("live.window")):
-                self.spans = {
-                    key: self._pressed(text(f"live.{key}"), key == "seconds_10",
-                                       lambda key=key: self.choose(key))
-                    for key in SPANS
-                }  # fmt: skip
-            with box("div", "line", role="group", aria_label=text("live.lines")):
-                self.lines = {
-                    key: self._pressed(text(f"live.line_{key}"), True,
-                                       lambda key=key: self.switch(key))
-                    for key in LINES
-                }  # fmt: skip
-
-    def _pressed(self, label: str, pressed: bool, action: Any) -> Any:
-        made = words("button", label, "control small", type="button",
-                     aria_pressed="true" if pressed else "false")  # fmt: skip
-        on_press(made, action)
-        return made
-
-    def choose(self, key: str) -> None:
-        """Show another span of time."""
-        self.span = key
-        for name, made in self.spans.items():
-            made.props["aria-pressed"] = "true" if name == key else "false"
-            made.update()
-        self.hub = self.visitor.service.live
-        past = self.hub.trend(SPANS[key], [trace.name for trace in _traces()])
-        self.sequence = past.sequence
-        self.trend.reset(SPANS[key], past)
-
-    def switch(self, key: str) -> None:
-        """Show or hide a kind of lines."""
-        made = self.lines[key]
-        shown = made.props["aria-pressed"] != "true"
-        made.props["aria-pressed"] = "true" if shown else "false"
-        made.update()
-        self.trend.toggle(LINES[key], shown)
+        with box("div", "live") as region:
+            with box("div", "stack side"):
+                with box("div", "tiles"):
+                    self.tiles = {
+                        side: _Tile(text, side, self.sides[side].range_nm)
+                        for side in reversed(SIDES)
+                    }
+                places: dict[str, tuple[Any, int]] = {}
+                for side, tile in self.tiles.items():
+                    places |= {key: where for key, where in tile.places.items() if key != "torque"}
+                    places[f"{side}_torque"] = tile.places["torque"]
+                with box("div", "facts"):
+                    for key, (signal, unit, decimals) in FACTS.items():
+                        places[signal] = (_fact(text(f"live.{key}"), unit), decimals)
+            with box("div", "stack"):
+                self.chart = LiveChart(self.visitor, places, region)
 
     def push(self) -> None:
         """Send the rows that came since."""
-        hub = self.visitor.service.live
-        if hub is not self.hub:  # the first time, and when the bench was opened again
-            self.choose(self.span)
-            return
-        if hub.sequence == self.sequence or not self.trend.ready:
-            return
-        if hub.sequence - self.sequence > MOST_ROWS:  # a page that was hidden, or much too slow
-            self.choose(self.span)
-        increment = hub.since(self.sequence, [trace.name for trace in _traces()])
-        self.sequence = increment.sequence
-        latest = hub.latest()
-        numbers: dict[str, float | None] = {
-            signal.name: latest[signal.name].value if not latest[signal.name].stale else None
-            for signal in SIGNALS
-        }
-        snapshot = self.sides
-        for side in SIDES:
-            chosen = "torque" if snapshot[side].compensation is not None else "raw"
-            torque = numbers[f"{side}_torque"] = numbers[f"{side}_{chosen}_nm"]
-            range_nm = snapshot[side].range_nm
-            numbers[f"{side}_share"] = None if torque is None else 100.0 * torque / range_nm
-        self.trend.push(increment, numbers)
+        self.chart.push(
+            {
+                side: (
+                    f"{side}_{'torque' if each.compensation is not None else 'raw'}_nm",
+                    each.range_nm,
+                )
+                for side, each in self.sides.items()
+            }
+        )
 
     def refresh(self) -> None:
         """Show what doesn't change with every reading."""

@@ -37,7 +37,24 @@ from .live.hub import (
     LiveHub as LiveHub,
     LiveIncrement as LiveIncrement,
     LiveTrend as LiveTrend,
+    LiveWindows as LiveWindows,
     Signal as Signal,
+    TORQUE_SIGNALS as TORQUE_SIGNALS,
+)
+from .live.layout import (
+    DEFAULT_LAYOUT as DEFAULT_LAYOUT,
+    BandLayout as BandLayout,
+    LiveLayout as LiveLayout,
+    Scale as Scale,
+)
+from .live.markers import (
+    Marker as Marker,
+)
+from .live.spans import (
+    Histogram as Histogram,
+    Spectrum as Spectrum,
+    histogram as histogram,
+    spectrum as spectrum,
 )
 from .access.people import (
     User as User,

@@ -12,6 +12,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from pydantic import ValidationError
+
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import SIDES, Side
@@ -32,6 +34,8 @@ from torquebench.panel.service.jobs.runner import JobKind, JobRunner, Workplace
 from torquebench.panel.service.jobs.values import JobView
 from torquebench.panel.service.live.alarms import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.live.hub import STALE_AFTER_S, Connection, LiveHub
+from torquebench.panel.service.live.layout import DEFAULT_LAYOUT, LiveLayout
+from torquebench.panel.service.live.markers import Marker, Markers
 from torquebench.panel.service.live.snapshot import (
     BenchSnapshot,
     CompensationState,
@@ -177,6 +181,7 @@ class BenchService:
             self.live = LiveHub(
                 station.description, station.clock, self._viewer, station.drivers.operator.mounted
             )
+            self.markers = Markers()
             for side in SIDES:
                 self.refresh_compensation(side)
         except BaseException:
@@ -305,7 +310,39 @@ class BenchService:
         state = compensation_state(station.registry, int(active.model_id), today)
         self._compensation[side] = (state, "")
 
+    def layout(self, actor: Actor) -> LiveLayout:
+        """Return what somebody wants to see on the live page."""
+        try:
+            kept = self._store.preference(actor.name, "live")
+            return LiveLayout.model_validate(kept) if kept is not None else DEFAULT_LAYOUT
+        except ValidationError:  # of a version that knew other signals
+            return DEFAULT_LAYOUT
+
+    def keep_layout(self, actor: Actor, layout: LiveLayout) -> None:
+        """Keep what somebody wants to see on the live page."""
+        self._store.keep_preference(actor.name, "live", layout.model_dump(mode="json"))
+
     # -- what is done -----------------------------------------------------------------------
+
+    def mark(self, actor: Actor, note: str, bench_time_s: float | None = None) -> Marker:
+        """Put a marker with a note, now or at an earlier bench time.
+
+        Raises
+        ------
+        PermissionDeniedError
+            An operator may.
+        InputError
+            The note is empty or too long, or the time isn't in the past of this bench.
+        """
+        require(actor, "operator")
+        newest_s = self.live.bench_time_s
+        moment_s = newest_s if bench_time_s is None else bench_time_s
+        if not 0.0 <= moment_s <= newest_s:
+            raise InputError(f"a marker at {moment_s:g} s", f"0 to {newest_s:.1f} s of bench time")
+        at = datetime.fromtimestamp(moment_s + self.live.clock_offset_s, UTC)
+        marker = self.markers.add(moment_s, at, note, actor.label)
+        self.note(actor, "put a marker", note=marker.note, bench_time_s=round(moment_s, 3))
+        return marker
 
     def note(self, actor: Actor, what: str, **details: Any) -> None:
         """Enter what somebody did into the panel's log and into the bench's audit log.

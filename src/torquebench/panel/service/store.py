@@ -29,6 +29,7 @@ from sqlalchemy import (
     insert,
     select,
 )
+from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -38,7 +39,7 @@ from torquebench.records import json_text
 __all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "users"]
 
 PANEL_FILE = "panel.sqlite"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 READING = "torquebench_reading"
 
 metadata = MetaData()
@@ -89,6 +90,13 @@ events = Table(
     Column("who", Text, nullable=False),
     Column("what", Text, nullable=False),
     Column("details", Text, nullable=False),
+)
+preferences = Table(
+    "preferences",
+    metadata,
+    Column("who", Text, primary_key=True),
+    Column("name", Text, primary_key=True),
+    Column("value", Text, nullable=False),
 )
 changes = Table(
     "changes",
@@ -220,6 +228,26 @@ class PanelStore:
                 )
                 for row in connection.execute(query)
             ]
+
+    # -- what somebody likes to see ---------------------------------------------------------
+
+    def preference(self, who: str, name: str) -> Any:
+        """Return what somebody has kept under a name; None where that is nothing."""
+        query = select(preferences.c.value).where(
+            preferences.c.who == who, preferences.c.name == name
+        )
+        with self.transaction(reading=True) as connection:
+            kept = connection.execute(query).scalar()
+        return None if kept is None else json.loads(kept)
+
+    def keep_preference(self, who: str, name: str, value: Any) -> None:
+        """Keep what somebody likes to see, in place of what was kept before."""
+        text = json_text(value)
+        kept = sqlite_insert(preferences).values(who=who, name=name, value=text)
+        with self.transaction() as connection:
+            connection.execute(
+                kept.on_conflict_do_update(index_elements=["who", "name"], set_={"value": text})
+            )
 
 
 def note(connection: Connection, who: str, what: str, **details: Any) -> None:

@@ -28,6 +28,48 @@
     }
   }, 500);
 
+  // Every chart can be taken away: as a picture, and as a table of what it shows.
+  function save(name, url) {
+    const link = document.createElement("a");
+    link.href = url;
+    link.download = name;
+    link.click();
+  }
+  const named = { picture: "savePicture", table: "saveTable" };
+  setInterval(() => {
+    for (const tool of document.querySelectorAll("[data-chart-tool]:not([title])")) {
+      tool.title = texts()[named[tool.dataset.chartTool]] ?? "";
+      const label = document.getElementById(tool.dataset.chart)?.ariaLabel ?? "";
+      tool.ariaLabel = `${tool.title}: ${label}`;
+    }
+  }, 500);
+  const csvCell = (value) => (typeof value === "number" ? String(value) : `"${String(value ?? "").replaceAll('"', '""')}"`);
+  function chartTable(option) {
+    const [x] = option.xAxis, [y] = option.yAxis;
+    const lines = [["series", x.name || "x", y.name || "y"]];
+    for (const series of option.series) {
+      if (!series.name) continue;
+      series.data.forEach((point, place) => {
+        const pair = Array.isArray(point) ? point : [x.data?.[place] ?? place, point?.value ?? point];
+        lines.push([series.name, ...pair.slice(0, 2)]);
+      });
+    }
+    return lines.map((cells) => cells.map(csvCell).join(",")).join("\r\n") + "\r\n";
+  }
+  document.addEventListener("click", (event) => {
+    const tool = event.target.closest?.("[data-chart-tool]");
+    const chart = tool && window.getElement?.(Number(tool.dataset.chart.slice(1)))?.chart;
+    if (!chart) return;
+    const name = `torquebench-${new Date().toISOString().slice(0, 19).replace(/:/g, "-")}`;
+    if (tool.dataset.chartTool === "picture") {
+      save(`${name}.png`, chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: window.cssColour("--surface") }));
+      return;
+    }
+    const url = URL.createObjectURL(new Blob([chartTable(chart.getOption())], { type: "text/csv" }));
+    save(`${name}.csv`, url);
+    setTimeout(() => URL.revokeObjectURL(url), 60000);
+  });
+
   function say(place, text) {
     const region = document.getElementById(place);
     if (!region) return;

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -20,17 +21,19 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.errors import InputError
-from torquebench.panel.service.live.rings import TrendMemory, envelope, nan_mean
+from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
 from torquebench.units import DEGREE, RPM_PER_RAD_S
 
 __all__ = [
     "SIGNALS",
     "STALE_AFTER_S",
+    "TORQUE_SIGNALS",
     "Connection",
     "LatestValue",
     "LiveHub",
     "LiveIncrement",
     "LiveTrend",
+    "LiveWindows",
     "Signal",
 ]
 
@@ -42,6 +45,8 @@ ROWS = 3600
 FACTORS = (10, 4)
 """With blocks of 30 ms: 108 s of every block, 18 min of 0.3 s, 72 min of 1.2 s."""
 MAXIMUM_INCREMENT = 1000
+WINDOWS_KEPT_S = 120.0
+"""Every single window of the torques is kept for so long, s: for spectra."""
 MEANINGFUL_SHARE = 0.02
 """Below this share of range a torque says nothing about efficiency."""
 MEANINGFUL_SPEED_RPM = 1.0
@@ -145,6 +150,22 @@ class LatestValue:
         return self.age_s > STALE_AFTER_S
 
 
+@dataclass(frozen=True, eq=False)
+class LiveWindows:
+    """Every single window of one torque signal.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Bench time, s.
+    value_nm : float64[n]
+        NaN where there is no number.
+    """
+
+    time_s: NDArray[np.float64]
+    value_nm: NDArray[np.float64]
+
+
 class LiveHub:
     """Rows of all live signals, kept in bounded memory; safe to read from any thread.
 
@@ -184,6 +205,8 @@ class LiveHub:
         self._faults: dict[str, str] = {}
         self._block_at = time.monotonic()
         self._bench_s = 0.0
+        self._clock_s = time.time()
+        self._windows: deque[dict[str, LiveWindows]] = deque()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="torquebench-live", daemon=True)
 
@@ -208,8 +231,13 @@ class LiveHub:
     def take(self, block: AcquiredBlock) -> None:
         """Make a row of a block."""
         low, high, mean, faults = self._row(block)
-        now = time.monotonic()
+        windows = _windows(block)
+        now, clock_s = time.monotonic(), time.time()
         with self._lock:
+            self._clock_s = clock_s
+            self._windows.append(windows)
+            while len(self._windows) * (block.stop_s - block.start_s) > WINDOWS_KEPT_S:
+                self._windows.popleft()
             self._memory.append(block.stop_s, low, high, mean)
             there = np.isfinite(mean)
             self._newest[there] = mean[there]
@@ -289,6 +317,12 @@ class LiveHub:
         return self._bench_s
 
     @property
+    def clock_offset_s(self) -> float:
+        """What makes the wall's clock (s since 1970) out of bench time."""
+        with self._lock:
+            return self._clock_s - self._bench_s
+
+    @property
     def dropped(self) -> int:
         """Blocks that came faster than the hub could take them."""
         return self._viewer.dropped
@@ -341,14 +375,41 @@ class LiveHub:
         with self._lock:
             sequence = self._memory.levels[0].count
             rows = self._memory.last_s(min(max(seconds, 0.0), 3600.0))
-        rows = envelope(rows, max(1, min(points, 5000)))
-        return LiveTrend(
-            sequence,
-            rows.time_s,
-            {name: rows.mean[place] for name, place in places.items()},
-            {name: rows.low[place] for name, place in places.items()},
-            {name: rows.high[place] for name, place in places.items()},
-        )
+        return _trend(sequence, rows, places, points)
+
+    def between(
+        self, start_s: float, stop_s: float, signals: Sequence[str] | None = None, points: int = 600
+    ) -> LiveTrend:
+        """Return a span of bench time as finely as it is still kept, at most `points` rows.
+
+        Raises
+        ------
+        InputError
+            An unknown signal.
+        """
+        places = _places(signals)
+        with self._lock:
+            sequence = self._memory.levels[0].count
+            rows = self._memory.between(start_s, stop_s)
+        return _trend(sequence, rows, places, points)
+
+    def windows(self, signal: str, start_s: float, stop_s: float) -> LiveWindows:
+        """Return every single window of a torque in a span; two minutes are kept.
+
+        Raises
+        ------
+        InputError
+            The signal isn't a torque.
+        """
+        if signal not in TORQUE_SIGNALS:
+            raise InputError(f"signal {signal[:80]!r}", "one of " + ", ".join(TORQUE_SIGNALS))
+        with self._lock:
+            kept = [block[signal] for block in self._windows if signal in block]
+        empty = np.empty(0)
+        time_s = np.concatenate([empty, *(part.time_s for part in kept)])
+        value_nm = np.concatenate([empty, *(part.value_nm for part in kept)])
+        inside = (time_s >= start_s) & (time_s <= stop_s)
+        return LiveWindows(time_s[inside], value_nm[inside])
 
     def latest(self) -> dict[str, LatestValue]:
         """Return the newest number of every signal with its age."""
@@ -363,6 +424,37 @@ class LiveHub:
             )
             for place, signal in enumerate(SIGNALS)
         }
+
+
+TORQUE_SIGNALS = tuple(
+    f"{side}_{kind}_nm" for side in SIDES for kind in ("torque", "raw", "reference")
+)
+
+
+def _windows(block: AcquiredBlock) -> dict[str, LiveWindows]:
+    found: dict[str, LiveWindows] = {}
+    for side in SIDES:
+        channels = {"raw": torque_channel(side), "reference": reference_channel(side)}
+        for name, channel in channels.items():
+            samples = block.channels.get(channel)
+            if samples is not None:
+                found[f"{side}_{name}_nm"] = LiveWindows(samples.time_s, samples.torque_nm)
+        compensated = block.compensated.get(side)
+        raw = found.get(f"{side}_raw_nm")
+        if compensated is not None and raw is not None and len(compensated) == raw.time_s.size:
+            found[f"{side}_torque_nm"] = LiveWindows(raw.time_s, compensated.value_nm)
+    return found
+
+
+def _trend(sequence: int, rows: Rows, places: Mapping[str, int], points: int) -> LiveTrend:
+    rows = envelope(rows, max(1, min(points, 5000)))
+    return LiveTrend(
+        sequence,
+        rows.time_s,
+        {name: rows.mean[place] for name, place in places.items()},
+        {name: rows.low[place] for name, place in places.items()},
+        {name: rows.high[place] for name, place in places.items()},
+    )
 
 
 def _places(signals: Sequence[str] | None) -> dict[str, int]:

@@ -80,6 +80,21 @@ class LevelRing:
         part = slice(first, None)
         return Rows(kept.time_s[part], kept.low[:, part], kept.high[:, part], kept.mean[:, part])
 
+    def between(self, start_s: float, stop_s: float) -> Rows:
+        """Copy of the rows that end within a span of bench time."""
+        kept = self.newest(self.capacity)
+        part = slice(
+            int(np.searchsorted(kept.time_s, start_s)),
+            int(np.searchsorted(kept.time_s, stop_s, side="right")),
+        )
+        return Rows(kept.time_s[part], kept.low[:, part], kept.high[:, part], kept.mean[:, part])
+
+    @property
+    def oldest_s(self) -> float:
+        """End of the oldest row that is kept, s; 0 before the first."""
+        kept = min(self.count, self.capacity)
+        return float(self._time[(self.count - kept) % self.capacity]) if kept else 0.0
+
     @property
     def covered_s(self) -> float:
         """Bench time between the oldest and the newest row, s."""
@@ -134,6 +149,13 @@ class TrendMemory:
             if level.covered_s >= seconds or not level.full:
                 return level.last_s(seconds)
         return self.levels[-1].last_s(seconds)
+
+    def between(self, start_s: float, stop_s: float) -> Rows:
+        """Rows of a span of the finest level that still holds its beginning, or of the coarsest."""
+        for level in self.levels:
+            if not level.full or level.oldest_s <= start_s:
+                return level.between(start_s, stop_s)
+        return self.levels[-1].between(start_s, stop_s)
 
 
 def nan_mean(values: Array) -> Array:

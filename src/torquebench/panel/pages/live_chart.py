@@ -1,0 +1,417 @@
+"""The live page's chart: its channels and scales, markers, spectrum and histogram."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from torquebench.bench.roles import Side
+from torquebench.errors import InputError, TorquebenchError
+from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.dialogs import ask, sheet
+from torquebench.panel.components.elements import box, note, on_press, panel, words
+from torquebench.panel.components.trend import Band, Trace, Trend
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import (
+    DEFAULT_LAYOUT,
+    SIGNALS,
+    TORQUE_SIGNALS,
+    BandLayout,
+    LiveHub,
+    LiveLayout,
+    Scale,
+    Signal,
+    histogram,
+    spectrum,
+)
+
+__all__ = ["SPANS", "LiveChart"]
+
+MOST_ROWS = 300
+"""That come one by one; a page that lacks more gets the whole past again, reduced."""
+MOST_POINTS = 600
+MOST_LINES = 1200
+"""Of a spectrum: a browser draws no more in one chart without being felt."""
+SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
+CHARTS = 3
+WHOLE_RANGE_UNITS = ("N·m", "rpm")
+COLOURS = {
+    "raw_nm": "--series-raw",
+    "reference_nm": "--series-3",
+    "uncertainty_nm": "--series-4",
+    "input": "--series-1",
+    "output": "--series-2",
+    "percent": "--series-4",
+}
+DASHED = ("raw_nm", "reference_nm", "uncertainty_nm")
+DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
+FLOORS = {"rpm": (1.0, 0.1), "°": (1.0, 0.1), "°C": (0.5, 0.5), "%": (1.0, 1.0)}
+"""The least span of a scale by unit: left, right."""
+TOOLS = (
+    "tools",
+    "live",
+    "zoom_in",
+    "zoom_out",
+    "earlier",
+    "later",
+    "cursors",
+    "cursor",
+    "peaks",
+    "picture",
+    "table",
+    "values",
+    "shown",
+    "between",
+    "minimum",
+    "maximum",
+    "mean",
+    "lowest",
+    "highest",
+)
+_BY_NAME = {signal.name: signal for signal in SIGNALS}
+
+
+class LiveChart:
+    """The chart and everything that a person does with it.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    places : mapping of signal name to (element, decimals)
+    region : element
+        What goes grey when no numbers come.
+    """
+
+    def __init__(
+        self, visitor: Visitor, places: Mapping[str, tuple[Any, int]], region: Any
+    ) -> None:
+        self.visitor, self.text = visitor, visitor.text
+        self.layout = visitor.service.layout(visitor.looker)
+        self._hub: LiveHub | None = None
+        self._sequence = 0
+        self._marks = -1
+        with panel(classes="live-chart"):
+            self._controls()
+            said = {key: self.text(f"chart.{key}") for key in TOOLS}
+            self.trend = Trend(
+                self.text("live.trend_label"), said, "torquebench-live", places, region, self._finer
+            )
+            self._arrange()
+        self._analysis = box("div", "stack")
+
+    # -- controls ---------------------------------------------------------------------------
+
+    def _controls(self) -> None:
+        text = self.text
+        with box("div", "spread"):
+            with box("div", "line tight", role="group", aria_label=text("live.window")):
+                self._spans = {key: self._span_button(key) for key in SPANS}
+            with box("div", "line tight"):
+                button(text("live.channels_short"), self._open_channels, "small", picture="tune")
+                button(text("live.marker"), self._open_marker, "small", picture="bookmark_add")
+                button(
+                    text("live.spectrum_short"), self._open_analysis, "small", picture="equalizer"
+                )
+
+    def _span_button(self, key: str) -> Any:
+        pressed = "true" if key == self.layout.span else "false"
+        made = words(
+            "button", self.text(f"live.{key}"), "control small", type="button", aria_pressed=pressed
+        )
+        on_press(made, lambda: self.choose(key))
+        return made
+
+    def choose(self, key: str) -> None:
+        """Show another span of time, and keep it for the next time."""
+        for name, made in self._spans.items():
+            made.props["aria-pressed"] = "true" if name == key else "false"
+            made.update()
+        self._keep(self.layout.model_copy(update={"span": key}))
+
+    def _keep(self, layout: LiveLayout) -> None:
+        self.visitor.attempt(lambda: self.visitor.service.keep_layout(self.visitor.looker, layout))
+        self.layout = layout
+        self._arrange()
+        self._restart()
+
+    # -- what is drawn ----------------------------------------------------------------------
+
+    @property
+    def _names(self) -> list[str]:
+        return list(dict.fromkeys(name for band in self.layout.bands for name in band.signals))
+
+    def _title(self, signal: Signal) -> str:
+        return self.text(f"signal.{signal.name}")
+
+    def _arrange(self) -> None:
+        drawn = [band for band in self.layout.bands if band.signals]
+        traces = [
+            self._trace(_BY_NAME[name], place, band.axis(name))
+            for place, band in enumerate(drawn)
+            for name in dict.fromkeys(band.signals)
+        ]
+        self.trend.arrange(traces, [self._band(band) for band in drawn])
+
+    def _trace(self, signal: Signal, grid: int, axis: int) -> Trace:
+        kind = next((end for end in COLOURS if signal.name.endswith(end)), "")
+        side = signal.side or "percent"
+        return Trace(
+            signal.name,
+            self._title(signal),
+            signal.unit,
+            grid,
+            COLOURS[kind or side],
+            dashed=signal.name.endswith(DASHED),
+            axis=axis,
+            decimals=DECIMALS[signal.side or "output"] if signal.unit == "N·m" else 2,
+        )
+
+    def _band(self, band: BandLayout) -> Band:
+        titles, floors = [], []
+        for place, (unit, side) in enumerate(band.axes):
+            titles.append(f"{self.text(f'side.{side}')}, {unit}" if side else unit)
+            floors.append(self._floor(band, unit, side, place))
+        if len(titles) == 1 and titles[0] == band.axes[0][0]:
+            sides = {_BY_NAME[name].side for name in band.signals}
+            only = sides.pop() if len(sides) == 1 else None
+            if only is not None:
+                titles[0] = f"{self.text(f'side.{only}')}, {titles[0]}"
+        return Band(
+            titles[0],
+            floors[0],
+            titles[1] if len(titles) > 1 else "",
+            floors[1] if len(floors) > 1 else 1.0,
+            self._ends(band),
+            aligned=all(unit in WHOLE_RANGE_UNITS for unit, _ in band.axes),
+        )
+
+    def _floor(self, band: BandLayout, unit: str, side: str, place: int) -> float:
+        if unit != "N·m":
+            return FLOORS[unit][place]
+        return 1e-3 * self._limit(band, unit, side)
+
+    def _limit(self, band: BandLayout, unit: str, side: str) -> float:
+        """Return the range of a unit, of the side that goes furthest."""
+        found = self.visitor.service.snapshot().sides
+        sides = [side] if side else {_BY_NAME[name].side or "output" for name in band.signals}
+        each = [found[one] for one in sides]  # type: ignore[index]  # sides as strings
+        return max(one.range_nm if unit == "N·m" else one.limit_rpm for one in each)
+
+    def _ends(self, band: BandLayout) -> tuple[float, float] | None:
+        scale, (unit, side) = band.scale, band.axes[0]
+        if scale.kind == "fixed":
+            return scale.low, scale.high
+        if scale.kind == "range" and unit in WHOLE_RANGE_UNITS:
+            limit = self._limit(band, unit, side)
+            return -limit, limit
+        return None
+
+    # -- rows -------------------------------------------------------------------------------
+
+    def _restart(self) -> None:
+        hub = self._hub = self.visitor.service.live
+        seconds = SPANS[self.layout.span]
+        past = hub.trend(seconds, self._names)
+        self._sequence = past.sequence
+        self.trend.reset(seconds, past, hub.clock_offset_s)
+        self._marks = -1
+
+    def _finer(self, start_s: float, stop_s: float) -> None:
+        if not (math.isfinite(start_s) and math.isfinite(stop_s)):
+            return
+        hub = self.visitor.service.live
+        self.trend.finer(start_s, stop_s, hub.between(start_s, stop_s, self._names, MOST_POINTS))
+
+    def push(self, share: Mapping[Side, tuple[str, float]]) -> None:
+        """Send the rows that came since; `share` says which torque counts, and its range."""
+        hub = self.visitor.service.live
+        if hub is not self._hub:  # the first time, and when the bench was opened again
+            self._restart()
+            return
+        if hub.sequence == self._sequence or not self.trend.ready:
+            return
+        if hub.sequence - self._sequence > MOST_ROWS:  # a page that was hidden, or much too slow
+            self._restart()
+        increment = hub.since(self._sequence, self._names)
+        self._sequence = increment.sequence
+        latest = hub.latest()
+        numbers: dict[str, float | None] = {
+            name: latest[name].value if not latest[name].stale else None for name in _BY_NAME
+        }
+        for side, (chosen, range_nm) in share.items():
+            torque = numbers[f"{side}_torque"] = numbers[chosen]
+            numbers[f"{side}_share"] = None if torque is None else 100.0 * torque / range_nm
+        self.trend.push(increment, numbers, hub.clock_offset_s)
+        markers = self.visitor.service.markers.all()
+        newest = markers[-1].number if markers else 0
+        if newest != self._marks:
+            self._marks = newest
+            self.trend.marks((each.bench_time_s, each.note) for each in markers)
+
+    # -- dialogs ----------------------------------------------------------------------------
+
+    def _open_channels(self) -> None:
+        text = self.text
+        bands = (*self.layout.bands, *(BandLayout() for _ in range(CHARTS)))[:CHARTS]
+        places = {str(place): text("live.chart_number", number=place) for place in (1, 2, 3)}
+        chosen = {name: str(k) for k, band in enumerate(bands, 1) for name in band.signals}
+
+        def apply() -> None:
+            try:
+                layout = LiveLayout(
+                    span=self.layout.span,
+                    bands=tuple(
+                        BandLayout(
+                            signals=tuple(n for n, f in fields.items() if f.value == str(k)),
+                            scale=_scale(kind.value, low.value, high.value),
+                        )
+                        for k, (kind, low, high) in enumerate(scales, 1)
+                    ),
+                )
+            except (ValidationError, InputError) as error:
+                said = (
+                    error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+                )
+                wrong.set_text(text.core(said.removeprefix("Value error, ")))
+                return
+            self._keep(layout)
+            dialog.close()
+
+        def usual() -> None:
+            self._keep(DEFAULT_LAYOUT)
+            dialog.close()
+
+        with sheet(text("live.channels")) as dialog:
+            with box("div", "columns narrow"):
+                fields = {
+                    signal.name: Field(
+                        self._title(signal),
+                        chosen.get(signal.name, ""),
+                        unit=signal.unit,
+                        options={"": text("live.not_shown")} | places,
+                    )
+                    for signal in SIGNALS
+                }
+            scales = []
+            for k, band in enumerate(bands, 1):
+                words("h3", text("live.scale_of", number=k))
+                fixed = band.scale.kind == "fixed"
+                with box("div", "columns narrow"):
+                    kinds = {
+                        key: text(f"live.scale_{key}") for key in ("automatic", "range", "fixed")
+                    }
+                    kind = Field(text("live.scale"), band.scale.kind, options=kinds)
+                    low = Field(text("live.lowest"), f"{band.scale.low:g}" if fixed else "")
+                    high = Field(text("live.highest"), f"{band.scale.high:g}" if fixed else "")
+                scales.append((kind, low, high))
+            wrong = words("div", "", "bad-text", role="alert")
+            with box("div", "line end"):
+                button(text("live.usual"), usual, "quiet")
+                button(text("frame.close"), dialog.close, "quiet")
+                button(text("live.apply"), apply, "primary")
+
+    def _open_marker(self) -> None:
+        text, service = self.text, self.visitor.service
+        now_s = service.live.bench_time_s
+        moment_s = now_s if self.trend.view is None else min(sum(self.trend.view) / 2.0, now_s)
+
+        def put(said: str) -> bool:
+            return self.visitor.attempt(lambda: service.mark(self.visitor.actor, said, moment_s))
+
+        ask(
+            text("live.marker"),
+            text("live.marker_explained" if self.trend.view is None else "live.marker_held"),
+            text("live.marker_put"),
+            text("frame.close"),
+            put,
+            field=text("live.marker_note"),
+        )
+
+    # -- spectrum and histogram -------------------------------------------------------------
+
+    def _open_analysis(self) -> None:
+        text = self.text
+        self._analysis.clear()
+        with self._analysis, panel(text("live.spectrum")):
+            latest = self.visitor.service.live.latest()
+            there = [name for name in TORQUE_SIGNALS if latest[name].value is not None]
+            options = sorted(there or TORQUE_SIGNALS, key=lambda name: name not in self._names)
+            self._signal = Choice(
+                text("live.signal"),
+                {name: self._title(_BY_NAME[name]) for name in options},
+                options[0],
+                on_change=self._analyse,
+            )
+            self._found = box("div", "stack")
+            with box("div", "line"):
+                button(text("live.again"), self._analyse, "small", picture="refresh")
+                button(text("frame.close"), self._analysis.clear, "quiet small")
+        self._analyse()
+
+    def _analyse(self) -> None:
+        text, hub = self.text, self.visitor.service.live
+        newest_s = hub.bench_time_s
+        start_s, stop_s = self.trend.view or (newest_s - SPANS[self.layout.span], newest_s)
+        windows = hub.windows(self._signal.value, start_s, stop_s)
+        self._found.clear()
+        with self._found:
+            try:
+                lines = spectrum(windows.time_s, windows.value_nm)
+                classes = histogram(windows.value_nm)
+            except TorquebenchError as error:
+                found, more = text.refusal(error)
+                note(more, "warn", title=found)
+                return
+            decimals = 4
+            words(
+                "p",
+                text(
+                    "live.analysed",
+                    seconds=f"{windows.time_s[-1] - windows.time_s[0]:.2f}",
+                    count=windows.time_s.size,
+                    mean=f"{classes.mean_nm:.{decimals}f}",
+                    deviation=f"{classes.deviation_nm:.{decimals}f}",
+                    resolution=f"{lines.resolution_hz:.3g}",
+                ),
+                "number",
+            )
+            step = max(1, math.ceil(lines.frequency_hz.size / MOST_LINES))
+            with box("div", "columns"):
+                frequency, amplitude = _reduced(lines.frequency_hz, lines.amplitude_nm, step)
+                title = self._title(_BY_NAME[self._signal.value])
+                Chart(
+                    text("live.spectrum_label"),
+                    text("live.frequency"),
+                    text("live.amplitude"),
+                    [Line(title, frequency, amplitude)],
+                )
+                Chart(
+                    text("live.histogram_label"),
+                    text("live.torque"),
+                    text("live.count"),
+                    [Line(title, classes.centre_nm.tolist(), classes.count.tolist())],
+                )
+
+
+def _reduced(x: Any, y: Any, step: int) -> tuple[list[float], list[float]]:
+    """Keep the largest of so many neighbours."""
+    if step == 1:
+        return x.tolist(), y.tolist()
+    places = [k + int(y[k : k + step].argmax()) for k in range(0, x.size, step)]
+    return x[places].tolist(), y[places].tolist()
+
+
+def _scale(kind: str, low: str, high: str) -> Scale:
+    if kind != "fixed":
+        return Scale(kind=kind)  # type: ignore[arg-type]  # one of the options
+    try:
+        ends = float(low.replace(",", ".")), float(high.replace(",", "."))
+    except ValueError:
+        raise InputError(
+            f"ends {low!r} and {high!r}", "two numbers in the unit of the scale"
+        ) from None
+    return Scale(kind="fixed", low=ends[0], high=ends[1])

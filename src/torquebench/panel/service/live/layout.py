@@ -1,0 +1,106 @@
+"""What a person wants to see on the live page: channels, scales and the span of time."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from torquebench.panel.service.live.hub import SIGNALS
+
+__all__ = ["DEFAULT_LAYOUT", "BandLayout", "LiveLayout", "Scale", "Span"]
+
+Span = Literal["seconds_10", "minute_1", "minutes_10", "hour_1"]
+_SIGNALS = {signal.name: signal for signal in SIGNALS}
+BOTH_SIDES = ("N·m", "rpm", "°")
+"""Units whose values differ by the ratio from side to side: each side has a scale of its own."""
+MOST_SCALES = 2
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Scale(BaseModel):
+    """How far an axis goes: as far as the values, as the bench's range, or to fixed ends.
+
+    Parameters
+    ----------
+    kind : {"automatic", "range", "fixed"}
+    low, high : float
+        Ends where they are fixed, in the axis's unit.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    kind: Literal["automatic", "range", "fixed"] = "automatic"
+    low: Finite = 0.0
+    high: Finite = 0.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Scale:
+        if self.kind == "fixed" and not self.low < self.high:
+            raise ValueError(f"the lower end {self.low:g} is not below the upper end {self.high:g}")
+        return self
+
+
+class BandLayout(BaseModel):
+    """One chart of the page: its signals, and how far its left scale goes."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    signals: tuple[str, ...] = ()
+    scale: Scale = Scale()
+
+    @model_validator(mode="after")
+    def _two_scales(self) -> BandLayout:
+        unknown = [name for name in self.signals if name not in _SIGNALS]
+        if unknown:
+            raise ValueError(f"there is no signal {unknown[0][:80]!r}")
+        if len(self.axes) > MOST_SCALES:
+            units = ", ".join(dict.fromkeys(unit for unit, _ in self.axes))
+            raise ValueError(f"one chart has {MOST_SCALES} scales at most, not more for {units}")
+        return self
+
+    @property
+    def axes(self) -> tuple[tuple[str, str], ...]:
+        """Unit and side (empty where both share it) of each scale, the left one first."""
+        return tuple(dict.fromkeys(self._axis(name) for name in self.signals))
+
+    def axis(self, name: str) -> int:
+        """Which scale a signal has: 0 the left one, 1 the right one."""
+        return self.axes.index(self._axis(name))
+
+    def _axis(self, name: str) -> tuple[str, str]:
+        signal = _SIGNALS[name]
+        units = {_SIGNALS[each].unit for each in self.signals}
+        apart = len(units) == 1 and signal.unit in BOTH_SIDES
+        return signal.unit, (signal.side or "") if apart else ""
+
+
+class LiveLayout(BaseModel):
+    """What a person wants to see.
+
+    Parameters
+    ----------
+    span : str
+    bands : tuple of BandLayout
+        From above; those without signals aren't drawn.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    span: Span = "seconds_10"
+    bands: Annotated[tuple[BandLayout, ...], Field(min_length=1, max_length=4)]
+
+    @model_validator(mode="after")
+    def _something(self) -> LiveLayout:
+        if not any(band.signals for band in self.bands):
+            raise ValueError("no signal is chosen: choose one at least")
+        return self
+
+
+DEFAULT_LAYOUT = LiveLayout(
+    bands=(
+        BandLayout(signals=("output_torque_nm", "output_raw_nm", "output_reference_nm")),
+        BandLayout(signals=("input_torque_nm", "input_raw_nm", "input_reference_nm")),
+        BandLayout(signals=("input_speed_rpm", "output_speed_rpm")),
+    )
+)

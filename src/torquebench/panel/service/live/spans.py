@@ -1,0 +1,127 @@
+"""A span of a live signal as a spectrum and as a histogram."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import periodogram
+
+from torquebench.errors import InputError
+
+__all__ = ["Histogram", "Spectrum", "histogram", "spectrum"]
+
+Array = NDArray[np.float64]
+LEAST_WINDOWS = 16
+"""Fewer say nothing about frequencies."""
+LARGEST_GAP = 1.5
+"""Between neighbouring windows, in steps: beyond that the rate isn't even."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Amplitudes of a signal over frequency, its mean taken off.
+
+    Parameters
+    ----------
+    frequency_hz : float64[n]
+    amplitude_nm : float64[n]
+        Peak value of a sine of that frequency, N·m.
+    resolution_hz : float
+        Sines closer than this aren't told apart.
+    """
+
+    frequency_hz: Array
+    amplitude_nm: Array
+    resolution_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """How often values occur.
+
+    Parameters
+    ----------
+    centre_nm : float64[n]
+        Of each class, N·m.
+    count : int64[n]
+    mean_nm, deviation_nm : float
+        Mean and standard deviation, N·m.
+    """
+
+    centre_nm: Array
+    count: NDArray[np.int64]
+    mean_nm: float
+    deviation_nm: float
+
+
+def _whole(time_s: Array, value_nm: Array) -> tuple[Array, Array]:
+    """Return the longest part without a gap."""
+    there = np.isfinite(value_nm)
+    time_s, value_nm = time_s[there], value_nm[there]
+    if time_s.size < LEAST_WINDOWS:
+        raise InputError(
+            f"{time_s.size} readings in this span",
+            f"at least {LEAST_WINDOWS}",
+            "choose a longer span of the last two minutes",
+        )
+    steps = np.diff(time_s)
+    ends = np.flatnonzero(steps > LARGEST_GAP * np.median(steps)) + 1
+    parts = np.split(np.arange(time_s.size), ends)
+    longest = max(parts, key=len)
+    if longest.size < LEAST_WINDOWS:
+        raise InputError(
+            f"at most {longest.size} readings without a gap",
+            f"at least {LEAST_WINDOWS}",
+            "choose another span",
+        )
+    return time_s[longest], value_nm[longest]
+
+
+def spectrum(time_s: Array, value_nm: Array) -> Spectrum:
+    """Return the amplitude spectrum of the longest part without a gap, by a Hann window.
+
+    Raises
+    ------
+    InputError
+        There are too few readings.
+
+    Examples
+    --------
+    >>> time = np.arange(1000) * 0.01
+    >>> found = spectrum(time, 7.0 + 0.5 * np.sin(2.0 * np.pi * 4.0 * time))
+    >>> peak = found.amplitude_nm.argmax()
+    >>> round(float(found.frequency_hz[peak]), 3), round(float(found.amplitude_nm[peak]), 3)
+    (4.0, 0.5)
+    """
+    time_s, value_nm = _whole(time_s, value_nm)
+    rate_hz = (time_s.size - 1) / float(time_s[-1] - time_s[0])
+    frequency_hz, power = periodogram(
+        value_nm, rate_hz, window="hann", detrend="constant", scaling="spectrum"
+    )
+    # 1.5 bins: noise bandwidth of the Hann window
+    return Spectrum(frequency_hz, np.sqrt(2.0 * power), 1.5 * rate_hz / time_s.size)
+
+
+def histogram(value_nm: Array, classes: int = 40) -> Histogram:
+    """Return how often values occur, in classes of equal width.
+
+    Raises
+    ------
+    InputError
+        There are too few readings.
+
+    Examples
+    --------
+    >>> found = histogram(np.repeat([1.0, 2.0, 3.0], 10), classes=3)
+    >>> found.count.tolist(), round(found.mean_nm, 6)
+    ([10, 10, 10], 2.0)
+    """
+    kept = value_nm[np.isfinite(value_nm)]
+    if kept.size < LEAST_WINDOWS:
+        raise InputError(f"{kept.size} readings in this span", f"at least {LEAST_WINDOWS}")
+    count, edges = np.histogram(kept, classes)
+    return Histogram(
+        0.5 * (edges[1:] + edges[:-1]), count, float(kept.mean()), float(kept.std(ddof=1))
+    )

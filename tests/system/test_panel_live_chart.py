@@ -1,0 +1,176 @@
+"""A person at the live chart: zoom, cursors, peaks, markers, channels, spectrum, files."""
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from tests.system.panel_browser import SLOW, Visitor, browser, running_panel
+
+pytestmark = SLOW
+CHART = "const chart = getElement(Number(document.querySelector('.trend-box').id.slice(1))).chart;"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("chart")
+
+
+@pytest.fixture(scope="module")
+def person(folder: Path) -> Iterator[Visitor]:
+    with running_panel(folder, "--fast") as panel, browser(panel, folder / "browser") as visitor:
+        visitor.driver.execute_cdp_cmd(
+            "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(folder)}
+        )
+        visitor.sign_in("Admin")
+        yield visitor
+
+
+def option(person: Visitor, what: str) -> Any:
+    return person.driver.execute_script(f"{CHART} return chart.getOption().{what};")
+
+
+def span_s(person: Visitor) -> float:
+    return float(option(person, "xAxis[0].max") - option(person, "xAxis[0].min")) / 1000.0
+
+
+def heads(person: Visitor) -> list[str]:
+    found = person.driver.find_elements(By.CSS_SELECTOR, ".trend-values thead th")
+    return [each.text for each in found]
+
+
+def saved(person: Visitor, folder: Path, ending: str) -> Path:
+    def found() -> Path | None:
+        return next(folder.glob(f"torquebench-*.{ending}"), None)
+
+    file: Path = person.wait(found, f"a saved {ending}")
+    return file
+
+
+def test_the_chart_is_in_sight_on_a_small_screen(person: Visitor) -> None:
+    person.size(1366, 768)
+    person.open("/")
+    person.wait(
+        lambda: person.driver.execute_script(
+            "return document.querySelector('.trend').getBoundingClientRect().bottom <= 768"
+        ),
+        "a chart that needs no scrolling",
+    )
+    person.size(1440, 900)
+
+
+def test_a_span_is_drawn_held_and_left_again(person: Visitor) -> None:
+    person.open("/")
+    person.wait(lambda: len(heads(person)) == 4, "a table of values")
+    person.wait(lambda: span_s(person) == pytest.approx(10.0, abs=0.01), "ten seconds")
+    plot = person.driver.find_element(By.CSS_SELECTOR, ".trend")
+    ActionChains(person.driver).move_to_element_with_offset(
+        plot, -100, 0
+    ).click_and_hold().move_by_offset(200, 0).release().perform()
+    person.wait(lambda: span_s(person) < 6.0, "a shorter span")
+    held = option(person, "xAxis[0].min")
+    person.press("Cursors")
+    person.wait(lambda: heads(person)[-1] == "B − A", "differences")
+    cursor = person.driver.find_element(By.CSS_SELECTOR, ".cursor")
+    before = heads(person)[0]
+    ActionChains(person.driver).drag_and_drop_by_offset(cursor, -60, 0).perform()
+    person.wait(lambda: heads(person)[0] != before, "another difference of times")
+    assert option(person, "xAxis[0].min") == held
+    assert person.axe() == []
+    person.press("Live")
+    person.wait(lambda: span_s(person) > 9.9, "the whole span again")
+    person.wait(lambda: option(person, "xAxis[0].min") > held, "a chart that follows")
+    assert person.problems() == []
+
+
+def test_times_are_those_of_the_clock(person: Visitor) -> None:
+    person.open("/")
+    late = person.wait(
+        lambda: person.driver.execute_script(
+            f"{CHART} const end = chart.getOption().xAxis[0].max;"
+            "return end > 1e12 ? Math.abs(Date.now() - end) : null"
+        ),
+        "an axis of times",
+    )
+    assert late < 60_000
+
+
+def test_peaks_are_held(person: Visitor) -> None:
+    person.open("/")
+    person.press("Peak hold")
+    person.wait(lambda: heads(person)[-1] == "Highest held", "held peaks")
+    person.press("Peak hold")
+    person.wait(lambda: heads(person)[-1] == "Mean", "no held peaks")
+
+
+def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
+    person.open("/")
+    person.press("Marker")
+    person.fill("Note", "clamp tightened")
+    person.press("Put the marker")
+
+    def seen() -> bool:
+        lines = option(person, "series[0].markLine.data") or []
+        return any("clamp tightened" in str(line) for line in lines)
+
+    person.wait(seen, "the marker in the chart")
+    person.open("/")
+    person.wait(seen, "the marker after loading the page anew")
+
+
+def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
+    person.open("/")
+    person.press("Channels")
+    for signal in ("Input, raw", "Input, torque", "Input, standard"):
+        person.choose(signal, "")
+    person.choose("Output, temperature", "3")
+    person.choose("Efficiency", "3")
+    person.press("Apply")
+    person.sees("one chart has 2 scales at most")
+    person.choose("Efficiency", "")
+    person.choose("Output, temperature", "2")
+    scale = person.driver.find_elements(By.XPATH, "//label[normalize-space(.)='Left scale']")[0]
+    control = person.driver.find_element(By.ID, str(scale.get_attribute("for")))
+    control.find_element(By.CSS_SELECTOR, "option[value=range]").click()
+    person.press("Apply")
+    person.wait(lambda: option(person, "yAxis[2].name") == "Output, °C", "another channel")
+    person.open("/")
+    person.wait(lambda: option(person, "yAxis[2].name") == "Output, °C", "the same channels")
+    person.wait(lambda: option(person, "yAxis[0].max") == 2000, "the bench's range")
+    assert option(person, "yAxis[0].min") == -2000
+    person.press("Channels")
+    assert person.axe() == []
+    person.press("Restore the default")
+    person.wait(lambda: option(person, "yAxis[2].name") == "Input, N·m", "the usual channels")
+    assert person.problems() == []
+
+
+def test_a_span_is_shown_as_spectrum_and_histogram(person: Visitor) -> None:
+    person.open("/")
+    person.press("Spectrum")
+    person.sees("standard deviation")
+    person.wait(
+        lambda: len(person.driver.find_elements(By.CSS_SELECTOR, ".figure canvas")) == 2,
+        "two charts",
+    )
+    assert person.axe() == []
+    assert person.problems() == []
+
+
+def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) -> None:
+    person.open("/")
+    person.wait(lambda: len(heads(person)) == 4, "a table of values")
+    person.press("Picture")
+    assert saved(person, folder, "png").read_bytes()[:4] == b"\x89PNG"
+    person.press("CSV")
+    file = saved(person, folder, "csv")
+    person.wait(lambda: file.stat().st_size > 0, "a written file")
+    with file.open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    assert len(rows) > 20
+    assert float(rows[0]["output_raw_nm_min"]) <= float(rows[0]["output_raw_nm"])
+    assert float(rows[-1]["bench_time_s"]) > float(rows[0]["bench_time_s"])
+    assert rows[0]["time_utc"].startswith("20")
