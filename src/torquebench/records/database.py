@@ -53,10 +53,13 @@ __all__ = [
     "UnavailableError",
     "as_json",
     "content_of",
+    "database_failures",
+    "engine_of",
     "entry_of",
     "equipment_row",
     "lost_registry",
     "row_of",
+    "url_with_driver",
 ]
 
 REGISTRY_FILE = "registry.sqlite"
@@ -128,14 +131,14 @@ class Database:
         self.root = root.resolve()
         self._open = threading.local()
         self._closing = contextlib.ExitStack()
-        self._url = _with_driver(url)
+        self._url = url_with_driver(url)
         self._sqlite = self._url.drivername == "sqlite"
         file = Path(self._url.database or "")
         self.read_only = self._sqlite and file.is_file() and not is_writable(file)
         if self.read_only:
             self._engine = _reading_engine(self._closing.enter_context(sqlite_reader(file)))
         else:
-            self._engine = _engine(self._url)
+            self._engine = engine_of(self._url)
         self.known_head = ChainHead(0, START)
         try:
             upgrade(self._engine, read_only=self.read_only)
@@ -281,15 +284,12 @@ class Database:
     @contextmanager
     def _session(self, *, writes: bool = False) -> Iterator[Session]:
         engine = self._engine.execution_options(writes=writes)
-        try:
-            with Session(engine) as session, session.begin():
-                yield session
-        except SQLAlchemyError as error:
-            raise _kind_of(error)(
-                f"the registry {self.name} failed: {_cause(error)}",
-                "a database that can be read and written",
-                "make room on its disk, or look whether it runs; what it has is unchanged",
-            ) from error
+        with (
+            database_failures(f"the registry {self.name}"),
+            Session(engine) as session,
+            session.begin(),
+        ):
+            yield session
 
     def execute(self, *statements: str) -> None:
         """Run statements on the schema in one transaction, past the records."""
@@ -347,6 +347,27 @@ class Database:
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()
 
 
+@contextmanager
+def database_failures(what: str) -> Iterator[None]:
+    """Turn a failure of a database into an error that says what failed, and how.
+
+    Raises
+    ------
+    UnavailableError
+        Where it may be over a moment later.
+    RecordError
+        For every other failure.
+    """
+    try:
+        yield
+    except SQLAlchemyError as error:
+        raise _kind_of(error)(
+            f"{what} failed: {_cause(error)}",
+            "a database that can be read and written",
+            "make room on its disk, or look whether it runs; what it has is unchanged",
+        ) from error
+
+
 def content_of(row: Any) -> dict[str, Any]:
     """Return the fields of a row as the chain keeps them."""
     return {
@@ -392,7 +413,14 @@ def _append_links(session: Session) -> ChainHead:
 _ORDER = {table.name: number for number, table in enumerate(Base.metadata.sorted_tables)}
 
 
-def _with_driver(url: str | URL) -> URL:
+def url_with_driver(url: str | URL) -> URL:
+    """Return a registry's URL with the driver that opens it.
+
+    Raises
+    ------
+    InputError
+        Where it isn't one, or its driver isn't installed.
+    """
     try:
         parsed = make_url(url)
     except ArgumentError as error:
@@ -425,7 +453,7 @@ def _reading_engine(address: str) -> Engine:
     return create_engine("sqlite://", creator=connect, poolclass=NullPool)
 
 
-def _engine(url: URL) -> Engine:
+def engine_of(url: URL) -> Engine:
     """Return an engine whose connections are tried before they are used again."""
     if url.drivername == "sqlite":
         engine = create_engine(url)

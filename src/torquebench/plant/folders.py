@@ -1,0 +1,204 @@
+"""Sealed run folders on a share or in an object store, by fsspec.
+
+``file://`` takes a mounted share, ``s3://`` a store that speaks S3, through the client that comes
+with Arrow; every other protocol for which fsspec finds an installed library works as well.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from torquebench.errors import InputError, RecordError
+from torquebench.records.edge_archive import EDGE_ARCHIVE
+from torquebench.records.run_folder import MANIFEST
+
+__all__ = ["FolderStore", "PushedFolder"]
+
+BLOCK = 4 * 2**20
+STAYS = (EDGE_ARCHIVE,)
+"""Raw edges are too large to be sent, and stay where they were measured."""
+
+
+@dataclass(frozen=True)
+class PushedFolder:
+    """A run folder that has arrived.
+
+    Parameters
+    ----------
+    url : str
+        Where it lies.
+    size : int
+        Bytes that arrived.
+    left_out : tuple of str
+        Files that stay at the bench.
+    """
+
+    url: str
+    size: int
+    left_out: tuple[str, ...]
+
+
+class FolderStore:
+    """Where sealed run folders of a plant lie.
+
+    Parameters
+    ----------
+    url : str
+        ``file:///srv/plant``, ``s3://bucket/folder`` or what fsspec knows. Keys of an S3 store come
+        from the usual places (``AWS_ACCESS_KEY_ID``, ``~/.aws``), its address from
+        ``AWS_ENDPOINT_URL``.
+
+    Raises
+    ------
+    InputError
+        The protocol isn't known, or its library isn't installed.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url.rstrip("/")
+        self.protocol = urlsplit(url).scheme or "file"
+        self._fs = _filesystem(self.url, self.protocol)
+
+    def path(self, url: str) -> str:
+        """Return a URL of this store as its file system names it."""
+        parts = urlsplit(url)
+        return parts.path if self.protocol == "file" else f"{parts.netloc}{parts.path}"
+
+    def read(self, url: str) -> bytes:
+        """Return the content of a file.
+
+        Raises
+        ------
+        RecordError
+            It isn't there, or the store doesn't answer.
+        """
+        try:
+            with self._fs.open(self.path(url), "rb") as file:
+                content: bytes = file.read()
+                return content
+        except OSError as error:
+            raise RecordError(
+                f"{url} can't be read: {error}", "a file in the plant's store"
+            ) from error
+
+    def put(self, url: str, content: bytes) -> None:
+        """Write a file whole or not at all."""
+        self._write(url, io.BytesIO(content))
+
+    def push(self, folder: Path, manifest_sha256: str, url: str) -> PushedFolder:
+        """Copy a sealed run folder, each file checked against the manifest on its way.
+
+        The manifest comes last: a folder that was cut off on its way has none, and is sent again.
+
+        Raises
+        ------
+        RecordError
+            A file isn't as it was sealed, or the store doesn't take it.
+        """
+        sealed = (folder / MANIFEST).read_bytes()
+        if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
+            raise RecordError(
+                f"{folder / MANIFEST} was changed after the run was registered",
+                f"SHA-256 {manifest_sha256}",
+                "torquebench records restore brings it back from a backup",
+            )
+        files: Mapping[str, Mapping[str, Any]] = json.loads(sealed)["files"]
+        size = len(sealed)
+        for name, entry in files.items():
+            if name in STAYS:
+                continue
+            size += int(entry["bytes"])
+            with (folder / name).open("rb") as file:
+                self._write(f"{url}/{name}", file, str(entry["sha256"]))
+        self.put(f"{url}/{MANIFEST}", sealed)
+        return PushedFolder(url, size, tuple(name for name in files if name in STAYS))
+
+    def verify(self, url: str, manifest_sha256: str) -> list[str]:
+        """Return what isn't as it was sealed in a folder that has arrived."""
+        try:
+            sealed = self.read(f"{url}/{MANIFEST}")
+        except RecordError as error:
+            return [error.found]
+        if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
+            return [f"{url}/{MANIFEST} doesn't have the hash that the chain has"]
+        problems = []
+        for name, entry in json.loads(sealed)["files"].items():
+            if name in STAYS:
+                continue
+            try:
+                found = self._sha256(f"{url}/{name}")
+            except OSError as error:
+                problems.append(f"{url}/{name} can't be read: {error}")
+                continue
+            if found != entry["sha256"]:
+                problems.append(f"{url}/{name} was changed")
+        return problems
+
+    def _sha256(self, url: str) -> str:
+        digest = hashlib.sha256()
+        with self._fs.open(self.path(url), "rb") as file:
+            while block := file.read(BLOCK):
+                digest.update(block)
+        return digest.hexdigest()
+
+    def _write(self, url: str, source: Any, sha256: str = "") -> None:
+        target = self.path(url)
+        # In a file system a half-written file would lie under its name; a store takes it whole.
+        there = target if self.protocol != "file" else f"{target}.{secrets.token_hex(4)}.part"
+        try:
+            if self.protocol == "file":
+                self._fs.makedirs(Path(target).parent.as_posix(), exist_ok=True)
+            digest = hashlib.sha256()
+            with self._fs.open(there, "wb") as file:
+                while block := source.read(BLOCK):
+                    digest.update(block)
+                    file.write(block)
+                if self.protocol == "file":
+                    file.flush()
+                    os.fsync(file.fileno())
+            if sha256 and digest.hexdigest() != sha256:
+                self._fs.rm(there)
+                raise RecordError(
+                    f"{getattr(source, 'name', url)} was changed after sealing",
+                    f"SHA-256 {sha256}",
+                    "torquebench records restore brings it back from a backup",
+                )
+            if there != target:
+                self._fs.mv(there, target)
+        except OSError as error:
+            raise RecordError(
+                f"{url} can't be written: {error}",
+                "a store that can be reached and written",
+                "what has arrived stays; push again when it can",
+            ) from error
+
+
+def _filesystem(url: str, protocol: str) -> Any:
+    import fsspec
+
+    if protocol == "s3":
+        from fsspec.implementations.arrow import ArrowFSWrapper
+        from pyarrow.fs import S3FileSystem
+
+        endpoint = os.environ.get("AWS_ENDPOINT_URL_S3") or os.environ.get("AWS_ENDPOINT_URL")
+        options: dict[str, Any] = {"allow_bucket_creation": False}
+        if endpoint:
+            parts = urlsplit(endpoint)
+            options |= {"endpoint_override": parts.netloc, "scheme": parts.scheme}
+            options["region"] = os.environ.get("AWS_REGION") or "us-east-1"
+        return ArrowFSWrapper(S3FileSystem(**options))
+    try:
+        return fsspec.filesystem(protocol)
+    except (ValueError, ImportError) as error:
+        raise InputError(
+            f"folders in {url}: {error}", "file:///… or s3://…, or an installed fsspec library"
+        ) from error

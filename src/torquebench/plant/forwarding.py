@@ -1,0 +1,342 @@
+"""Store and forward: what a bench has recorded, sent to the plant when the link is there.
+
+A bench writes into its own registry and folders first, always. The plant knows how far it has
+each bench's hash chain, and goes on from there; whatever is sent twice changes nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select, text
+from sqlalchemy.engine import URL
+
+from torquebench.atomic_write import atomic_write
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import InputError, RecordError, TorquebenchError
+from torquebench.plant.database import PlantDatabase
+from torquebench.plant.facts import RunFacts, facts_of, points_table
+from torquebench.plant.folders import FolderStore
+from torquebench.records import Registry, RunFolder, UnavailableError, json_text
+from torquebench.records.chain import ChainHead
+from torquebench.records.run_states import DISCARDED
+from torquebench.records.schema import (
+    ActivationRow,
+    CalibrationRow,
+    LinkRow,
+    ModelRow,
+    RunEndRow,
+    RunRow,
+)
+
+__all__ = ["LINK_FILE", "BenchLink", "Forwarded", "forward", "note_withdrawal"]
+
+LINK_FILE = "plant.json"
+"""Where a data directory keeps which bench of which plant it is, and how far it was sent."""
+BATCH = 1000
+"""Links in one transaction: a cut loses at most the sending of so many."""
+MISSING = 200
+"""Folders that are asked for at a time."""
+
+
+@dataclass
+class Forwarded:
+    """What one round of sending did.
+
+    Parameters
+    ----------
+    bench : str
+        Number and name of the bench.
+    head : ChainHead
+        End of the chain at the plant now.
+    entries, folders : int
+        How many were sent.
+    size : int
+        Bytes of the folders.
+    withdrawn : list of str
+        What was withdrawn here because the plant withdrew it, in words.
+    problems : list of str
+        Folders that couldn't be sent, and why; they are tried again next time.
+    """
+
+    bench: str
+    head: ChainHead
+    entries: int = 0
+    folders: int = 0
+    size: int = 0
+    withdrawn: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Mine:
+    """How the plant knows this bench."""
+
+    number: int
+    name: str
+    plant: str
+    folders: str
+    first_sha256: str | None
+    head: ChainHead
+
+
+class BenchLink(PlantDatabase):
+    """The bench's end of the link to its plant; the URL is the one that `register` printed."""
+
+    def mine(self) -> _Mine:
+        """Return how the plant knows this bench.
+
+        Raises
+        ------
+        InputError
+            The URL is that of somebody else.
+        """
+        with self.transaction() as connection:
+            row = connection.execute(text("SELECT * FROM plant.my_bench()")).one_or_none()
+        if row is None:
+            raise InputError(
+                f"{self.url.username} is no bench of the plant {self.name}",
+                "the URL that `torquebench plant register` printed for this bench",
+                "register the bench, or ask who looks after the plant's registry",
+            )
+        head = ChainHead(row.head_sequence, row.head_sha256)
+        return _Mine(row.bench_key, row.name, row.plant, row.folders, row.first_sha256, head)
+
+    def append(self, entries: list[dict[str, Any]]) -> ChainHead:
+        """Append links of the chain; the plant checks that they continue what it has."""
+        query = text("SELECT sequence, sha256 FROM plant.append(CAST(:links AS json))")
+        with self.transaction() as connection:
+            row = connection.execute(query, {"links": json.dumps(entries)}).one()
+        return ChainHead(row.sequence, row.sha256)
+
+    def missing_folders(self) -> list[tuple[str, str]]:
+        """Return sealed runs whose folders haven't arrived, with the hash of their manifest."""
+        with self.transaction() as connection:
+            rows = connection.execute(
+                text("SELECT run_id, manifest_sha256 FROM plant.my_missing_folders(:most)"),
+                {"most": MISSING},
+            )
+            return [(row.run_id, row.manifest_sha256) for row in rows]
+
+    def arrived(
+        self, run_id: str, manifest: str, pushed: Any, points: str, facts: RunFacts
+    ) -> None:
+        """Say that a folder has arrived, and what it says."""
+        query = text(
+            "SELECT plant.arrived(:run, :manifest, :url, :points, :size, "
+            "CAST(:left AS text[]), CAST(:facts AS json))"
+        )
+        with self.transaction() as connection:
+            connection.execute(
+                query,
+                {
+                    "run": run_id,
+                    "manifest": manifest,
+                    "url": pushed.url,
+                    "points": points or None,
+                    "size": pushed.size,
+                    "left": list(pushed.left_out),
+                    "facts": json_text(facts.plain()),
+                },
+            )
+
+    def withdrawals(self) -> list[tuple[str, str, str]]:
+        """Return runs of this bench that the plant withdrew and the bench doesn't know of."""
+        with self.transaction() as connection:
+            rows = connection.execute(text("SELECT * FROM plant.my_withdrawals()"))
+            return [(row.run_id, row.withdrawn_by, row.reason) for row in rows]
+
+
+def forward(
+    registry: Registry,
+    url: str | URL,
+    progress: Progress = NO_PROGRESS,
+    *,
+    told: Callable[[str], None] = lambda _said: None,
+) -> Forwarded:
+    """Send the plant everything that it doesn't have yet, and take in what it withdrew.
+
+    May be broken off anywhere and begun again: the plant's own end of the chain says where to go
+    on.
+
+    Parameters
+    ----------
+    registry : Registry
+        Of the bench.
+    url : str or sqlalchemy.URL
+        The bench's URL of the plant.
+    progress : Progress
+    told : callable
+        Told each problem as it comes.
+
+    Raises
+    ------
+    UnavailableError
+        The link is down; everything stays with the bench.
+    RecordError
+        The plant's end of the chain isn't in this registry: it isn't the one that was sent so far.
+    """
+    with BenchLink(url) as link:
+        mine = link.mine()
+        _check_same(registry, mine)
+        done = Forwarded(f"{mine.number} {mine.name}", mine.head)
+        _send_entries(registry, link, done, progress)
+        _note_link(registry, mine, done.head)
+        for run_id, by, reason in link.withdrawals():
+            done.withdrawn.append(note_withdrawal(registry, run_id, by=by, reason=reason))
+        if done.withdrawn:
+            _send_entries(registry, link, done, progress)
+        _send_folders(registry, link, mine, done, progress, told)
+        _note_link(registry, mine, done.head)
+    return done
+
+
+def _check_same(registry: Registry, mine: _Mine) -> None:
+    """Refuse a registry that isn't the one that this bench sent so far."""
+    noted = _noted(registry.root)
+    if noted and (noted["plant"], noted["number"]) != (mine.plant, mine.number):
+        raise InputError(
+            f"{registry.root} was sent to a plant as bench {noted['number']} {noted['name']}, "
+            f"and this URL is that of bench {mine.number} {mine.name}",
+            "one bench, one data directory",
+            f"use the URL of bench {noted['number']}, or the data directory of bench {mine.number}",
+        )
+    if mine.head.sequence and not registry.passes_through(mine.head):
+        last = registry.head().sequence
+        raise RecordError(
+            f"the plant has {mine.head.sequence} entries of bench {mine.number} {mine.name}, and "
+            f"this registry, which ends with entry {last}, doesn't have the last of them",
+            "the registry that was sent so far",
+            "restore it from a backup that has that entry, or, where it was made anew, register "
+            f"it with `torquebench plant register --replaces {mine.number}`",
+        )
+
+
+def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress: Progress) -> None:
+    end = registry.head().sequence
+    progress.start("Sending entries", max(end - done.head.sequence, 1))
+    while done.head.sequence < end:
+        after = done.head.sequence
+        query = (
+            select(LinkRow).where(LinkRow.sequence > after).order_by(LinkRow.sequence).limit(BATCH)
+        )
+        with registry.session() as session:
+            entries = [
+                {name: getattr(row, name) for name in LinkRow.__table__.columns.keys()}  # noqa: SIM118
+                for row in session.scalars(query)
+            ]
+        done.head = link.append(entries)
+        if done.head.sequence <= after:
+            raise RecordError(
+                f"the plant took no entry after {after}", "entries that continue its chain"
+            )
+        done.entries += len(entries)
+        progress.advance(len(entries))
+    progress.finish()
+
+
+def _send_folders(
+    registry: Registry,
+    link: BenchLink,
+    mine: _Mine,
+    done: Forwarded,
+    progress: Progress,
+    told: Callable[[str], None],
+) -> None:
+    store = FolderStore(mine.folders)
+    root = f"{store.url}/{mine.number}-{_folder_name(mine.name)}"
+    tried: set[str] = set()
+    while True:
+        missing = [each for each in link.missing_folders() if each[0] not in tried]
+        if not missing:
+            break
+        progress.start("Sending run folders", len(missing))
+        for run_id, manifest in missing:
+            tried.add(run_id)
+            try:
+                run = registry.run(run_id)
+                pushed = store.push(run.folder, manifest, f"{root}/runs/{run_id}")
+                results = RunFolder.open(run.folder).results
+                points, points_url = points_table(results, run.started), ""
+                if points is not None:
+                    points_url = f"{root}/points/{run_id}.parquet"
+                    store.put(points_url, points)
+            except UnavailableError:
+                raise
+            except (OSError, TorquebenchError) as error:
+                problem = f"run {run_id}: {getattr(error, 'found', '') or error}"
+                done.problems.append(problem)
+                told(problem)
+                continue
+            link.arrived(run_id, manifest, pushed, points_url, facts_of(results))
+            done.folders += 1
+            done.size += pushed.size
+            progress.advance()
+        progress.finish()
+
+
+def _folder_name(name: str) -> str:
+    kept = "".join(mark if mark.isascii() and mark.isalnum() else "-" for mark in name)
+    return "-".join(part for part in kept.split("-") if part)[:40] or "bench"
+
+
+def _noted(data_dir: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads((data_dir / LINK_FILE).read_bytes())
+    except (FileNotFoundError, ValueError):
+        return {}
+    return content
+
+
+def _note_link(registry: Registry, mine: _Mine, head: ChainHead) -> None:
+    content = {
+        "plant": mine.plant,
+        "number": mine.number,
+        "name": mine.name,
+        "sent": str(head),
+        "at": datetime.now(UTC),
+    }
+    atomic_write(registry.root / LINK_FILE, json_text(content, indent=2) + "\n")
+
+
+def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) -> str:
+    """Enter at a bench that the plant withdrew one of its runs; return what was done, in words.
+
+    A model that was fitted to it is taken out of use.
+    """
+    with registry.writing() as session:
+        row = session.scalars(select(RunEndRow).join(RunRow).where(RunRow.run_id == run_id)).one()
+        registry.amend(
+            "run_ends", row.id, {"status": DISCARDED}, amended_by=by, reason=f"plant: {reason}"
+        )
+        said = f"run {run_id} withdrawn by {by}: {reason}"
+        query = (
+            select(ModelRow)
+            .join(CalibrationRow, ModelRow.calibration_key == CalibrationRow.id)
+            .where(CalibrationRow.run_key == row.run_key)
+        )
+        for model in session.scalars(query).all():
+            calibration = model.calibration
+            latest = session.scalar(
+                select(ActivationRow)
+                .where(
+                    ActivationRow.transducer_key == calibration.transducer_key,
+                    ActivationRow.counter_key == calibration.counter_key,
+                )
+                .order_by(ActivationRow.id.desc())
+                .limit(1)
+            )
+            if latest is not None and latest.model_key == model.id:
+                registry.deactivate(
+                    calibration.transducer.serial,
+                    calibration.counter.serial,
+                    operator=by,
+                    reason=f"run {run_id} was withdrawn: {reason}",
+                )
+                said += f"; model-{model.id} is out of use, calibrate again"
+    return said

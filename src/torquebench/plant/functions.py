@@ -1,0 +1,296 @@
+"""What the plant's database does itself: check the chain, note rows, keep benches apart.
+
+A bench signs in with a role of its own, which may call the functions below and nothing else. They
+find out by that role which bench it is, so that a bench can add its own rows only.
+"""
+
+from __future__ import annotations
+
+__all__ = ["BENCH_FUNCTIONS", "functions"]
+
+BENCH_FUNCTIONS = (
+    "my_bench()",
+    "append(json)",
+    "my_missing_folders(integer)",
+    "my_withdrawals()",
+    "arrived(text, text, text, text, bigint, text[], json)",
+)
+"""What a bench's role may call."""
+
+_MY_BENCH = """
+CREATE FUNCTION plant.my_bench() RETURNS TABLE(
+  bench_key integer, name text, plant text, folders text, first_sha256 text,
+  head_sequence bigint, head_sha256 text)
+LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
+  SELECT b.bench_key, b.name,
+    (SELECT content FROM plant.settings WHERE settings.name = 'identity'),
+    (SELECT content FROM plant.settings WHERE settings.name = 'folders'),
+    b.first_sha256, b.head_sequence, b.head_sha256
+  FROM plant.benches b WHERE b.role = session_user AND b.replaced_by IS NULL
+$$
+"""
+
+# What a link covers, laid out as `records.chain.Link.expected_sha256` lays it out.
+_EXPECTED = """
+CREATE FUNCTION plant.expected_sha256(link plant.links) RETURNS text
+LANGUAGE sql IMMUTABLE AS $$
+  SELECT encode(sha256(convert_to(
+    '[' || link.sequence || ',' || to_json(link."table") || ',' || link.key || ','
+    || to_json(link.recorded) || ',' || to_json(link.content) || ','
+    || to_json(link.previous_sha256) || ']', 'UTF8')), 'hex')
+$$
+"""
+
+_AS_JSON = r"""
+CREATE FUNCTION plant.as_json(content text) RETURNS jsonb
+LANGUAGE sql IMMUTABLE AS $$
+  SELECT CASE WHEN position('\u0000' IN content) = 0 THEN content::jsonb
+    ELSE regexp_replace(content, '(?<!\\)((\\\\)*)\\u0000', '\1\\ufffd', 'g')::jsonb END
+$$
+"""
+
+_APPEND = """
+CREATE FUNCTION plant.append(links json) RETURNS TABLE(sequence bigint, sha256 text)
+LANGUAGE plpgsql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
+#variable_conflict use_column
+DECLARE
+  mine plant.benches;
+  wrong record;
+  first_new bigint;
+BEGIN
+  SELECT * INTO mine FROM plant.benches b
+    WHERE b.role = session_user AND b.replaced_by IS NULL FOR UPDATE;
+  IF NOT FOUND THEN
+    RAISE EXCEPTION '% is no bench of this plant', session_user USING ERRCODE = 'TB001';
+  END IF;
+  -- What is known already is left out: sending it again changes nothing.
+  INSERT INTO plant.links
+    SELECT mine.bench_key, each.* FROM json_to_recordset(append.links) AS each(
+      sequence bigint, "table" text, key bigint, recorded text, content text,
+      previous_sha256 text, sha256 text)
+    WHERE each.sequence > mine.head_sequence;
+  SELECT checked.sequence, checked."table", checked.key INTO wrong FROM (
+    SELECT l.sequence, l."table", l.key,
+      l.sequence = lag(l.sequence, 1, mine.head_sequence) OVER ordered + 1
+      AND l.previous_sha256 = lag(l.sha256, 1, mine.head_sha256) OVER ordered
+      AND l.sha256 = plant.expected_sha256(l) AS holds
+    FROM plant.links l
+    WHERE l.bench_key = mine.bench_key AND l.sequence > mine.head_sequence
+    WINDOW ordered AS (ORDER BY l.sequence)) AS checked
+  WHERE NOT checked.holds ORDER BY checked.sequence LIMIT 1;
+  IF FOUND THEN
+    RAISE EXCEPTION 'entry % (% %) doesn''t continue the chain that the plant has up to entry %',
+      wrong.sequence, wrong."table", wrong.key, mine.head_sequence USING ERRCODE = 'TB002';
+  END IF;
+  PERFORM plant.note_rows(mine.bench_key, mine.head_sequence);
+  UPDATE plant.benches b SET
+    head_sequence = last.sequence, head_sha256 = last.sha256, last_contact = now(),
+    first_sha256 = coalesce(b.first_sha256, (
+      SELECT l.sha256 FROM plant.links l WHERE l.bench_key = mine.bench_key AND l.sequence = 1))
+  FROM (SELECT mine.head_sequence AS sequence, mine.head_sha256 AS sha256
+    UNION ALL (SELECT l.sequence, l.sha256 FROM plant.links l
+      WHERE l.bench_key = mine.bench_key AND l.sequence > mine.head_sequence)
+    ORDER BY 1 DESC LIMIT 1) AS last
+  WHERE b.bench_key = mine.bench_key;
+  RETURN QUERY SELECT b.head_sequence, b.head_sha256 FROM plant.benches b
+    WHERE b.bench_key = mine.bench_key;
+END $$
+"""
+
+_NOTE_ROWS = """
+CREATE FUNCTION plant.note_rows(bench integer, after bigint) RETURNS void
+LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
+DECLARE
+  source text;
+BEGIN
+  FOR source IN SELECT DISTINCT l."table" FROM plant.links l
+      WHERE l.bench_key = bench AND l.sequence > after LOOP
+    IF source = ANY({mirrored}) THEN
+      EXECUTE format('INSERT INTO plant.%1$I SELECT row_of.* FROM plant.links l, '
+        'LATERAL jsonb_populate_record(NULL::plant.%1$I, plant.as_json(l.content) '
+        '|| jsonb_build_object(''bench_key'', l.bench_key)) AS row_of '
+        'WHERE l.bench_key = $1 AND l.sequence > $2 AND l."table" = %1$L', source)
+        USING bench, after;
+    END IF;
+  END LOOP;
+  INSERT INTO plant.runs (bench_key, id, run_id, kind, started, side, operator, simulated,
+      profile_name, profile_sha256, software_version)
+    SELECT bench, each.id, each.run_id, each.kind, each.started, each.side, each.operator,
+      each.simulated, each.profile_name, each.profile_sha256, each.software_version
+    FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
+      id bigint, run_id text, kind text, started timestamptz, side text, operator text,
+      simulated boolean, profile_name text, profile_sha256 text, software_version text)
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'runs';
+  UPDATE plant.runs r SET end_id = each.id, finished = each.finished, status = each.status,
+      reason = each.reason, manifest_sha256 = each.manifest_sha256
+    FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
+      id bigint, run_key bigint, finished timestamptz, status text, reason text,
+      manifest_sha256 text)
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'
+      AND r.bench_key = bench AND r.id = each.run_key;
+  -- A run that its bench has discarded is withdrawn wherever the same sealed folder is known.
+  INSERT INTO plant.withdrawals (bench_key, run_id, manifest_sha256, withdrawn, withdrawn_by,
+      reason)
+    SELECT bench, r.run_id, r.manifest_sha256, each.amended, each.amended_by, each.reason
+    FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
+      subject text, subject_key bigint, amended timestamptz, amended_by text, reason text,
+      changes jsonb), plant.runs r
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'amendments'
+      AND each.subject = 'run_ends' AND each.changes ->> 'status' = 'discarded'
+      AND r.bench_key = bench AND r.end_id = each.subject_key;
+  PERFORM plant.mark_withdrawn(bench, after);
+  INSERT INTO plant.batches (serial, batch, recorded)
+    SELECT DISTINCT ON (e.serial) e.serial, d.details ->> 'batch', d.recorded
+    FROM plant.links l JOIN plant.equipment_descriptions d ON d.bench_key = bench AND d.id = l.key
+    JOIN plant.equipment e ON e.bench_key = bench AND e.id = d.equipment_key
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'equipment_descriptions'
+      AND e.kind = 'reducer' AND d.details ? 'batch'
+    ORDER BY e.serial, d.recorded DESC
+  ON CONFLICT (serial) DO UPDATE SET batch = excluded.batch, recorded = excluded.recorded
+    WHERE excluded.recorded > plant.batches.recorded;
+  UPDATE plant.runs r SET batch = known.batch FROM plant.batches known
+    WHERE known.serial = r.serial AND r.batch <> known.batch AND known.serial IN (
+      SELECT e.serial FROM plant.links l
+      JOIN plant.equipment_descriptions d ON d.bench_key = bench AND d.id = l.key
+      JOIN plant.equipment e ON e.bench_key = bench AND e.id = d.equipment_key
+      WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'equipment_descriptions');
+END $$
+"""
+
+# A sealed folder is known by the hash of its manifest, whichever bench's registry holds the run.
+_MARK_WITHDRAWN = """
+CREATE FUNCTION plant.mark_withdrawn(bench integer, after bigint) RETURNS void
+LANGUAGE sql SET search_path = plant, pg_temp AS $$
+  UPDATE plant.runs r SET withdrawn = w.withdrawn, withdrawn_by = w.withdrawn_by,
+      withdrawn_reason = w.reason
+    FROM plant.links l, plant.withdrawals w
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'
+      AND r.bench_key = bench AND r.end_id = l.key AND r.withdrawn IS NULL
+      AND w.manifest_sha256 = r.manifest_sha256;
+  UPDATE plant.runs r SET withdrawn = w.withdrawn, withdrawn_by = w.withdrawn_by,
+      withdrawn_reason = w.reason
+    FROM plant.links l
+      JOIN plant.amendments a ON a.bench_key = bench AND a.id = l.key AND a.subject = 'run_ends'
+      JOIN plant.runs own ON own.bench_key = bench AND own.end_id = a.subject_key
+      JOIN plant.withdrawals w ON w.bench_key = bench AND w.run_id = own.run_id
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'amendments'
+      AND r.withdrawn IS NULL AND r.manifest_sha256 = own.manifest_sha256
+$$
+"""
+
+_WITHDRAW = """
+CREATE FUNCTION plant.withdraw(bench integer, run text, who text, why text) RETURNS integer
+LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
+DECLARE
+  manifest text;
+  marked integer;
+BEGIN
+  SELECT r.manifest_sha256 INTO STRICT manifest FROM plant.runs r
+    WHERE r.bench_key = bench AND r.run_id = run;
+  INSERT INTO plant.withdrawals (bench_key, run_id, manifest_sha256, withdrawn, withdrawn_by,
+    reason) VALUES (bench, run, manifest, now(), who, why);
+  UPDATE plant.runs r SET withdrawn = now(), withdrawn_by = who, withdrawn_reason = why
+    WHERE r.withdrawn IS NULL AND ((r.bench_key = bench AND r.run_id = run)
+      OR r.manifest_sha256 = manifest);
+  GET DIAGNOSTICS marked = ROW_COUNT;
+  RETURN marked;
+END $$
+"""
+
+_MY_WITHDRAWALS = """
+CREATE FUNCTION plant.my_withdrawals() RETURNS TABLE(run_id text, withdrawn_by text, reason text)
+LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
+  SELECT r.run_id, r.withdrawn_by, r.withdrawn_reason FROM plant.runs r
+    JOIN plant.my_bench() mine ON r.bench_key = mine.bench_key
+  WHERE r.withdrawn IS NOT NULL AND NOT EXISTS (
+    SELECT 1 FROM plant.amendments a WHERE a.bench_key = r.bench_key AND a.subject = 'run_ends'
+      AND a.subject_key = r.end_id AND a.changes ->> 'status' = 'discarded')
+  ORDER BY r.id
+$$
+"""
+
+_MISSING = """
+CREATE FUNCTION plant.my_missing_folders(most integer) RETURNS TABLE(
+  run_id text, manifest_sha256 text)
+LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
+  SELECT r.run_id, r.manifest_sha256 FROM plant.runs r
+    JOIN plant.my_bench() mine ON r.bench_key = mine.bench_key
+  WHERE r.manifest_sha256 IS NOT NULL AND NOT EXISTS (
+    SELECT 1 FROM plant.folders f WHERE f.bench_key = r.bench_key AND f.run_id = r.run_id)
+  ORDER BY r.id LIMIT most
+$$
+"""
+
+_ARRIVED = """
+CREATE FUNCTION plant.arrived(run text, manifest text, url text, points_url text, bytes bigint,
+  left_out text[], facts json) RETURNS boolean
+LANGUAGE plpgsql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
+DECLARE
+  mine integer;
+  root text;
+BEGIN
+  SELECT m.bench_key, m.folders INTO mine, root FROM plant.my_bench() m;
+  IF mine IS NULL OR NOT EXISTS (SELECT 1 FROM plant.runs r WHERE r.bench_key = mine
+      AND r.run_id = arrived.run AND r.manifest_sha256 = arrived.manifest) THEN
+    RAISE EXCEPTION 'run % with this manifest isn''t in the chain of %', arrived.run, session_user
+      USING ERRCODE = 'TB003';
+  END IF;
+  IF NOT starts_with(arrived.url, rtrim(root, '/') || '/' || mine || '-') THEN
+    RAISE EXCEPTION 'folder % lies outside those of bench %', arrived.url, mine
+      USING ERRCODE = 'TB003';
+  END IF;
+  INSERT INTO plant.folders VALUES (mine, arrived.run, arrived.manifest, arrived.url,
+    arrived.points_url, arrived.bytes, arrived.left_out, now()) ON CONFLICT DO NOTHING;
+  IF NOT FOUND THEN
+    RETURN false;
+  END IF;
+  UPDATE plant.runs r SET specimen_type = coalesce(facts ->> 'specimen_type', ''),
+      serial = coalesce(facts ->> 'serial', ''),
+      batch = coalesce((SELECT b.batch FROM plant.batches b
+        WHERE b.serial = facts ->> 'serial'), '')
+    WHERE r.bench_key = mine AND r.run_id = arrived.run;
+  INSERT INTO plant.results
+    SELECT mine, arrived.run, each.* FROM json_to_recordset(facts -> 'quantities') AS each(
+      quantity text, title text, value double precision, expanded_uncertainty double precision,
+      unit text, "limit" text, verdict text);
+  RETURN true;
+END $$
+"""
+
+_NO_CHANGES = """
+CREATE FUNCTION plant.no_changes() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+  RAISE EXCEPTION 'rows of % are never changed or removed', TG_TABLE_NAME;
+END $$
+"""
+
+
+def functions(mirrored: tuple[str, ...], kept: tuple[str, ...]) -> list[str]:
+    """Return the statements that make the plant's functions, in their order.
+
+    Parameters
+    ----------
+    mirrored : tuple of str
+        Tables whose rows are noted as a bench has them.
+    kept : tuple of str
+        Tables whose rows nobody may change or remove.
+    """
+    names = ", ".join(f"'{name}'" for name in mirrored)
+    return [
+        _MY_BENCH,
+        _EXPECTED,
+        _AS_JSON,
+        _MARK_WITHDRAWN,
+        _NOTE_ROWS.replace("{mirrored}", f"ARRAY[{names}]"),
+        _APPEND,
+        _WITHDRAW,
+        _MY_WITHDRAWALS,
+        _MISSING,
+        _ARRIVED,
+        _NO_CHANGES,
+        *(
+            f'CREATE TRIGGER no_changes BEFORE UPDATE OR DELETE OR TRUNCATE ON plant."{name}" '
+            "FOR EACH STATEMENT EXECUTE FUNCTION plant.no_changes()"
+            for name in kept
+        ),
+    ]

@@ -1,0 +1,219 @@
+"""Tables of a plant's registry: what benches have sent, row by row, and what follows from it.
+
+A bench sends the links of its hash chain; they are kept as they came. Everything else in these
+tables is written by the database itself from those links (`torquebench.plant.functions`), so that
+no bench can write what its chain doesn't say.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import (
+    ARRAY,
+    BigInteger,
+    Boolean,
+    Column,
+    DateTime,
+    Float,
+    ForeignKey,
+    Index,
+    Integer,
+    MetaData,
+    Table,
+    Text,
+    UniqueConstraint,
+)
+from sqlalchemy.dialects.postgresql import JSONB
+from sqlalchemy.types import JSON, Date, TypeEngine
+
+from torquebench.records.schema import Base, LinkRow, RunEndRow, RunRow, UtcDateTime
+
+__all__ = [
+    "PLANT_SCHEMA",
+    "PLANT_VERSION",
+    "batches",
+    "benches",
+    "folders",
+    "links",
+    "mirrored",
+    "plant_metadata",
+    "results",
+    "runs",
+    "settings",
+    "withdrawals",
+]
+
+PLANT_SCHEMA = "plant"
+PLANT_VERSION = "1"
+
+plant_metadata = MetaData(schema=PLANT_SCHEMA)
+_Moment = DateTime(timezone=True)
+
+
+def _text(name: str, default: str | None = "") -> Column[str]:
+    return Column(name, Text, nullable=default is None, server_default=default)
+
+
+settings = Table(
+    "settings", plant_metadata, Column("name", Text, primary_key=True), _text("content", "")
+)
+
+benches = Table(
+    "benches",
+    plant_metadata,
+    Column("bench_key", Integer, primary_key=True),
+    _text("name"),
+    _text("place"),
+    Column("role", Text, unique=True),
+    Column("registered", _Moment, nullable=False),
+    Column("first_sha256", Text, unique=True),
+    Column("head_sequence", BigInteger, nullable=False, server_default="0"),
+    Column("head_sha256", Text, nullable=False, server_default="0" * 64),
+    Column("last_contact", _Moment),
+    Column("replaced_by", Integer, ForeignKey("plant.benches.bench_key")),
+)
+
+links = Table(
+    "links",
+    plant_metadata,
+    Column("bench_key", Integer, ForeignKey("plant.benches.bench_key"), primary_key=True),
+    Column("sequence", BigInteger, primary_key=True),
+    Column("table", Text, nullable=False),
+    Column("key", BigInteger, nullable=False),
+    Column("recorded", Text, nullable=False),
+    Column("content", Text, nullable=False),
+    Column("previous_sha256", Text, nullable=False),
+    Column("sha256", Text, nullable=False),
+)
+
+runs = Table(
+    "runs",
+    plant_metadata,
+    Column("bench_key", Integer, primary_key=True),
+    Column("id", BigInteger, primary_key=True),
+    Column("run_id", Text, nullable=False),
+    Column("kind", Text, nullable=False),
+    Column("started", _Moment, nullable=False),
+    _text("side"),
+    _text("operator"),
+    Column("simulated", Boolean, nullable=False),
+    _text("profile_name"),
+    _text("profile_sha256"),
+    _text("software_version"),
+    Column("end_id", BigInteger),
+    Column("finished", _Moment),
+    _text("status", "running"),
+    _text("reason"),
+    Column("manifest_sha256", Text),
+    _text("specimen_type"),
+    _text("serial"),
+    _text("batch"),
+    Column("withdrawn", _Moment),
+    _text("withdrawn_by"),
+    _text("withdrawn_reason"),
+    UniqueConstraint("bench_key", "run_id", name="uq_plant_runs_run_id"),
+    # A list is always the newest first: each of these answers one filter, read backwards.
+    Index("ix_plant_runs_started", "started"),
+    Index("ix_plant_runs_bench", "bench_key", "started"),
+    Index("ix_plant_runs_kind", "kind", "started"),
+    Index("ix_plant_runs_status", "status", "started"),
+    Index("ix_plant_runs_operator", "operator", "started"),
+    Index("ix_plant_runs_type", "specimen_type", "kind", "started"),
+    Index("ix_plant_runs_serial", "serial", "started"),
+    Index("ix_plant_runs_batch", "batch", "started"),
+    Index("ix_plant_runs_manifest", "manifest_sha256"),
+    Index("ix_plant_runs_end", "bench_key", "end_id"),
+)
+
+folders = Table(
+    "folders",
+    plant_metadata,
+    Column("bench_key", Integer, primary_key=True),
+    Column("run_id", Text, primary_key=True),
+    Column("manifest_sha256", Text, nullable=False),
+    Column("url", Text, nullable=False),
+    Column("points_url", Text),
+    Column("bytes", BigInteger, nullable=False),
+    Column("left_out", ARRAY(Text), nullable=False),
+    Column("arrived", _Moment, nullable=False),
+)
+
+results = Table(
+    "results",
+    plant_metadata,
+    Column("bench_key", Integer, primary_key=True),
+    Column("run_id", Text, primary_key=True),
+    Column("quantity", Text, primary_key=True),
+    _text("title"),
+    Column("value", Float, nullable=False),
+    Column("expanded_uncertainty", Float),
+    _text("unit"),
+    _text("limit"),
+    _text("verdict"),
+)
+
+batches = Table(
+    "batches",
+    plant_metadata,
+    Column("serial", Text, primary_key=True),
+    _text("batch"),
+    Column("recorded", _Moment, nullable=False),
+)
+
+withdrawals = Table(
+    "withdrawals",
+    plant_metadata,
+    Column("id", BigInteger, primary_key=True),
+    Column("bench_key", Integer, nullable=False),
+    Column("run_id", Text, nullable=False),
+    Column("manifest_sha256", Text),
+    Column("withdrawn", _Moment, nullable=False),
+    _text("withdrawn_by"),
+    _text("reason"),
+    Index("ix_plant_withdrawals_manifest", "manifest_sha256"),
+    Index("ix_plant_withdrawals_run", "run_id"),
+)
+
+
+def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
+    if isinstance(kind, JSON):
+        return JSONB()
+    if isinstance(kind, Integer):
+        return BigInteger()
+    if isinstance(kind, Date | Boolean | Float):
+        return kind
+    return _Moment if isinstance(kind, UtcDateTime) else Text()
+
+
+def _mirror(table: Table) -> Table:
+    """Return the plant's table of what benches keep in one of theirs, with the bench's number."""
+    columns = [
+        Column(each.name, _mirrored_type(each.type), primary_key=each.name == "id", nullable=True)
+        for each in table.columns
+        if each.name != "id"
+    ]
+    indexes = [
+        Index(f"ix_plant_{table.name}_{name}", name, "bench_key")
+        for name in _LOOKED_UP
+        if name in table.columns
+    ]
+    return Table(
+        table.name,
+        plant_metadata,
+        Column("bench_key", Integer, primary_key=True),
+        Column("id", BigInteger, primary_key=True),
+        *columns,
+        *indexes,
+    )
+
+
+_LOOKED_UP = ("serial", "transducer_key", "equipment_key")
+_OTHERWISE = {each.__tablename__ for each in (LinkRow, RunRow, RunEndRow)}
+
+mirrored = {
+    table.name: _mirror(table)
+    for table in Base.metadata.sorted_tables
+    if table.name not in _OTHERWISE
+}
+"""The plant's tables of a bench's rows, by the bench's name of the table."""

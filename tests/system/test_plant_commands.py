@@ -1,0 +1,107 @@
+"""The commands of a plant with three benches, one of them without a link for a while."""
+
+import os
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests import postgresql_server
+from tests.plant_bench import add_run, backlash_results, filled
+from tests.system import command_line
+from tests.system.command_line import widest_line
+
+from torquebench.records import Registry
+
+if postgresql_server.binaries() is None and not os.environ.get("CI"):
+    __test__ = False  # conftest.py says in the report's head that PostgreSQL is left out
+
+
+def run(*words: object, cwd: Path = Path("/")) -> subprocess.CompletedProcess[str]:
+    return command_line.run(*words, cwd=cwd)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[postgresql_server.Server]:
+    with postgresql_server.restartable() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def folder(server: postgresql_server.Server, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plant with the benches' URLs in files."""
+    place = tmp_path_factory.mktemp("plant")
+    (place / "share").mkdir()
+    done = run("plant", "init", "--folders", f"file://{place}/share", "--plant", server.url)
+    assert done.returncode == 0, done.stderr
+    for name in ("Bench", "Bench", "Other"):
+        done = run("plant", "register", name, "--place", "Hall 3", "--plant", server.url)
+        assert done.returncode == 0, done.stderr
+        number = re.search(r"Bench (\d+)", done.stdout)[1]  # type: ignore[index]
+        url = re.search(r"'(postgresql://[^']+)'", done.stdout)[1]  # type: ignore[index]
+        (place / f"url-{number}").write_text(url)
+        filled(place / f"data-{number}", prefix=f"S{number}")
+    return place
+
+
+def push(folder: Path, number: int, *options: object) -> tuple[int, str]:
+    url = (folder / f"url-{number}").read_text()
+    done = run("plant", "push", "--plant", url, "--data", folder / f"data-{number}", *options)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_benches_send_and_the_plant_lists(server: postgresql_server.Server, folder: Path) -> None:
+    for number in (1, 2, 3):
+        code, said = push(folder, number)
+        assert code == 0, said
+        assert "4 run folders" in said
+    for command in (("status",), ("runs",), ("runs", "--batch", "B1"), ("verify", "--folders")):
+        done = run("plant", *command, "--plant", server.url)
+        assert done.returncode == 0, done.stderr
+        assert widest_line(done.stdout) <= 80
+    listed = run("plant", "runs", "--bench", 2, "--kind", "test-hysteresis", "--plant", server.url)
+    assert "3 runs" in listed.stdout
+    assert "S2-1" in listed.stdout
+
+
+def test_nothing_is_lost_while_the_link_is_down(
+    server: postgresql_server.Server, folder: Path
+) -> None:
+    server.stop()
+    with Registry.open(folder / "data-3") as registry:
+        for number in range(5):
+            add_run(
+                registry, f"late-{number}", "test-hysteresis", backlash_results("S3-9"), hours=50
+            )
+    code, said = push(folder, 3)
+    assert code == 1
+    assert "plant's registry" in said
+    server.start()
+    code, said = push(folder, 3)
+    assert code == 0, said
+    assert "5 run folders" in said
+    done = run("plant", "verify", "--folders", "--plant", server.url)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_run_is_withdrawn_at_its_bench_too(
+    server: postgresql_server.Server, folder: Path
+) -> None:
+    push(folder, 1)
+    run_id = "20260105T000000Z-test-hysteresis-0000"
+    words = ("--by", "Boss", "--reason", "wrong oil", "--plant", server.url)
+    done = run("plant", "withdraw", run_id, *words)
+    assert done.returncode == 2
+    done = run("plant", "withdraw", run_id, "--bench", 1, *words)
+    assert done.returncode == 0, done.stderr
+    code, said = push(folder, 1)
+    assert code == 0
+    assert "wrong oil" in said
+
+
+def test_a_wrong_url_is_named(folder: Path) -> None:
+    for url, named in (("", "--plant"), ("sqlite:///x", "needs a server")):
+        done = run("plant", "status", "--plant", url, cwd=folder)
+        assert done.returncode == 2
+        assert named in " ".join(done.stderr.split())

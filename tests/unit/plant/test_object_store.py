@@ -1,0 +1,81 @@
+"""Run folders in a store that speaks S3, on moto's server, and on a share."""
+
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.plant_bench import filled
+
+from torquebench.errors import InputError, RecordError
+from torquebench.plant import FolderStore
+from torquebench.records import MANIFEST, Registry, sha256_of_file
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    serve = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(serve, stdout=quiet, stderr=quiet) as server:
+        deadline = time.monotonic() + 60.0
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port)).close()
+                break
+            except OSError:
+                assert server.poll() is None
+                assert time.monotonic() < deadline, "moto's server doesn't answer"
+                time.sleep(0.1)
+        yield f"http://127.0.0.1:{port}"
+        server.terminate()
+
+
+@pytest.fixture
+def bucket(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    for name, value in (
+        ("AWS_ENDPOINT_URL", endpoint),
+        ("AWS_ACCESS_KEY_ID", "testing"),
+        ("AWS_SECRET_ACCESS_KEY", "testing"),
+        ("AWS_REGION", "us-east-1"),
+        ("AWS_EC2_METADATA_DISABLED", "true"),
+    ):
+        monkeypatch.setenv(name, value)
+    request = urllib.request.Request(f"{endpoint}/plant", method="PUT")
+    urllib.request.urlopen(request).close()
+    return "s3://plant/runs"
+
+
+@pytest.mark.parametrize("kind", ["share", "bucket"])
+def test_a_folder_arrives_whole_and_is_verified(
+    kind: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    url = f"file://{tmp_path}/share" if kind == "share" else request.getfixturevalue("bucket")
+    data = filled(tmp_path / "data", 1)
+    with Registry.open(data) as registry:
+        folders = [run.folder for run in registry.runs()]
+    store = FolderStore(url)
+    for folder in folders:
+        manifest = sha256_of_file(folder / MANIFEST)
+        pushed = store.push(folder, manifest, f"{store.url}/{folder.name}")
+        assert pushed.size == sum(path.stat().st_size for path in folder.iterdir())
+        assert store.verify(pushed.url, manifest) == []
+        for path in folder.iterdir():
+            assert store.read(f"{pushed.url}/{path.name}") == path.read_bytes()
+        store.put(f"{pushed.url}/results.json", b"{}")
+        assert "results.json was changed" in store.verify(pushed.url, manifest)[0]
+        assert "can't be read" in store.verify(f"{store.url}/none", manifest)[0]
+
+
+def test_a_store_that_is_away_is_named(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:1")
+    with pytest.raises(RecordError, match=r"s3://plant/runs/x can't be written"):
+        FolderStore(bucket).put(f"{bucket}/x", b"1")
+    with pytest.raises(InputError, match="nosuch"):
+        FolderStore("nosuch://x")
