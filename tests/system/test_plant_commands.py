@@ -1,7 +1,7 @@
 """The commands of a plant with three benches, one of them without a link for a while."""
 
+import json
 import os
-import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +11,9 @@ from tests import postgresql_server
 from tests.plant_bench import add_run, backlash_results, filled
 from tests.system import command_line
 from tests.system.command_line import widest_line
+from tests.system.test_json_answers import misfits
 
+from torquebench.cli.answers import ANSWERS
 from torquebench.records import Registry
 
 if postgresql_server.binaries() is None and not os.environ.get("CI"):
@@ -36,11 +38,13 @@ def folder(server: postgresql_server.Server, tmp_path_factory: pytest.TempPathFa
     done = run("plant", "init", "--folders", f"file://{place}/share", "--plant", server.url)
     assert done.returncode == 0, done.stderr
     for name in ("Bench", "Bench", "Other"):
-        done = run("plant", "register", name, "--place", "Hall 3", "--plant", server.url)
+        options = ("--place", "Hall 3", "--json", "--plant", server.url)
+        done = run("plant", "register", name, *options)
         assert done.returncode == 0, done.stderr
-        number = re.search(r"Bench (\d+)", done.stdout)[1]  # type: ignore[index]
-        url = re.search(r"'(postgresql://[^']+)'", done.stdout)[1]  # type: ignore[index]
-        (place / f"url-{number}").write_text(url)
+        answer = json.loads(done.stdout)["answer"]
+        assert misfits(answer, ANSWERS["plant register"], "answer") == []
+        number = answer["benches"][0]["number"]
+        (place / f"url-{number}").write_text(answer["benches"][0]["url"])
         filled(place / f"data-{number}", prefix=f"S{number}")
     return place
 
@@ -60,6 +64,8 @@ def test_benches_send_and_the_plant_lists(server: postgresql_server.Server, fold
         done = run("plant", *command, "--plant", server.url)
         assert done.returncode == 0, done.stderr
         assert widest_line(done.stdout) <= 80
+        said = json.loads(run("plant", *command, "--json", "--plant", server.url).stdout)
+        assert misfits(said["answer"], ANSWERS[f"plant {command[0]}"], "answer") == []
     listed = run("plant", "runs", "--bench", 2, "--kind", "test-hysteresis", "--plant", server.url)
     assert "3 runs" in listed.stdout
     assert "S2-1" in listed.stdout

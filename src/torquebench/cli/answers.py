@@ -778,6 +778,89 @@ class EvaluatedReducer(TypedDict):
     files: NotRequired[list[str]]
 
 
+class PlantBench(TypedDict):
+    """One bench of a plant; the URL only where it was registered just now."""
+
+    number: int
+    name: str
+    place: NotRequired[str]
+    entries: NotRequired[int]
+    runs: NotRequired[int]
+    folders: NotRequired[int]
+    last_contact: NotRequired[str | None]
+    replaced_by: NotRequired[int | None]
+    url: NotRequired[str]
+
+
+class PlantBenches(TypedDict):
+    """Benches of a plant."""
+
+    benches: list[PlantBench]
+
+
+class PlantMade(TypedDict):
+    """A plant's registry, or a user of it."""
+
+    plant: str
+    folders: NotRequired[str]
+    url: NotRequired[str]
+
+
+class PlantSent(TypedDict):
+    """What a bench sent."""
+
+    bench: str
+    entries: int
+    folders: int
+    bytes: int
+    chain_end: str
+    withdrawn: list[str]
+    problems: list[str]
+
+
+class PlantRunListed(TypedDict):
+    """One run of a plant."""
+
+    run: str
+    bench: str
+    kind: str
+    started: str
+    status: str
+    specimen_type: str
+    serial: str
+    batch: str
+    simulated: bool
+    withdrawn: bool
+
+
+class PlantRuns(TypedDict):
+    """Runs of a plant, the newest first."""
+
+    runs: list[PlantRunListed]
+
+
+class PlantWithdrawn(TypedDict):
+    """A run that was withdrawn, and in how many registries it was known."""
+
+    run: str
+    bench: str
+    known: int
+
+
+class PlantVerifiedBench(TypedDict):
+    """One bench's chain as it lies in the plant."""
+
+    bench: str
+    entries: int
+    defects: list[str]
+
+
+class PlantVerified(TypedDict):
+    """All chains of a plant."""
+
+    benches: list[PlantVerifiedBench]
+
+
 _REDUCER_TESTS = (
     "starting",
     "back-driving",
@@ -842,6 +925,14 @@ ANSWERS: dict[str, type] = {
     "evaluate static": EvaluatedStatic,
     "evaluate dynamics": EvaluatedDynamics,
     **{f"evaluate {name}": EvaluatedReducer for name in _REDUCER_EVALUATIONS},
+    "plant init": PlantMade,
+    "plant register": PlantBenches,
+    "plant add-reader": PlantMade,
+    "plant push": PlantSent,
+    "plant status": PlantBenches,
+    "plant runs": PlantRuns,
+    "plant withdraw": PlantWithdrawn,
+    "plant verify": PlantVerified,
 }
 """The answer of each command."""
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import narrow_table, note, out, say, warn
+from torquebench.cli.console import answer, narrow_table, note, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, HELP_MARKUP, DataOption, data_directory
 from torquebench.cli.progress import TerminalProgress
@@ -71,6 +71,7 @@ def init(
     FolderStore(folders)
     with Plant.create(_named(plant), folders) as made:
         say(f"A plant's registry is in {escape(made.name)}; folders go to {escape(folders)}.")
+        answer(plant=made.name, folders=folders)
     say("Next: torquebench plant register NAME, once a bench.")
 
 
@@ -87,9 +88,11 @@ def register_bench(
     """Register a bench, and print the URL by which it sends; only this bench's rows pass by it."""
     with opened(plant) as found:
         number, url = found.register_bench(name, place, replaces=replaces)
+    shown = url.render_as_string(hide_password=False)
+    answer(benches=[{"number": number, "name": name, "place": place, "url": shown}])
     say(f"Bench {number} {escape(name)} is registered. On the bench, once and for all:")
     out().print(
-        f"export TORQUEBENCH_PLANT='{url.render_as_string(hide_password=False)}'",
+        f"export TORQUEBENCH_PLANT='{shown}'",
         soft_wrap=True,
         markup=False,
     )
@@ -104,7 +107,9 @@ def add_reader(
     """Make a user who may ask everything and change nothing, and print the URL."""
     with opened(plant) as found:
         url = found.add_reader(name)
-    out().print(url.render_as_string(hide_password=False), soft_wrap=True, markup=False)
+        shown = url.render_as_string(hide_password=False)
+        answer(plant=found.name, url=shown)
+    out().print(shown, soft_wrap=True, markup=False)
 
 
 @app.command("push")
@@ -150,6 +155,15 @@ def push(
 
 
 def _print_sent(done: Forwarded) -> None:
+    answer(
+        bench=done.bench,
+        entries=done.entries,
+        folders=done.folders,
+        bytes=done.size,
+        chain_end=str(done.head),
+        withdrawn=done.withdrawn,
+        problems=done.problems,
+    )
     say(
         f"bench {escape(done.bench)}: {done.entries} entries and {done.folders} run folders "
         f"({done.size / 1e6:.1f} MB) sent"
@@ -164,6 +178,23 @@ def status(plant: PlantOption = "") -> None:
     """List the benches: what has arrived of each, and when it last sent something."""
     with opened(plant) as found:
         states = found.benches()
+    answer(
+        benches=[
+            {
+                "number": each.number,
+                "name": each.name,
+                "place": each.place,
+                "entries": each.head.sequence,
+                "runs": each.runs,
+                "folders": each.folders,
+                "last_contact": None
+                if each.last_contact is None
+                else each.last_contact.isoformat(timespec="seconds"),
+                "replaced_by": each.replaced_by,
+            }
+            for each in states
+        ]
+    )
     now = datetime.now(UTC)
     table = narrow_table(caption=f"{len(states)} benches")
     table.add_column("no.", justify="right")
@@ -223,6 +254,23 @@ def runs(
             operator=operator,
             withdrawn=withdrawn,
         )
+    answer(
+        runs=[
+            {
+                "run": run.run_id,
+                "bench": run.bench,
+                "kind": run.kind,
+                "started": run.started.isoformat(timespec="seconds"),
+                "status": run.status,
+                "specimen_type": run.specimen_type,
+                "serial": run.serial,
+                "batch": run.batch,
+                "simulated": run.simulated,
+                "withdrawn": run.withdrawn is not None,
+            }
+            for run in listed
+        ]
+    )
     table = narrow_table(caption=f"{len(listed)} runs, the newest first")
     table.add_column("run", overflow="fold")
     table.add_column("bench", overflow="fold")
@@ -255,6 +303,7 @@ def withdraw(
     with opened(plant) as found:
         run = found.run(run_id, bench)
         marked = found.withdraw(run, by=by, reason=reason)
+    answer(run=run_id, bench=run.bench, known=marked)
     others = "" if marked == 1 else f", known {marked} times"
     say(f"run {run_id} of bench {escape(run.bench)} is withdrawn{others}")
 
@@ -281,6 +330,7 @@ def verify(
                 wrong += found.verify_folders(state.number)
             progress.advance()
             problems += len(wrong)
+            answer(benches=[{"bench": state.title, "entries": checked, "defects": wrong}])
             said = f"{checked} entries as they were entered" if not wrong else "NOT INTACT"
             say(f"bench {escape(state.title)}: {said}")
             for each in wrong:
