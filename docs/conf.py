@@ -20,11 +20,12 @@ extensions = [
     "numpydoc",
     "sphinx_copybutton",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
     "mathml",
     "mermaid",
     "generated_pages",
 ]
-exclude_patterns = ["_build", "images/**/*.md"]
+exclude_patterns = ["_build", "gallery", "images/**/*.md"]
 root_doc = "index"
 templates_path = ["_templates"]
 
@@ -50,6 +51,19 @@ html_show_sourcelink = False
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
 copybutton_prompt_is_regexp = True
 suppress_warnings = ["config.cache"]
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "generated/gallery",
+    "image_scrapers": ("gallery_svg.svg_figures",),
+    "abort_on_example_error": True,
+    "write_computation_times": False,
+    "remove_config_comments": True,
+    "plot_gallery": "True",
+    "min_reported_time": 1e9,
+    "within_subsection_order": "FileNameSortKey",
+    "show_signature": False,
+}
 
 
 def _escape_bars(_app, what, _name, _obj, _options, lines):  # type: ignore[no-untyped-def]
