@@ -8,8 +8,8 @@ cross-validation, uncertainty and budgets come with it. The data are simulated.
 """
 
 # %%
-# Additional torque = ``a + b·x + c·x·|x|``: an offset, a span error, and a curvature that is odd in the
-# torque.
+# Additional torque = ``a + b·x + c·x·|x|``: an offset, a span error, and a curvature that is
+# odd in the torque.
 from pathlib import Path
 
 import matplotlib.pyplot as plt
