@@ -20,6 +20,7 @@ PYTHON = {
     "torquebench.signals": "Edges, frequency, steady values, orders",
     "torquebench.uncertainty": "Propagation by GUM and Monte Carlo, budgets",
     "torquebench.mechanics": "Shafts, additional torque, sections",
+    "torquebench.client": "A client of the HTTP API, sync and async",
     "torquebench.bench.drivers.base": "Interfaces that a driver implements",
     "torquebench.errors": "Errors",
     "torquebench.units": "Conversion factors",

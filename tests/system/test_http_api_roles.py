@@ -19,7 +19,6 @@ PATHS = {
     "{side}": "output",
     "{job_id}": "0" * 12,
     "{run_id}": "none",
-    "{serial}": "none",
     "{section}": "profiles",
     "{name}": "none",
 }
@@ -35,8 +34,10 @@ BODIES: dict[str, dict[str, Any]] = {
     "preview": {"document": {}},
 }
 OPEN = {"set_up", "sign_in"}
-DISTURBING = {"stop", "sign_out", "reopen", "start_zero", "start_calibrate", "start_check"}
-"""Let in, these would end the session or the bench of the others: tested elsewhere."""
+DISTURBING = {
+    "stop", "sign_out", "reopen", "events", "start_zero", "start_calibrate", "start_check",
+}  # fmt: skip
+"""Let in, these would end the session or the bench of the others, or go on: tested elsewhere."""
 
 
 @pytest.fixture(scope="module")

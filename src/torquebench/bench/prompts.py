@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ class Prompt:
     Parameters
     ----------
     number : int
-        Which question it is; an answer names it.
+        Which question it is; an answer names it. No number comes again after a restart.
     text : str
         What is to be done.
     """
@@ -45,7 +46,7 @@ class PromptQueue:
     """
 
     def __init__(self) -> None:
-        self._numbers = itertools.count(1)
+        self._numbers = itertools.count(time.time_ns() // 1_000_000)
         self._changed = threading.Condition()
         self._watchers: list[OnPrompt] = []
         self._pending: Prompt | None = None

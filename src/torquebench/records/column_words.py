@@ -2,7 +2,7 @@
 
 import re
 
-__all__ = ["column_unit", "column_words"]
+__all__ = ["column_unit", "column_words", "short_names"]
 
 _COLUMNS = {
     "angle_counts": ("counts", "Angle in counts of the encoder, unwrapped, clockwise positive"),
@@ -86,3 +86,20 @@ def column_words(column: str, unit: str = "") -> str:
     place = next((words for key, words in _PLACES.items() if f"_{key}_" in column), "")
     of_place = f" Of {place}." if place and ending in _OF_A_CHANNEL else ""
     return f"{said or 'As its name says'}{in_unit}.{of_place}{where}"
+
+
+def short_names(keys: list[str]) -> dict[str, str]:
+    """Return column names without devices where that is unambiguous.
+
+    Examples
+    --------
+    >>> short_names(["input-steady-speed_rpm", "output-steady-speed_rpm", "point-series"])
+    {'input-steady-speed_rpm': 'input_speed_rpm', 'output-steady-speed_rpm': 'output_speed_rpm',
+     'point-series': 'series'}
+    """
+    names = [key.rpartition("-")[2] for key in keys]
+    found = {
+        key: name if names.count(name) == 1 else f"{key.partition('-')[0]}_{name}"
+        for key, name in zip(keys, names, strict=True)
+    }
+    return found if len(set(found.values())) == len(found) else {key: key for key in keys}

@@ -22,14 +22,14 @@ from torquebench.records.run_streams import (
     sample_columns,
 )
 
-__all__ = ["STREAM_FORMATS", "Stream", "StreamFormat", "export_streams"]
+__all__ = ["STREAM_ENDINGS", "STREAM_FORMATS", "Stream", "StreamFormat", "export_streams"]
 
 StreamFormat = Literal["csv", "parquet", "hdf5", "tdms", "mdf4"]
 Stream = Literal["samples", "edges"]
 STREAM_FORMATS: tuple[str, ...] = get_args(StreamFormat)
 
 _PACKAGES = {"hdf5": "h5py", "tdms": "nptdms", "mdf4": "asammdf"}
-_ENDINGS = {"hdf5": ".h5", "mdf4": ".mf4"}
+STREAM_ENDINGS = {"hdf5": ".h5", "mdf4": ".mf4"}
 
 
 def export_streams(
@@ -67,7 +67,7 @@ def export_streams(
         )
     write_samples, write_edges = _writers(file_format)
     attributes = {**run_attributes(folder), "stream": stream}
-    ending = _ENDINGS.get(file_format, f".{file_format}")
+    ending = STREAM_ENDINGS.get(file_format, f".{file_format}")
     with atomic_path(path, ending) as part:
         if stream == "samples":
             write_samples(part, sample_columns(folder), attributes)

@@ -1,5 +1,6 @@
 """Everything of a run as a folder that a stranger can read without this software."""
 
+import contextlib
 import csv
 import io
 import shutil
@@ -22,7 +23,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
-from torquebench.records.column_words import column_words
+from torquebench.records.column_words import column_words, short_names
 from torquebench.reports.certificate import (
     Issue,
     build_record,
@@ -63,9 +64,16 @@ class _Export:
     def write(self, name: str, content: str | bytes) -> None:
         atomic_write(self.folder / name, content)
 
-    def table(self, name: str, columns: Mapping[str, str], rows: Iterator[list[Any]]) -> None:
-        """Write a CSV file whose columns are given with their units."""
+    def table(
+        self,
+        name: str,
+        columns: Mapping[str, str],
+        rows: Iterator[list[Any]],
+        notes: Mapping[str, object] | None = None,
+    ) -> None:
+        """Write a CSV file whose columns are given with their units, after notes."""
         text = io.StringIO()
+        text.writelines(f"# {key} = {value}\n" for key, value in (notes or {}).items())
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows(rows)
@@ -153,14 +161,27 @@ def _write_documents(export: _Export, source: RunFolder) -> None:
             name: str(entry.get("units") or "") for name, entry in document["data_keys"].items()
         }
         streams[document["uid"]] = (str(document.get("name", "events")), units)
+    notes = _notes(source)
     for uid, (name, units) in streams.items():
+        short = short_names(list(units))
 
         def rows(uid: str = uid, units: dict[str, str] = units) -> Iterator[list[Any]]:
             for _, event in source.documents("event"):
                 if event["descriptor"] == uid:
                     yield [event["time"], *(event["data"].get(column, "") for column in units)]
 
-        export.table(f"{name}.csv", {"unix_time_s": "s", **units}, rows())
+        columns = {"unix_time_s": "s", **{short[key]: unit for key, unit in units.items()}}
+        export.table(f"{name}.csv", columns, rows(), notes)
+
+
+def _notes(source: RunFolder) -> dict[str, object]:
+    """Return what a table says of itself, so that points go back in as a calibration."""
+    notes: dict[str, object] = {}
+    with contextlib.suppress(RecordError, InputError):
+        data = run_data(source)
+        keys = ("range_nm", "side", "transducer_serial", "counter_identity")
+        notes = {key: getattr(data, key) for key in keys if getattr(data, key)}
+    return notes | ({"simulated": "true"} if source.metadata.get("simulated") else {})
 
 
 def _write_raw(export: _Export, source: RunFolder) -> None:

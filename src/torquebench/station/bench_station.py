@@ -6,7 +6,7 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -472,9 +472,9 @@ class Station:
         if number is not None:
             self.supervisor.clear_warning(number)
 
-    def acknowledge_alarm(self, who: str) -> Alarm | None:
+    def acknowledge_alarm(self, who: str, seen: Collection[int] | None = None) -> Alarm | None:
         """Clear the latched alarm once its cause is gone; see `SafetySupervisor.acknowledge`."""
-        return self.supervisor.acknowledge(who)
+        return self.supervisor.acknowledge(who, seen)
 
     # -- pause, resume, abort ---------------------------------------------------------------
 

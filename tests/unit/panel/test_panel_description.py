@@ -1,5 +1,6 @@
 """The OpenAPI description: every operation and every number says what it is, examples hold."""
 
+import contextlib
 import re
 from types import SimpleNamespace
 from typing import Any, cast
@@ -7,14 +8,19 @@ from typing import Any, cast
 import jsonschema  # type: ignore[import-untyped]
 import pytest
 
+from torquebench.bench.description import default_bench
 from torquebench.panel.api import create_api
 from torquebench.panel.api.describing import EXAMPLES, ROLES
 from torquebench.panel.service import BenchService
+from torquebench.panel.service.settings.store import SettingsStore
+from torquebench.panel.service.store import PanelStore
 
 
 @pytest.fixture(scope="module")
-def described() -> dict[str, Any]:
-    return create_api(cast(BenchService, SimpleNamespace())).openapi()
+def described(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    with contextlib.closing(PanelStore(tmp_path_factory.mktemp("panel"))) as store:
+        service = SimpleNamespace(settings=SettingsStore(store, default_bench()))
+        return create_api(cast(BenchService, service)).openapi()
 
 
 def operations(described: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -52,6 +58,29 @@ def test_every_quantity_has_its_unit(described: dict[str, Any]) -> None:
 def test_no_docstring_leaks_its_markup(described: dict[str, Any]) -> None:
     for name, schema in described["components"]["schemas"].items():
         assert "-----" not in schema.get("description", ""), name
+
+
+def test_models_profiles_and_reducers_are_enumerated(described: dict[str, Any]) -> None:
+    schemas = described["components"]["schemas"]
+    calibrate = schemas["CalibrateRequest"]["properties"]
+    assert {"hybrid", "polynomial-2", "published-network"} <= set(
+        calibrate["models"]["items"]["enum"]
+    )
+    assert "hybrid" in schemas["FitRequest"]["properties"]["model"]["enum"]
+    assert "rapid-in-situ" in calibrate["profile"]["enum"]
+    assert "verification" not in calibrate["profile"]["enum"]
+    assert schemas["VerifyRequest"]["properties"]["profile"]["enum"] == ["verification"]
+    assert "standard" in schemas["ReducerTestRequest"]["properties"]["reducer"]["enum"]
+
+
+def test_the_details_of_every_result_are_typed(described: dict[str, Any]) -> None:
+    schemas = described["components"]["schemas"]
+    details = schemas["JobResult"]["properties"]["details"]["anyOf"]
+    assert len(details) == 8
+    for each in details:
+        schema = schemas[each["$ref"].rpartition("/")[2]]
+        assert schema["description"], each
+        assert all(value for value in schema["properties"].values()), each
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

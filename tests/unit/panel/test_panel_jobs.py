@@ -14,7 +14,7 @@ from tests.unit.panel.process_work import doubled, endless, refusing
 
 from torquebench.bench.prompts import QueuedOperator
 from torquebench.compensation import load_model
-from torquebench.errors import BenchError, InputError, RecordError
+from torquebench.errors import BenchError, InputError, RecordError, TorquebenchError
 from torquebench.panel.pages.calibrate.workflow import Dismissed, find_workflow
 from torquebench.panel.run_in_process import ProcessEndedError, run_in_process
 from torquebench.panel.service import (
@@ -103,12 +103,21 @@ def test_wrong_requests_start_nothing(service: BenchService) -> None:
         service.jobs.start(BEN, "fit", {"calibration_id": 1, "model": "hybrid"})
     with pytest.raises(InputError, match="steps"):
         service.jobs.preview("calibrate", {"side": "input", "step_percent": 0.1, "repeats": 50})
+    for kind, request, refusal in (
+        ("calibrate", {"side": "output", "models": ["guess"]}, InputError),
+        ("calibrate", {"side": "output", "profile": "nobodys"}, NotFoundError),
+        ("calibrate", {"side": "output", "profile": "verification"}, InputError),
+        ("fit", {"calibration_id": 9, "model": "spline"}, RecordError),
+        ("compare-models", {"calibration_id": 9}, RecordError),
+        ("verify", {"calibration_id": 9}, RecordError),
+        ("check", {"side": "output", "profile": "nobodys"}, NotFoundError),
+        ("resume-calibration", {"run_id": "none"}, RecordError),
+        ("finish-run", {"run_id": "none"}, TorquebenchError),
+        ("reducer-test", {"test": "hysteresis", "reducer": "nobodys"}, NotFoundError),
+    ):
+        with pytest.raises(refusal):  # at the request, not in the job
+            service.jobs.start(ANA, kind, request)
     assert service.jobs.recent() == []
-    failed = ended(
-        service, service.jobs.start(ANA, "fit", {"calibration_id": 9, "model": "spline"})
-    )
-    assert failed.problem is not None
-    assert failed.problem.kind == "RecordError"
 
 
 def test_an_aborted_calibration_goes_on(service: BenchService) -> None:

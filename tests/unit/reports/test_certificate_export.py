@@ -44,9 +44,11 @@ def test_hashes_and_points_hold(registry: Registry, tmp_path: Path) -> None:
         assert hashlib.sha256((exported.folder / name).read_bytes()).hexdigest() == digest
     data = read_calibration_csv(exported.folder / "calibration.csv")
     assert data.sha256() == bench.calibration.data_sha256
-    with (exported.folder / "points.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    lines = (exported.folder / "points.csv").read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == bench.calibration.points
+    assert list(rows[0]) == ["unix_time_s", "reading_nm", "target_nm"]
+    assert {"# simulated = true", "# transducer_serial = T-7"} <= set(lines)
     known = json.loads((exported.folder / "registry.json").read_text())
     assert known["calibrations"][0]["calibration"]["transducer_serial"] == "T-7"
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from enum import Enum, IntEnum
 
 from torquebench.errors import (
     BenchError,
+    InterlockError,
     LimitError,
     RecordError,
     SignalFault,
@@ -323,14 +324,31 @@ class AlarmBook:
             entry = self._entries[number - 1] = replace(entry, cleared=datetime.now(UTC))
         self._tell([entry])
 
-    def acknowledge(self, who: str) -> tuple[int, ...]:
-        """Acknowledge every alarm that stands; return their numbers, for `announce`."""
+    def acknowledge(self, who: str, seen: Collection[int] | None = None) -> tuple[int, ...]:
+        """Acknowledge alarms that stand; return their numbers, for `announce`.
+
+        Raises
+        ------
+        InterlockError
+            A critical one isn't among those that were seen.
+        """
         with self._lock:
+            for entry in self.standing:
+                alarm = entry.alarm
+                if alarm.level is AlarmLevel.CRITICAL and not (
+                    seen is None or alarm.number in seen
+                ):
+                    raise InterlockError(
+                        f"an alarm that came meanwhile: {alarm.found}",
+                        "acknowledgement of what was looked at",
+                        "look at the alarms again",
+                    )
             self._latched = None
             moment = datetime.now(UTC)
             changed = []
             for place, entry in enumerate(self._entries):
-                if entry.stands and entry.acknowledged is None:
+                looked_at = seen is None or place + 1 in seen
+                if entry.stands and entry.acknowledged is None and looked_at:
                     entry = replace(entry, acknowledged_by=who, acknowledged=moment)
                     self._entries[place] = entry
                     changed.append(place + 1)

@@ -15,7 +15,7 @@ import functools
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from torquebench.bench.clock import BenchClock
@@ -209,7 +209,7 @@ class SafetySupervisor:
         found = self._read_back.remaining(since_s, since, torque=self._powered)
         return [each for each in found if not each.gone]
 
-    def acknowledge(self, who: str) -> Alarm | None:
+    def acknowledge(self, who: str, seen: Collection[int] | None = None) -> Alarm | None:
         """Clear the latched alarm, once the safe state was read back; return what was cleared.
 
         A cause that is still there, such as heat within the hysteresis of its limit, raises its
@@ -219,11 +219,14 @@ class SafetySupervisor:
         ----------
         who : str
             The person who has removed the cause.
+        seen : collection of int, optional
+            Numbers of the alarms that the person has looked at; by default all.
 
         Raises
         ------
         InterlockError
-            The bench isn't in its safe state yet, or nobody is named.
+            The bench isn't in its safe state yet, nobody is named, or a critical alarm has come
+            that the person hasn't seen.
         """
         with self._lock:
             alarm = self._book.latched
@@ -244,8 +247,8 @@ class SafetySupervisor:
                 )
             if not who.strip():
                 raise InterlockError("acknowledgement by nobody", "a person's name")
+            acknowledged = self._book.acknowledge(who.strip(), seen)
             self._signals.forget()
-            acknowledged = self._book.acknowledge(who.strip())
         self._book.announce(*acknowledged)  # without the lock: a listener may wait for a disk
         return alarm
 

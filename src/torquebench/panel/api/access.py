@@ -5,15 +5,29 @@ Who that is stands in memory, so these dependencies need no thread.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, TypeAlias
 
 from fastapi import Depends, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from starlette.requests import HTTPConnection
 
+from torquebench.errors import InputError
 from torquebench.panel.service import Actor, BenchService, NotSignedInError
 from torquebench.panel.service.access.clients import PREFIX
 
-__all__ = ["Caller", "Service", "Token", "Watched", "address_of", "caller_of", "service_of"]
+__all__ = [
+    "Caller",
+    "Service",
+    "Token",
+    "Watched",
+    "address_of",
+    "caller_of",
+    "known_query",
+    "service_of",
+]
 
 _bearer = HTTPBearer(
     auto_error=False,
@@ -44,6 +58,27 @@ def caller_of(service: BenchService, token: str, *, touch: bool = True) -> Actor
 def address_of(request: Request) -> str:
     """Return the address that a request comes from."""
     return request.client.host if request.client else "unknown"
+
+
+async def known_query(connection: HTTPConnection) -> None:
+    """Refuse query parameters that an operation doesn't have: most are typing mistakes."""
+    route = connection.scope.get("route")
+    if not isinstance(route, APIRoute):
+        return
+    known = set(_queries(route.dependant))
+    unknown = sorted(set(connection.query_params) - known)
+    if unknown:
+        raise InputError(
+            "unknown query parameters: " + ", ".join(each[:40] for each in unknown[:5]),
+            "only " + ", ".join(sorted(known)) if known else "none",
+        )
+
+
+def _queries(dependant: Dependant) -> Iterator[str]:
+    for each in dependant.query_params:
+        yield each.alias
+    for part in dependant.dependencies:
+        yield from _queries(part)
 
 
 async def _token(

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 import torquebench
-from torquebench.panel.api import bench_routes, job_routes, people_routes, record_routes, stream
-from torquebench.panel.api.describing import describe
+from torquebench.panel.api import (
+    bench_routes,
+    events,
+    job_routes,
+    people_routes,
+    record_routes,
+    stream,
+)
+from torquebench.panel.api.access import known_query
+from torquebench.panel.api.describing import describe, name_choices
 from torquebench.panel.api.problems import PROBLEMS, add_handlers
 from torquebench.panel.service import BenchService
 
@@ -35,12 +43,13 @@ def create_api(service: BenchService) -> FastAPI:
         redoc_url=None,
         openapi_url="/openapi.json",
         responses=PROBLEMS,
+        dependencies=[Depends(known_query)],
         generate_unique_id_function=lambda route: route.name,
         servers=[{"url": API_PATH}],
         root_path_in_servers=False,
     )
     api.state.service = service
-    for routes in (bench_routes, people_routes, job_routes, record_routes, stream):
+    for routes in (bench_routes, people_routes, job_routes, events, record_routes, stream):
         api.include_router(routes.router)
     api.include_router(record_routes.settings_router)
     add_handlers(api)
@@ -48,6 +57,7 @@ def create_api(service: BenchService) -> FastAPI:
     def described() -> dict[str, Any]:
         if api.openapi_schema is None:
             api.openapi_schema = describe(api)
+        name_choices(api.openapi_schema, service.settings)
         return api.openapi_schema
 
     api.openapi = described  # type: ignore[method-assign]

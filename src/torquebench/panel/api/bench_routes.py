@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, StringConstraints
 from torquebench.bench.roles import Side
 from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.models import (
+    AcknowledgeBody,
     ActivateBody,
     LeaseBody,
     LiveRows,
@@ -35,6 +36,8 @@ from torquebench.panel.service import (
 __all__ = ["finite_list", "live_document", "router"]
 
 router = APIRouter(tags=["bench"])
+
+ALL_ALARMS = AcknowledgeBody()
 
 SignalName = Annotated[
     str, StringConstraints(pattern="^(" + "|".join(signal.name for signal in SIGNALS) + ")$")
@@ -222,9 +225,14 @@ def alarms(
 
 
 @router.post("/alarms/acknowledge")
-def acknowledge(service: Service, caller: Caller) -> AlarmView | None:
-    """Clear the latched alarm by name, once its cause is gone; null where there was none."""
-    return service.acknowledge(caller)
+def acknowledge(
+    service: Service, caller: Caller, body: AcknowledgeBody = ALL_ALARMS
+) -> AlarmView | None:
+    """Clear the latched alarm by name, once its cause is gone; null where there was none.
+
+    With the identifiers of those that were looked at, one that came meanwhile stays.
+    """
+    return service.acknowledge(caller, body.alarm_ids)
 
 
 # -- compensation and the bench itself ------------------------------------------------------

@@ -9,10 +9,12 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from torquebench.panel.api.details import details_schemas
 from torquebench.panel.api.problems import ProblemDetails
 from torquebench.panel.service import JOB_KINDS, Role
+from torquebench.panel.service.settings.store import SettingsStore
 
-__all__ = ["EXAMPLES", "describe"]
+__all__ = ["EXAMPLES", "describe", "name_choices"]
 
 UNITS = {
     "_nm": "N·m",
@@ -176,6 +178,13 @@ def describe(api: FastAPI) -> dict[str, Any]:
     )
     schemas: dict[str, Any] = found["components"]["schemas"]
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
+    references, found_in_details = details_schemas()
+    for name, schema in found_in_details.items():
+        schemas.setdefault(name, schema)
+    schemas["JobResult"]["properties"]["details"] = {
+        "description": "By the kind of the job.",
+        "anyOf": references,
+    }
     for name, schema in schemas.items():
         _describe_schema(schema)
         if name in EXAMPLES:
@@ -184,6 +193,26 @@ def describe(api: FastAPI) -> dict[str, Any]:
         for operation in path.values():
             _describe_operation(operation)
     return found
+
+
+def name_choices(described: dict[str, Any], settings: SettingsStore) -> None:
+    """Write into a description which profiles and reducers there are now, those added here too."""
+    random: list[str] = []
+    steps: list[str] = []
+    for item in settings.items("profiles"):
+        pattern = (item.document.get("loading") or {}).get("pattern")
+        (random if pattern == "random" else steps).append(item.name)
+    reducers = [item.name for item in settings.items("reducers")]
+    for name, schema in described["components"]["schemas"].items():
+        if name.endswith("Request"):
+            properties = schema.get("properties", {})
+            for key, names in (
+                ("profile", random if name == "VerifyRequest" else steps),
+                ("reducer", reducers),
+            ):
+                if key in properties:
+                    text = properties[key].get("anyOf", [properties[key]])[0]  # or null
+                    text["enum"] = names
 
 
 def _describe_operation(operation: dict[str, Any]) -> None:

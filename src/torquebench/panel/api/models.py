@@ -12,6 +12,7 @@ from torquebench.panel.service.fields import WHOLE, Flag, Number
 
 __all__ = [
     "AbortBody",
+    "AcknowledgeBody",
     "AnswerBody",
     "CertificateBody",
     "ClientBody",
@@ -103,6 +104,15 @@ class ActivateBody(ReasonBody):
     """Why a model is put into use, and whether although its calibration contradicts itself."""
 
     despite_contradictions: Flag = False
+
+
+class AcknowledgeBody(Body):
+    """Which alarms were looked at."""
+
+    alarm_ids: Annotated[
+        list[Annotated[str, Field(max_length=64)]] | None,
+        Field(max_length=1000, description="All that stand, where it is left out."),
+    ] = None
 
 
 class AbortBody(ReasonBody):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any
+from contextlib import AbstractContextManager
+from typing import IO, Annotated, Any
+from urllib.parse import quote
 
 from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import StreamingResponse
@@ -31,6 +33,7 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.fields import Moment
 from torquebench.records import CertificateEntry
+from torquebench.records.stream_export import STREAM_ENDINGS, Stream, StreamFormat
 
 __all__ = ["router", "settings_router"]
 
@@ -42,6 +45,7 @@ Text = Annotated[str, Query(max_length=200)]
 RunId = Annotated[str, Path(max_length=100)]
 Number = Annotated[int, Path(ge=1, le=2**53)]
 Word = Annotated[str | None, Query(max_length=64)]
+Serial = Annotated[str | None, Query(max_length=200, description="A serial number.")]
 CHUNK = 256 * 1024
 
 
@@ -139,7 +143,32 @@ def run_trend(
 )
 def export(service: Watched, run_id: RunId) -> StreamingResponse:
     """Return a run in open formats as a ZIP archive."""
-    opened = service.records.export_zip(run_id)
+    return _file(service.records.export_zip(run_id), f"{run_id}.zip", "application/zip")
+
+
+@router.get(
+    "/runs/{run_id}/data",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"application/octet-stream": {}}, "description": "One file."}},
+)
+def run_data(
+    service: Watched,
+    run_id: RunId,
+    file_format: Annotated[StreamFormat, Query(alias="format")] = "csv",
+    stream: Stream = "samples",
+) -> StreamingResponse:
+    """Return a run's samples (torque, angle, speed, temperature) or every edge, with units.
+
+    TDMS, MDF4 and HDF5 need the extra of their name on the server.
+    """
+    opened = service.records.data_file(run_id, file_format, stream)
+    name = f"{run_id}-{stream}{STREAM_ENDINGS.get(file_format, f'.{file_format}')}"
+    return _file(opened, name, "application/octet-stream")
+
+
+def _file(
+    opened: AbstractContextManager[IO[bytes]], name: str, media_type: str
+) -> StreamingResponse:
     file = opened.__enter__()
 
     def content() -> Iterator[bytes]:
@@ -149,14 +178,18 @@ def export(service: Watched, run_id: RunId) -> StreamingResponse:
         finally:
             opened.__exit__(None, None, None)
 
-    headers = {"Content-Disposition": f'attachment; filename="{run_id}.zip"'}
-    return StreamingResponse(content(), media_type="application/zip", headers=headers)
+    return StreamingResponse(content(), media_type=media_type, headers=_attached(name))
+
+
+def _attached(name: str) -> dict[str, str]:
+    """Return the header that names a file, whatever its characters."""
+    return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
 
 
 @router.get("/calibrations")
 def calibrations(
     service: Watched,
-    transducer: Word = None,
+    transducer: Serial = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
 ) -> list[CalibrationView]:
     """Return calibrations, the newest first."""
@@ -202,9 +235,20 @@ def certificate(
 
 
 @router.get("/models")
-def models(service: Watched, transducer: Word = None) -> list[ModelView]:
+def models(service: Watched, transducer: Serial = None) -> list[ModelView]:
     """Return models, and which of them are in use."""
     return service.records.models(transducer)
+
+
+@router.get(
+    "/models/{model_id}/file",
+    response_class=Response,
+    responses={200: {"content": {"application/json": {}}, "description": "The file of the model."}},
+)
+def model_file(service: Watched, model_id: Number) -> Response:
+    """Return the file of a model, checked by its registered hash: `torquebench apply` takes it."""
+    content, name = service.records.model_file(model_id)
+    return Response(content, media_type="application/json", headers=_attached(name))
 
 
 @router.get("/transducers")
@@ -213,10 +257,10 @@ def transducers(service: Watched) -> list[str]:
     return service.records.transducers()
 
 
-@router.get("/transducers/{serial}/drift")
+@router.get("/drift")
 def drift(
     service: Watched,
-    serial: Annotated[str, Path(max_length=200)],
+    transducer: Annotated[str, Query(max_length=200, description="Its serial number.")],
     tolerance_percent: Annotated[float, Query(gt=0, le=100, allow_inf_nan=False)] = 0.1,
 ) -> list[Drift]:
     """Return span, zero and checks of a transducer over time, with control charts."""
@@ -233,7 +277,7 @@ def drift(
             upper=None if series.chart is None else series.chart.upper,
             simulated=series.simulated,
         )
-        for series in service.records.drift(serial, tolerance_percent)
+        for series in service.records.drift(transducer, tolerance_percent)
     ]
 
 
@@ -260,8 +304,7 @@ def certificate_file(
 ) -> Response:
     """Return one file of a certificate."""
     content, media_type = service.records.certificate_file(number, name)
-    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(content, media_type=media_type, headers=headers)
+    return Response(content, media_type=media_type, headers=_attached(name))
 
 
 # -- tables from elsewhere ------------------------------------------------------------------

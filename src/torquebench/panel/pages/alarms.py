@@ -100,7 +100,8 @@ class _AlarmsPage:
 
     def _acknowledge(self) -> None:
         visitor = self.visitor
-        visitor.attempt(lambda: visitor.service.acknowledge(visitor.actor))
+        seen = [alarm.alarm_id for alarm in self._stood or ()]
+        visitor.attempt(lambda: visitor.service.acknowledge(visitor.actor, seen))
         self.refresh()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
@@ -229,6 +229,11 @@ class BenchService:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+    @property
+    def ending(self) -> bool:
+        """Whether the bench is being unloaded, or is closed."""
+        return self._unloading is not None or self._closed.is_set()
 
     def unload_aside(self) -> None:
         """Begin to end: what is under way ends with zero torque, and nothing new begins."""
@@ -514,19 +519,30 @@ class BenchService:
             return [alarm_view(entry) for entry in supervisor.alarms]
         return [alarm_view(entry) for entry in reversed(supervisor.entries)]
 
-    def acknowledge(self, actor: Actor) -> AlarmView | None:
+    def acknowledge(
+        self, actor: Actor, alarm_ids: Collection[str] | None = None
+    ) -> AlarmView | None:
         """Clear the latched alarm by name, once its cause is gone; return what was cleared.
+
+        Parameters
+        ----------
+        actor : Actor
+        alarm_ids : collection of str, optional
+            The alarms that were looked at; by default all that stand.
 
         Raises
         ------
         InterlockError
-            The bench isn't in its safe state yet.
+            The bench isn't in its safe state yet, or a critical alarm isn't among them.
         """
         if self.jobs.busy:
             raise InterlockError(
                 "acknowledgement while a job ends", "an ended job", "wait a moment"
             )
-        cleared = self.station.acknowledge_alarm(actor.label)
+        seen = None
+        if alarm_ids is not None:
+            seen = {each.number for each in self.alarms() if each.alarm_id in alarm_ids}
+        cleared = self.station.acknowledge_alarm(actor.label, seen)
         if cleared is None:
             return None
         self.note(actor, "acknowledged an alarm", number=cleared.number, found=cleared.found)

@@ -6,13 +6,23 @@ import re
 from datetime import date, datetime
 from typing import Annotated, Any, TypeAlias
 
-from pydantic import AfterValidator, AwareDatetime, BeforeValidator, Field, Strict
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BeforeValidator,
+    Field,
+    Strict,
+    WithJsonSchema,
+)
+
+from torquebench.compensation.kinds import MODELS
 
 __all__ = [
     "WHOLE",
     "Day",
     "Flag",
     "Identifier",
+    "ModelName",
     "Moment",
     "Number",
     "ProfileName",
@@ -49,6 +59,16 @@ def _of_our_time(moment: datetime) -> datetime:
     return moment
 
 
+MODEL_NAMES = (*MODELS, *(f"polynomial-{degree}" for degree in range(1, 31)))
+"""As `make_model` takes them."""
+
+
+def _known_model(name: str) -> str:
+    if name not in MODEL_NAMES:
+        raise ValueError("one of " + ", ".join(MODELS) + ", polynomial-1 to polynomial-30")
+    return name
+
+
 Flag: TypeAlias = Annotated[bool, Strict()]
 Number: TypeAlias = Annotated[float, Strict()]
 WHOLE = BeforeValidator(_whole)
@@ -64,7 +84,14 @@ Day: TypeAlias = Annotated[date, BeforeValidator(_day_in_words)]
 ProfileName: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")
 ]
-"""Of a profile or a kind of model: never a path."""
+"""Of a profile or a reducer: never a path."""
+ModelName: TypeAlias = Annotated[
+    str,
+    Field(max_length=64),
+    AfterValidator(_known_model),
+    WithJsonSchema({"type": "string", "enum": list(MODEL_NAMES)}),
+]
+"""Kind of a model."""
 RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
 """Of a run: never a path."""
 

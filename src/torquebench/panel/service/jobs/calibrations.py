@@ -55,13 +55,14 @@ from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.chain import load_chain
 from torquebench.compensation import RECOMMENDED
-from torquebench.errors import InputError, RecordError
+from torquebench.errors import InputError, LimitError, RecordError
 from torquebench.panel.comparing import compare_points
 from torquebench.panel.run_in_process import run_in_process
 from torquebench.panel.service.fields import (
     WHOLE,
     Flag,
     Identifier,
+    ModelName,
     Number,
     ProfileName,
     RunId,
@@ -138,7 +139,7 @@ class CalibrateRequest(JobRequest):
     repeats: Annotated[int, Field(ge=1, le=50), WHOLE] | None = None
     step_percent: Percent | None = None
     up_to_nm: Annotated[Number, Field(gt=0, le=1e6)] | None = None
-    models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    models: tuple[ModelName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
     network: NetworkParameters = NO_PARAMETERS
     bench_clear: Flag = False
 
@@ -147,7 +148,7 @@ class ResumeRequest(JobRequest):
     """Go on with an interrupted calibration; side and profile are those of its run."""
 
     run_id: RunId
-    models: tuple[ProfileName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    models: tuple[ModelName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
     bench_clear: Flag = False
 
 
@@ -165,7 +166,7 @@ class FitRequest(JobRequest):
     """
 
     calibration_id: Identifier
-    model: ProfileName
+    model: ModelName
     network: NetworkParameters = NO_PARAMETERS
     rising_only: Flag = False
 
@@ -212,6 +213,23 @@ def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
         )
 
 
+def check_calibration(place: Workplace, request: CalibrateRequest) -> None:
+    """Refuse what the bench or the software can't do."""
+    description = place.station.description
+    confirm_clear(description, request.bench_clear)
+    _choices(request.models, request.network)
+    module = description.module(request.side)
+    profile = _calibration_profile(place, request)
+    steps = profile.staircase(module.range_nm, np.random.default_rng(0))
+    largest_nm = max((abs(step.target_nm) for step in steps), default=0.0)
+    if largest_nm > module.limits.torque_nm:
+        raise LimitError(
+            f"{largest_nm:g} N·m on the {request.side} module",
+            f"at most {module.limits.torque_nm:g} N·m",
+            "calibrate a part of the range",
+        )
+
+
 def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPreview:
     """Rehearse the very plan that would run."""
     station = place.station
@@ -235,7 +253,6 @@ def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple
 def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult:
     """Measure, fit and register; which model is used stays open."""
     station, job = context.station, context.job
-    confirm_clear(station.description, request.bench_clear)
     profile = _calibration_profile(context, request)
     choices = _choices(request.models, request.network)
     known = registers_calibration(choices, None)
@@ -246,12 +263,19 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
 def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
     """Go on with an interrupted calibration at its interrupted series, then fit and register."""
     station = context.station
-    confirm_clear(station.description, request.bench_clear)
     choices = _choices(request.models)
     interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
     known = registers_calibration(choices, None)
     measured = resume_calibration(station, interrupted, metadata=known, progress=context.job)
     return _fitted(context, measured, interrupted.profile, choices)
+
+
+def check_resumption(place: Workplace, request: ResumeRequest) -> None:
+    """Refuse a run that can't be gone on with."""
+    station = place.station
+    confirm_clear(station.description, request.bench_clear)
+    _choices(request.models)
+    read_interrupted(station.registry, station.registry.run(request.run_id))
 
 
 def _choices(
@@ -328,6 +352,12 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
     )
 
 
+def check_fit(place: Workplace, request: FitRequest) -> None:
+    """Refuse a model or a calibration that there isn't."""
+    _choices([request.model], request.network, rising_only=request.rising_only)
+    calibration_data(place.station, request.calibration_id)
+
+
 def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     """Fit one model to the points of a calibration and register it beside the others."""
     station = context.station
@@ -360,7 +390,7 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
         model_ids={item.name: model.model_id},
-        details=fit_details(data, [item]),
+        details=fit_details(data, [item], {item.name: model.model_id}),
     )
 
 
@@ -389,6 +419,17 @@ def _side_of(station: Station, entry: CalibrationEntry) -> Side:
     )
 
 
+def check_verification(place: Workplace, request: VerifyRequest) -> None:
+    """Refuse what isn't there, or isn't this bench's."""
+    station = place.station
+    confirm_clear(station.description, request.bench_clear)
+    entry = station.registry.calibration(request.calibration_id)
+    _side_of(station, entry)
+    _verification_profile(place, request)
+    if not models_of(station, entry):
+        raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
+
+
 def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview:
     """Rehearse a verification with some seed."""
     station = place.station
@@ -407,12 +448,9 @@ def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview
 def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     """Measure fresh points, judge every model of the calibration and register the outcome."""
     station = context.station
-    confirm_clear(station.description, request.bench_clear)
     entry = station.registry.calibration(request.calibration_id)
     side = _side_of(station, entry)
     models = models_of(station, entry)
-    if not models:
-        raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
     loaded = {name: load_chain(model.check_file()) for name, model in models.items()}
     seed = request.seed
     if seed is None:  # drawn anew for every verification, and kept with its points
@@ -451,18 +489,27 @@ def _calibrate_title(request: CalibrateRequest) -> str:
 
 
 CALIBRATION_KINDS: tuple[JobKind, ...] = (
-    JobKind("calibrate", _calibrate_title, CalibrateRequest, run_calibration, preview_calibration),
+    JobKind(
+        "calibrate",
+        _calibrate_title,
+        CalibrateRequest,
+        run_calibration,
+        preview_calibration,
+        check_calibration,
+    ),
     JobKind(
         "resume-calibration",
         lambda asked: f"Go on with {asked.run_id}",
         ResumeRequest,
         run_resumption,
+        check=check_resumption,
     ),
     JobKind(
         "compare-models",
         lambda asked: f"Compare models of calibration {asked.calibration_id}",
         CompareRequest,
         run_comparison,
+        check=lambda place, asked: calibration_data(place.station, asked.calibration_id),
         moves=False,
         can_pause=False,
     ),
@@ -471,6 +518,7 @@ CALIBRATION_KINDS: tuple[JobKind, ...] = (
         lambda asked: f"Fit {asked.model} to calibration {asked.calibration_id}",
         FitRequest,
         run_fit,
+        check=check_fit,
         role="metrologist",
         moves=False,
         can_pause=False,
@@ -481,5 +529,6 @@ CALIBRATION_KINDS: tuple[JobKind, ...] = (
         VerifyRequest,
         run_verification,
         preview_verification,
+        check_verification,
     ),
 )

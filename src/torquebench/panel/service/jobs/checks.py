@@ -18,6 +18,7 @@ from pydantic import Field
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.measuring import RunAbortedError
+from torquebench.errors import RecordError
 from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
 from torquebench.panel.service.jobs.results import as_details
@@ -111,10 +112,15 @@ def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
     )
 
 
+def check_check(place: Workplace, request: CheckRequest) -> None:
+    """Refuse a profile that there isn't, and a bench that isn't clear."""
+    confirm_clear(place.station.description, request.bench_clear)
+    place.settings.profile(request.profile)
+
+
 def run_check(context: JobContext, request: CheckRequest) -> JobResult:
     """Load a few steps against the check standard, judge and register."""
     station = context.station
-    confirm_clear(station.description, request.bench_clear)
     found = check_module(
         station,
         request.side,
@@ -139,6 +145,15 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
             }
         ),
     )
+
+
+def check_certificate_request(place: Workplace, request: CertificateRequest) -> None:
+    """Refuse a calibration that there isn't, and a number that is taken."""
+    registry = place.station.registry
+    registry.calibration(request.calibration_id)
+    kept_letterhead(registry.root)
+    if any(entry.number == request.number for entry in registry.certificates()):
+        raise RecordError(f"certificate {request.number} is issued", "a new number")
 
 
 def run_certificate(context: JobContext, request: CertificateRequest) -> JobResult:
@@ -190,13 +205,14 @@ def _check_title(request: CheckRequest) -> str:
 
 CHECK_KINDS: tuple[JobKind, ...] = (
     JobKind("zero", _zero_title, ZeroRequest, run_zero, can_pause=False),
-    JobKind("check", _check_title, CheckRequest, run_check, preview_check),
+    JobKind("check", _check_title, CheckRequest, run_check, preview_check, check_check),
 )
 CERTIFICATE_KIND = JobKind(
     "certificate",
     lambda asked: f"Certificate of calibration {asked.calibration_id}",
     CertificateRequest,
     run_certificate,
+    check=check_certificate_request,
     role="metrologist",
     moves=False,
     can_pause=False,

@@ -13,7 +13,7 @@ from pydantic import Field
 from torquebench.campaign.finishing import discard_run, find_unfinished, finish_run
 from torquebench.panel.service.fields import RunId
 from torquebench.panel.service.jobs.calibrations import calibration_job_result
-from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
+from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.records import Registry, unfinished_runs
 
@@ -88,12 +88,17 @@ def run_discard(context: JobContext, request: DiscardRequest) -> JobResult:
     )
 
 
+def _check_unfinished(place: Workplace, request: FinishRequest | DiscardRequest) -> None:
+    find_unfinished(place.station.registry, request.run_id)
+
+
 FINISHING_KINDS: tuple[JobKind, ...] = (
     JobKind(
         "finish-run",
         lambda asked: f"Finish {asked.run_id}",
         FinishRequest,
         run_finish,
+        check=_check_unfinished,
         moves=False,
         can_pause=False,
     ),
@@ -102,6 +107,7 @@ FINISHING_KINDS: tuple[JobKind, ...] = (
         lambda asked: f"Discard {asked.run_id}",
         DiscardRequest,
         run_discard,
+        check=_check_unfinished,
         role="metrologist",
         moves=False,
         can_pause=False,

@@ -94,10 +94,15 @@ def preview_standard(place: Workplace, request: StandardReducerRequest) -> JobPr
     )
 
 
+def check_standard(place: Workplace, request: StandardReducerRequest) -> None:
+    """Refuse a reducer without certified friction, and a bench that isn't clear."""
+    confirm_clear(place.station.description, request.bench_clear)
+    _standard(place, request)
+
+
 def run_standard(context: JobContext, request: StandardReducerRequest) -> JobResult:
     """Measure the friction and judge it."""
     station = context.station
-    confirm_clear(station.description, request.bench_clear)
     mounted = _standard(context, request)
     active = station.devices.context.acquisition.compensation("input")
     found = check_standard_reducer(
@@ -138,6 +143,12 @@ def _settings(request: ReducerTestRequest) -> ReducerTestSettings:
     return settings if request.repeats is None else settings.with_repeats(request.repeats)
 
 
+def check_test(place: Workplace, request: ReducerTestRequest) -> None:
+    """Refuse a reducer that there isn't, and a bench that isn't clear."""
+    confirm_clear(place.station.description, request.bench_clear)
+    place.settings.reducer(request.reducer)
+
+
 def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
     """Rehearse every part of the test."""
     parts = rehearse_reducer_test(
@@ -171,7 +182,6 @@ def _largest(parts: tuple[ReducerTestRehearsal, ...], name: str) -> dict[str, fl
 
 def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
     """Test, evaluate, judge and record."""
-    confirm_clear(context.station.description, request.bench_clear)
     record = run_reducer_test(
         context.station,
         request.test,
@@ -229,6 +239,7 @@ REDUCER_KINDS: tuple[JobKind, ...] = (
         StandardReducerRequest,
         run_standard,
         preview_standard,
+        check_standard,
     ),
-    JobKind("reducer-test", _title, ReducerTestRequest, run_test, preview_test),
+    JobKind("reducer-test", _title, ReducerTestRequest, run_test, preview_test, check_test),
 )

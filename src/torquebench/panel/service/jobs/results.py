@@ -55,7 +55,7 @@ def calibration_result(
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
         model_ids=model_ids,
-        details=fit_details(data, fitted),
+        details=fit_details(data, fitted, model_ids),
     )
 
 
@@ -65,10 +65,13 @@ def errors_of(item: FittedModel, data: CalibrationData) -> ErrorSummary:
     return summarise_errors(torque.value_nm, data.standard_nm, data.range_nm)
 
 
-def fit_details(data: CalibrationData, fitted: Sequence[FittedModel]) -> dict[str, Any]:
+def fit_details(
+    data: CalibrationData, fitted: Sequence[FittedModel], model_ids: Mapping[str, int]
+) -> dict[str, Any]:
     """Return points and models of a fit as JSON."""
     models = {
         item.name: {
+            "model_id": model_ids.get(item.name),
             "title": item.title,
             "kind": item.model.kind,
             "torque_nm": item.chain.torque(data.readings()).value_nm,
@@ -164,6 +167,7 @@ def verification_result(
         )
         verdicts[name] = Verdict.worst(each.verdict for each in decisions)
         details[name] = {
+            "model_id": None if name == "raw" else int(name.removeprefix("model-")),
             "title": _title(models.get(name)),
             "verdict": verdicts[name].value,
             "result": result.of(name),

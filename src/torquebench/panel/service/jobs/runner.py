@@ -89,6 +89,8 @@ class JobKind:
         Does it, on the job's thread.
     preview : callable or None
         Says what it would do; None where it moves nothing.
+    check : callable
+        Refuses what can't be done, before anything is started.
     role : str
         Who may start it.
     moves : bool
@@ -101,6 +103,7 @@ class JobKind:
     request: type[JobRequest]
     run: Callable[[JobContext, Any], JobResult]
     preview: Callable[[Workplace, Any], JobPreview] | None = None
+    check: Callable[[Workplace, Any], object] = lambda _place, _request: None
     role: Role = "operator"
     moves: bool = True
     can_pause: bool = True
@@ -212,6 +215,8 @@ class JobRunner:
         require(actor, found.role)
         asked = self._request(found, request)
         self.command(actor)
+        self._refuse_busy()
+        found.check(self._place, asked)
         with self._lock:
             self._refuse_busy()
             if found.moves:

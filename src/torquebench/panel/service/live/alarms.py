@@ -16,6 +16,8 @@ class AlarmView:
 
     Parameters
     ----------
+    alarm_id : str
+        Means this alarm for ever, also once the bench was opened again.
     number : int
         Counts from 1 since the bench was opened.
     level : str
@@ -32,6 +34,7 @@ class AlarmView:
     acknowledged_by : str
     """
 
+    alarm_id: str
     number: int
     level: str
     kind: str
@@ -67,6 +70,7 @@ def alarm_view(entry: StandingAlarm) -> AlarmView:
     """Return an alarm as a value without behaviour."""
     alarm = entry.alarm
     return AlarmView(
+        alarm_id=f"{alarm.raised:%Y%m%dT%H%M%S.%fZ}-{alarm.number}",
         number=alarm.number,
         level=alarm.level.name.lower(),
         kind=alarm.kind.value,

@@ -37,6 +37,8 @@ from torquebench.records import (
     folder_changes,
     sha256_of_file,
 )
+from torquebench.records.column_words import short_names
+from torquebench.records.stream_export import STREAM_ENDINGS, Stream, StreamFormat, export_streams
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
@@ -206,6 +208,26 @@ class RecordQueries:
             with archive.open("rb") as file:
                 yield file
 
+    @contextmanager
+    def data_file(
+        self, run_id: str, file_format: StreamFormat, stream: Stream
+    ) -> Iterator[IO[bytes]]:
+        """Yield a stream of a run as one file, open for reading.
+
+        Raises
+        ------
+        NotFoundError
+            There is none with this identifier.
+        InputError
+            The format needs an extra that isn't installed, or the run has no such stream.
+        """
+        folder = RunFolder.open(self._run(run_id).folder)
+        with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
+            path = Path(scratch) / f"data{STREAM_ENDINGS.get(file_format, f'.{file_format}')}"
+            export_streams(folder, path, file_format, stream)
+            with path.open("rb") as file:
+                yield file
+
     # -- calibrations -----------------------------------------------------------------------
 
     def calibrations(
@@ -255,6 +277,22 @@ class RecordQueries:
             }
             active |= {number for number in latest.values() if number is not None}
         return [ModelView.of(model, active=model.model_id in active) for model in models]
+
+    def model_file(self, model_id: int) -> tuple[bytes, str]:
+        """Return a model's file, checked by its registered hash, and its name.
+
+        Raises
+        ------
+        NotFoundError
+            There is none with this number.
+        RecordError
+            The file is missing or was changed.
+        """
+        try:
+            entry = self._registry.model(model_id)
+        except RecordError:
+            raise NotFoundError(f"no model {model_id}", "a number of the list of models") from None
+        return entry.check_file().read_bytes(), entry.file.name
 
     def error_curve(self, calibration_id: int, model_id: int | None = None) -> ErrorCurve:
         """Return the error of a chain over torque, raw and after a model.
@@ -346,26 +384,10 @@ def _tables(folder: RunFolder) -> Iterator[RunTable]:
         elif name == "event" and document["descriptor"] in rows:
             rows[document["descriptor"]].append(document["data"])
     for uid, descriptor in streams.items():
-        keys = _short(list(descriptor["data_keys"]))
+        keys = short_names(list(descriptor["data_keys"]))
         units = {
             short: str(descriptor["data_keys"][key].get("units") or "")
             for key, short in keys.items()
         }
         columns = {short: [row.get(key) for row in rows[uid]] for key, short in keys.items()}
         yield RunTable(str(descriptor.get("name", "")), units, columns)
-
-
-def _short(keys: list[str]) -> dict[str, str]:
-    """Return column names without devices where that is unambiguous.
-
-    Examples
-    --------
-    >>> _short(["input-steady-speed_rpm", "output-steady-speed_rpm", "point-series"])
-    {'input-steady-speed_rpm': 'input_speed_rpm', 'output-steady-speed_rpm': 'output_speed_rpm',
-     'point-series': 'series'}
-    """
-    names = [key.rpartition("-")[2] for key in keys]
-    return {
-        key: name if names.count(name) == 1 else f"{key.partition('-')[0]}_{name}"
-        for key, name in zip(keys, names, strict=True)
-    }

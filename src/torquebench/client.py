@@ -1,0 +1,441 @@
+"""A client of the panel's HTTP API, for programs: `Client`, and `AsyncClient` for event loops.
+
+It needs ``pip install "torquebench[client]"`` and nothing of the bench: a program on another
+computer starts jobs, is told what happens, and reads, without asking again and again.
+
+Examples
+--------
+>>> from torquebench.client import Client
+>>> with Client("http://127.0.0.1:8080", token) as bench:            # doctest: +SKIP
+...     found = bench.run("calibrate", side="output", bench_clear=True)
+...     bench.run("verify", calibration_id=found["calibration_id"], bench_clear=True)
+...     bench.activate(found["model_ids"]["hybrid"], "checked")
+...     bench.reading("output_torque_nm")
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from torquebench.atomic_write import atomic_path
+from torquebench.errors import TorquebenchError
+
+__all__ = ["AsyncClient", "Client", "Event", "JobError", "RefusedError"]
+
+API_PATH = "/api/v1"
+TIMEOUT_S = 60.0
+"""How long an answer may take, s; a stream of events is never silent for longer than 15 s."""
+RECONNECTS = 10
+"""How often in a row a stream of events may break off before that is an error."""
+
+
+class RefusedError(TorquebenchError):
+    """The server refuses a request.
+
+    Attributes
+    ----------
+    status : int
+        Of HTTP: 401 no valid token, 403 not allowed, 409 the state forbids it, 422 a wrong value.
+    kind : str
+        Name of the error, such as "torquebench:LeaseError".
+    """
+
+    def __init__(
+        self, status: int, kind: str, found: str, allowed: str = "", remedy: str = ""
+    ) -> None:
+        super().__init__(found, allowed, remedy)
+        self.status, self.kind = status, kind
+
+
+class JobError(TorquebenchError):
+    """A job failed or was aborted.
+
+    Attributes
+    ----------
+    job : dict
+        As `GET /jobs/ID` has it.
+    """
+
+    def __init__(self, job: Mapping[str, Any]) -> None:
+        problem = job["problem"] or {}
+        super().__init__(
+            f"{job['title']} {job['state']}: {problem.get('found', '')}",
+            problem.get("allowed", ""),
+            problem.get("remedy", ""),
+        )
+        self.job = dict(job)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Parameters
+    ----------
+    name : str
+        "job", "points", "prompt" or "alarm".
+    data : dict or None
+        As the API has it; None where a question to the operator waits no longer.
+    """
+
+    name: str
+    data: Any
+
+
+class _Events:
+    """Puts lines of a stream together to events."""
+
+    def __init__(self) -> None:
+        self._name, self._data = "", ""
+
+    def __call__(self, line: str) -> Event | None:
+        field, _, value = line.partition(": ")
+        if field == "event":
+            self._name = value
+        elif field == "data":
+            self._data = value
+        elif not line and self._name:
+            event = Event(self._name, json.loads(self._data))
+            self._name = ""
+            return event
+        return None
+
+
+def _headers(token: str) -> dict[str, str]:
+    return {"Authorization": f"Bearer {token}"} if token else {}
+
+
+def _base(url: str) -> str:
+    return url.rstrip("/") + API_PATH
+
+
+def _content(answer: httpx.Response) -> Any:
+    """Return what an answer holds, or raise what it refuses."""
+    if answer.is_success:
+        return answer.json() if answer.content else None
+    try:
+        problem = answer.json()
+    except ValueError:
+        problem = {}
+    raise RefusedError(
+        answer.status_code,
+        problem.get("type", ""),
+        problem.get("detail", "") or f"{answer.request.url}: {answer.status_code}",
+        problem.get("allowed", ""),
+        problem.get("remedy", ""),
+    )
+
+
+def _result(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what came out of a job that has ended."""
+    if job["state"] != "done":
+        raise JobError(job)
+    return dict(job["result"] or {})
+
+
+def _value(bench: Mapping[str, Any], signal: str) -> float | None:
+    for each in bench["signals"]:
+        if each["name"] == signal:
+            return None if each["stale"] else each["value"]
+    names = ", ".join(each["name"] for each in bench["signals"])
+    raise RefusedError(422, "torquebench:InputError", f"no signal {signal!r}", names)
+
+
+def _body(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in given.items() if value is not None}
+
+
+class Client:
+    """A connection to a panel's server.
+
+    Parameters
+    ----------
+    url : str
+        Such as ``http://127.0.0.1:8080``.
+    token : str
+        A client's token, or a session's; `sign_in` opens one.
+    **options
+        For `httpx.Client`, such as ``verify`` for a certificate of one's own.
+    """
+
+    def __init__(self, url: str, token: str = "", **options: Any) -> None:
+        options.setdefault("timeout", TIMEOUT_S)
+        self.http = httpx.Client(base_url=_base(url), headers=_headers(token), **options)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection; a session stays open."""
+        self.http.close()
+
+    def request(
+        self, method: str, path: str, *, query: Mapping[str, Any] | None = None, body: Any = None
+    ) -> Any:
+        """Ask for any operation of the API; return its JSON.
+
+        Raises
+        ------
+        RefusedError
+            With found, allowed and remedy, as the server says it.
+        """
+        return _content(self.http.request(method, path, params=query, json=body))
+
+    def get(self, path: str, **query: Any) -> Any:
+        """Read something."""
+        return self.request("GET", path, query=_body(query))
+
+    def post(self, path: str, **body: Any) -> Any:
+        """Do something."""
+        return self.request("POST", path, body=body)
+
+    def sign_in(self, name: str, password: str) -> None:
+        """Open a person's session and speak for it from now on."""
+        token = self.post("/session", name=name, password=password)["token"]
+        self.http.headers.update(_headers(token))
+
+    def start(self, kind: str, **request: Any) -> dict[str, Any]:
+        """Start a job and return it as it begins; what the server can't do is refused here."""
+        return dict(self.post(f"/start/{kind}", **request))
+
+    def events(self, job_id: str | None = None) -> Iterator[Event]:
+        """Yield what happens: of one job until its end, else until the connection ends."""
+        query = _body({"job_id": job_id})
+        with self.http.stream("GET", "/events", params=query) as answer:
+            if not answer.is_success:
+                answer.read()
+                _content(answer)
+            lines = _Events()
+            for line in answer.iter_lines():
+                event = lines(line)
+                if event is not None:
+                    yield event
+
+    def wait(
+        self, job_id: str, on_event: Callable[[Event], object] = lambda _event: None
+    ) -> dict[str, Any]:
+        """Wait for the end of a job, however it ends, and return it.
+
+        Parameters
+        ----------
+        job_id : str
+        on_event : callable
+            Told every event meanwhile: points as they come, and questions to the operator, which
+            `answer` answers.
+        """
+        broken = 0
+        while True:
+            try:
+                for event in self.events(job_id):
+                    broken = 0
+                    on_event(event)
+                    if _is_end(event, job_id):
+                        return dict(event.data)
+            except httpx.TransportError:
+                if broken >= RECONNECTS:
+                    raise
+            broken += 1
+            if broken > RECONNECTS:
+                raise httpx.RemoteProtocolError(f"no end of job {job_id} in {RECONNECTS} streams")
+
+    def run(
+        self, kind: str, on_event: Callable[[Event], object] = lambda _event: None, **request: Any
+    ) -> dict[str, Any]:
+        """Start a job, wait for it and return its result.
+
+        Raises
+        ------
+        RefusedError
+            It can't be started.
+        JobError
+            It failed or was aborted.
+        """
+        return _result(self.wait(self.start(kind, **request)["job_id"], on_event))
+
+    def answer(self, number: int, *, done: bool = True) -> None:
+        """Answer what somebody at the bench was asked to do."""
+        self.post(f"/prompt/{number}", done=done)
+
+    def activate(self, model_id: int, reason: str = "") -> None:
+        """Put a model into use."""
+        self.post(f"/models/{model_id}/activate", reason=reason)
+
+    def sign_off(self, calibration_id: int, password: str, remark: str = "") -> None:
+        """Sign that a calibration was looked over; a person's session only."""
+        self.post(f"/calibrations/{calibration_id}/sign-off", password=password, remark=remark)
+
+    def certificate(self, calibration_id: int, password: str, **request: Any) -> dict[str, Any]:
+        """Issue a certificate and return the job's result; a person's session only."""
+        path = f"/calibrations/{calibration_id}/certificate"
+        return _result(self.wait(self.post(path, password=password, **request)["job_id"]))
+
+    def reading(self, signal: str) -> float | None:
+        """Return the newest value of a signal; None where there is none or it is stale."""
+        return _value(self.get("/bench"), signal)
+
+    def stop(self, reason: str = "") -> None:
+        """Bring the bench to its safe state at once; this is no emergency stop."""
+        self.post("/stop", reason=reason)
+
+    def download(self, path: str, file: Path | str, **query: Any) -> Path:
+        """Write what a path holds to a file, such as ``/runs/ID/export`` or ``/models/7/file``."""
+        target = Path(file)
+        with self.http.stream("GET", path, params=_body(query)) as answer:
+            if not answer.is_success:
+                answer.read()
+                _content(answer)
+            with atomic_path(target) as part, part.open("wb") as content:
+                content.writelines(answer.iter_bytes())
+        return target
+
+
+class AsyncClient:
+    """`Client` for an event loop: the same operations, awaited."""
+
+    def __init__(self, url: str, token: str = "", **options: Any) -> None:
+        options.setdefault("timeout", TIMEOUT_S)
+        self.http = httpx.AsyncClient(base_url=_base(url), headers=_headers(token), **options)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close the connection; a session stays open."""
+        await self.http.aclose()
+
+    async def request(
+        self, method: str, path: str, *, query: Mapping[str, Any] | None = None, body: Any = None
+    ) -> Any:
+        """Ask for any operation of the API; see `Client.request`."""
+        return _content(await self.http.request(method, path, params=query, json=body))
+
+    async def get(self, path: str, **query: Any) -> Any:
+        """Read something."""
+        return await self.request("GET", path, query=_body(query))
+
+    async def post(self, path: str, **body: Any) -> Any:
+        """Do something."""
+        return await self.request("POST", path, body=body)
+
+    async def sign_in(self, name: str, password: str) -> None:
+        """Open a person's session and speak for it from now on."""
+        opened = await self.post("/session", name=name, password=password)
+        self.http.headers.update(_headers(opened["token"]))
+
+    async def start(self, kind: str, **request: Any) -> dict[str, Any]:
+        """Start a job and return it as it begins; see `Client.start`."""
+        return dict(await self.post(f"/start/{kind}", **request))
+
+    async def events(self, job_id: str | None = None) -> AsyncIterator[Event]:
+        """Yield what happens; see `Client.events`."""
+        query = _body({"job_id": job_id})
+        async with self.http.stream("GET", "/events", params=query) as answer:
+            if not answer.is_success:
+                await answer.aread()
+                _content(answer)
+            lines = _Events()
+            async for line in answer.aiter_lines():
+                event = lines(line)
+                if event is not None:
+                    yield event
+
+    async def wait(
+        self,
+        job_id: str,
+        on_event: Callable[[Event], Awaitable[object] | object] = lambda _event: None,
+    ) -> dict[str, Any]:
+        """Wait for the end of a job; see `Client.wait`. What `on_event` returns is awaited."""
+        broken = 0
+        while True:
+            try:
+                async for event in self.events(job_id):
+                    broken = 0
+                    heard = on_event(event)
+                    if isinstance(heard, Awaitable):
+                        await heard
+                    if _is_end(event, job_id):
+                        return dict(event.data)
+            except httpx.TransportError:
+                if broken >= RECONNECTS:
+                    raise
+            broken += 1
+            if broken > RECONNECTS:
+                raise httpx.RemoteProtocolError(f"no end of job {job_id} in {RECONNECTS} streams")
+
+    async def run(
+        self,
+        kind: str,
+        on_event: Callable[[Event], Awaitable[object] | object] = lambda _event: None,
+        **request: Any,
+    ) -> dict[str, Any]:
+        """Start a job, wait for it and return its result; see `Client.run`."""
+        started = await self.start(kind, **request)
+        return _result(await self.wait(started["job_id"], on_event))
+
+    async def answer(self, number: int, *, done: bool = True) -> None:
+        """Answer what somebody at the bench was asked to do."""
+        await self.post(f"/prompt/{number}", done=done)
+
+    async def activate(self, model_id: int, reason: str = "") -> None:
+        """Put a model into use."""
+        await self.post(f"/models/{model_id}/activate", reason=reason)
+
+    async def sign_off(self, calibration_id: int, password: str, remark: str = "") -> None:
+        """Sign that a calibration was looked over; a person's session only."""
+        path = f"/calibrations/{calibration_id}/sign-off"
+        await self.post(path, password=password, remark=remark)
+
+    async def certificate(
+        self, calibration_id: int, password: str, **request: Any
+    ) -> dict[str, Any]:
+        """Issue a certificate and return the job's result; a person's session only."""
+        path = f"/calibrations/{calibration_id}/certificate"
+        started = await self.post(path, password=password, **request)
+        return _result(await self.wait(started["job_id"]))
+
+    async def reading(self, signal: str) -> float | None:
+        """Return the newest value of a signal; None where there is none or it is stale."""
+        return _value(await self.get("/bench"), signal)
+
+    async def stop(self, reason: str = "") -> None:
+        """Bring the bench to its safe state at once; this is no emergency stop."""
+        await self.post("/stop", reason=reason)
+
+    async def download(self, path: str, file: Path | str, **query: Any) -> Path:
+        """Write what a path holds to a file; see `Client.download`."""
+        target = Path(file)
+        async with self.http.stream("GET", path, params=_body(query)) as answer:
+            if not answer.is_success:
+                await answer.aread()
+                _content(answer)
+            with atomic_path(target) as part, part.open("wb") as content:
+                async for chunk in answer.aiter_bytes():
+                    content.write(chunk)
+        return target
+
+
+def _is_end(event: Event, job_id: str) -> bool:
+    return event.name == "job" and event.data["job_id"] == job_id and bool(event.data["finished"])

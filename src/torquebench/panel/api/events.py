@@ -1,0 +1,194 @@
+"""What happens, as server-sent events: jobs, their points, questions to the operator, alarms.
+
+A page or program that listens asks for nothing again and again. Each event is the whole value that
+`GET /jobs/ID`, `/prompt` or `/alarms` would return, so that one that was missed does no harm.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import TypeAdapter
+from starlette.responses import Response
+from starlette.types import Receive, Scope, Send
+
+from torquebench.panel.api.access import Caller, Service, Token, caller_of
+from torquebench.panel.service import (
+    AlarmView,
+    BenchService,
+    JobPoint,
+    JobView,
+    NotSignedInError,
+    PendingPrompt,
+)
+
+__all__ = ["router"]
+
+router = APIRouter(tags=["jobs"])
+
+LOOK_S = 0.05
+"""How often the bench is looked at for a listener, s."""
+ALIVE_S = 15.0
+"""How often a listener to whom nothing happens hears that the server is there, s."""
+SLOWEST_S = 20.0
+"""How long a listener may take nothing before it is left, s."""
+
+
+@dataclass(frozen=True)
+class JobPoints:
+    """Points of a job that are new to a listener."""
+
+    job_id: str
+    points: list[JobPoint]
+
+
+_JOB: TypeAdapter[JobView] = TypeAdapter(JobView)
+_POINTS: TypeAdapter[JobPoints] = TypeAdapter(JobPoints)
+_PROMPT: TypeAdapter[PendingPrompt | None] = TypeAdapter(PendingPrompt | None)
+_ALARM: TypeAdapter[AlarmView] = TypeAdapter(AlarmView)
+
+
+class EventStream(Response):
+    """An answer that goes on until there is nothing more to say, or nobody who listens."""
+
+    media_type = "text/event-stream"
+
+    def __init__(self, events: AsyncIterator[str]) -> None:
+        super().__init__()
+        self._events = events
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send every event as it comes."""
+        del scope
+        headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        left = asyncio.ensure_future(_until_left(receive))
+        try:
+            async for event in self._events:
+                if left.done():
+                    return
+                body = {"type": "http.response.body", "body": event.encode(), "more_body": True}
+                await asyncio.wait_for(send(body), SLOWEST_S)
+            await asyncio.wait_for(send({"type": "http.response.body", "body": b""}), SLOWEST_S)
+        except TimeoutError:  # it takes nothing: the server closes what wasn't ended
+            return
+        finally:
+            left.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await left
+
+
+async def _until_left(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+@router.get(
+    "/events",
+    status_code=200,
+    response_class=EventStream,
+    responses={
+        200: {
+            "content": {"text/event-stream": {}},
+            "description": "Events `job`, `points`, `prompt` and `alarm`; data as JSON.",
+        }
+    },
+)
+async def events(
+    service: Service,
+    caller: Caller,
+    token: Token,
+    job_id: Annotated[
+        str | None,
+        Query(pattern=r"^[0-9a-f]{12}$", description="Of this job only; ends with it."),
+    ] = None,
+) -> EventStream:
+    """Tell what happens, from what is on: `job`, `points` of jobs, `prompt` and `alarm`.
+
+    The stream ends with the job that it was asked for, with the token, and with the server.
+    """
+    del caller  # whoever is signed in may listen
+    if job_id is not None:
+        service.jobs.get(job_id)
+    return EventStream(_events(service, token, job_id))
+
+
+async def _events(service: BenchService, token: str, job_id: str | None) -> AsyncIterator[str]:
+    listener = _Listener(service, job_id)
+    silent_since = time.monotonic()
+    while not service.ending:
+        try:
+            caller_of(service, token, touch=False)  # it may have been revoked
+        except NotSignedInError:
+            return
+        over = listener.over
+        news = listener.news()
+        if not news and time.monotonic() - silent_since > ALIVE_S:
+            news = ": here\n\n"
+        if news:
+            silent_since = time.monotonic()
+            yield news
+        if over:
+            return
+        await asyncio.sleep(LOOK_S)
+
+
+class _Listener:
+    """What one listener has been told, and what is new to it."""
+
+    def __init__(self, service: BenchService, job_id: str | None) -> None:
+        self._service, self._job_id = service, job_id
+        old = service.jobs.recent() if job_id is None else []
+        self._jobs = {view.job_id: view for view in old if not view.open}
+        self._points: dict[str, int] = {}
+        self._prompt: PendingPrompt | None = None
+        self._alarms: dict[str, AlarmView] = {}
+
+    @property
+    def over(self) -> bool:
+        """Whether the one job that it listens to has ended."""
+        return self._job_id is not None and not self._service.jobs.get(self._job_id).open
+
+    def news(self) -> str:
+        """Return what is new as text of events; empty where nothing is."""
+        return "".join((*self._of_alarms(), *self._of_prompts(), *self._of_jobs()))
+
+    def _of_jobs(self) -> Iterator[str]:
+        jobs = self._service.jobs
+        for view in reversed(jobs.recent()):
+            if self._job_id not in (None, view.job_id) or self._jobs.get(view.job_id) == view:
+                continue
+            self._jobs[view.job_id] = view
+            told = self._points.get(view.job_id, 0)
+            points = jobs.points(view.job_id, told)
+            if points:
+                self._points[view.job_id] = told + len(points)
+                yield _event("points", _POINTS, JobPoints(view.job_id, points))
+            yield _event("job", _JOB, view)
+
+    def _of_prompts(self) -> Iterator[str]:
+        prompt = self._service.jobs.prompt
+        if prompt != self._prompt:
+            self._prompt = prompt
+            yield _event("prompt", _PROMPT, prompt)
+
+    def _of_alarms(self) -> Iterator[str]:
+        standing = {view.alarm_id: view for view in self._service.alarms(standing=True)}
+        if standing == self._alarms:
+            return
+        gone = self._alarms.keys() - standing.keys()
+        ended = [view for view in self._service.alarms() if view.alarm_id in gone]
+        for view in (*ended, *standing.values()):
+            if self._alarms.get(view.alarm_id) != view:
+                yield _event("alarm", _ALARM, view)
+        self._alarms = standing
+
+
+def _event(name: str, adapter: TypeAdapter[Any], value: Any) -> str:
+    return f"event: {name}\ndata: {adapter.dump_json(value).decode()}\n\n"
