@@ -42,6 +42,7 @@ def test_chinese_is_chinese_nearly_everywhere() -> None:
         "chart.between",
         "chart.table",
         "live.uncertainty",
+        "job.ended",
         "job.stage",
         "reducer.uncertainty",
     }

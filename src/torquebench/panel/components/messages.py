@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
@@ -39,7 +40,13 @@ class Messages:
         """Say that something is wrong, until it is dismissed."""
         self._show(said, "bad")
 
-    def _show(self, said: str, kind: str, more: str = "") -> Any:
+    def tell(self, said: str, kind: str, more: str, on_dismiss: Callable[[], Any]) -> None:
+        """Say something until it is dismissed, and hear of that."""
+        self._show(said, kind, more, on_dismiss)
+
+    def _show(
+        self, said: str, kind: str, more: str = "", on_dismiss: Callable[[], Any] | None = None
+    ) -> Any:
         while len(self._shown) >= AT_MOST:
             self._take(self._shown[0])
         with self._region:
@@ -53,9 +60,14 @@ class Messages:
                 close = box("button", type="button", aria_label=self._text("frame.dismiss"))
                 with close:
                     icon("close")
-                on_press(close, lambda: self._take(shown))
+                on_press(close, lambda: self._dismiss(shown, on_dismiss))
         self._shown.append(shown)
         return shown
+
+    def _dismiss(self, shown: Any, on_dismiss: Callable[[], Any] | None) -> None:
+        if on_dismiss is not None:
+            on_dismiss()
+        self._take(shown)
 
     def _take(self, shown: Any) -> None:
         if shown in self._shown:

@@ -14,6 +14,7 @@ from torquebench.panel.components.controls import button, link_button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, icon, on_press, words
 from torquebench.panel.components.messages import Messages
+from torquebench.panel.pages.job_strip import JobStrip
 from torquebench.panel.pages.menu import Menu
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
@@ -98,6 +99,7 @@ class _Frame:
                 self._rail(current)
             before.move(client.layout, 0)  # read and reached before the page's content
             self.visitor.messages = Messages(self.text)
+            self._job = JobStrip(self.visitor)
 
     def _bar(self) -> None:
         text = self.text
@@ -169,6 +171,7 @@ class _Frame:
         except NotSignedInError:
             ui.navigate.to(f"/sign-in?reason=expired&next={self._path}")
             return
+        self._job.refresh()
         self._presence.set_visibility(service.presence_wanted and commands)
         if service.presence_wanted and commands:
             left = math.ceil(service.presence_left_s)

@@ -13,7 +13,7 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
 from torquebench.panel.text import Text
 
-__all__ = ["JobPanel", "duration_words", "problem_note"]
+__all__ = ["JobControls", "JobPanel", "duration_words", "problem_note", "stage_words"]
 
 STATES = {
     "running": ("", "play_circle"),
@@ -52,6 +52,69 @@ def problem_note(
             words("p", more, "small")
 
 
+def stage_words(text: Text, job: JobView) -> str:
+    """Say how far a job is."""
+    stage = text.core(job.stage)
+    if stage and job.total:
+        stage = text("job.stage", stage=stage, done=job.done, total=job.total)
+    return f"{stage} {text.core(job.detail)}".strip() if job.open else ""
+
+
+class JobControls:
+    """The buttons that pause, end and abort a job, for whoever commands."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor, self._text = visitor, visitor.text
+        self._shown: tuple[Any, ...] = ()
+        self._frame = box("div", "line")
+
+    def refresh(self, job: JobView) -> None:
+        """Offer what can be done now."""
+        shown = (job.job_id, job.state, self._visitor.commands)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        text, number = self._text, job.job_id
+        self._frame.clear()
+        if not (job.open and self._visitor.commands):
+            return
+        with self._frame:
+            if job.can_pause and job.state == "running":
+                button(text("job.pause"), lambda: self._ask("pause", number), picture="pause")
+            if job.state in ("paused", "pausing"):
+                button(
+                    text("job.resume"),
+                    lambda: self._ask("resume", number),
+                    "primary",
+                    picture="play_arrow",
+                )
+            if job.state != "aborting":
+                button(text("job.abort"), lambda: self._abort(number), "danger", picture="close")
+
+    def _ask(self, what: str, number: str) -> None:
+        visitor = self._visitor
+        act = getattr(visitor.service.jobs, what)
+        visitor.attempt(lambda: act(visitor.actor, number))
+
+    def _abort(self, number: str) -> None:
+        visitor, text = self._visitor, self._text
+        reason = text("job.abort_reason", who=visitor.looker.name)
+
+        def act(_: str) -> bool:
+            return visitor.attempt(
+                lambda: visitor.service.jobs.abort(visitor.actor, number, reason)
+            )
+
+        ask(
+            text("job.abort"),
+            text("job.abort_explained"),
+            text("job.abort"),
+            text("frame.close"),
+            act,
+            danger=True,
+        )
+
+
 class JobPanel:
     """One job; refreshed twice a second by the page that shows it.
 
@@ -69,7 +132,9 @@ class JobPanel:
         self._shown: tuple[Any, ...] = ()
         self._parts: tuple[Any, ...] = ()
         with panel() as self.frame, box("div", "stack"):
-            self._head = box("div", "spread")
+            with box("div", "spread"):
+                self._head = box("div", "line")
+                self._controls = JobControls(visitor)
             with box("div", "said", role="status"):
                 self._stage = words("div", "")
             self._progress = box("progress", max="1", aria_label=self._text("job.progress"))
@@ -81,10 +146,14 @@ class JobPanel:
     def refresh(self, job: JobView | None) -> None:
         """Show the job as it is now; None hides the panel."""
         self.frame.set_visibility(job is not None)
+        self._visitor.shown_jobs.discard(self._job_id)
         if job is None:
             self._shown = self._parts = ()
+            self._job_id = ""
             return
         self._job_id = job.job_id
+        self._visitor.shown_jobs.add(job.job_id)
+        self._controls.refresh(job)
         prompt = self._visitor.service.jobs.prompt if job.open else None
         parts = (job.job_id, job.state, self._visitor.commands, prompt)
         if parts != self._parts:
@@ -104,25 +173,13 @@ class JobPanel:
         text = self._text
         self._head.clear()
         with self._head:
-            with box("div", "line"):
-                words("h2", text.maybe(f"job.{job.kind}", job.title))
-                kind, picture = STATES[job.state]
-                tag(text(f"job.state_{job.state}"), kind, picture)
-            if job.open and self._visitor.commands:
-                with box("div", "line"):
-                    if job.can_pause and job.state == "running":
-                        button(text("job.pause"), self._pause, picture="pause")
-                    if job.state in ("paused", "pausing"):
-                        button(text("job.resume"), self._resume, "primary", picture="play_arrow")
-                    if job.state != "aborting":
-                        button(text("job.abort"), self._abort, "danger", picture="close")
+            words("h2", text.maybe(f"job.{job.kind}", job.title))
+            kind, picture = STATES[job.state]
+            tag(text(f"job.state_{job.state}"), kind, picture)
 
     def _render_progress(self, job: JobView) -> None:
         text = self._text
-        stage = text.core(job.stage)
-        if stage and job.total:
-            stage = text("job.stage", stage=stage, done=job.done, total=job.total)
-        self._stage.set_text(f"{stage} {text.core(job.detail)}".strip() if job.open else "")
+        self._stage.set_text(stage_words(text, job))
         self._progress.set_visibility(job.open)
         if job.total:
             self._progress.props["value"] = f"{job.done / job.total:.3f}"
@@ -164,29 +221,3 @@ class JobPanel:
     def _answer(self, number: int, done: bool) -> None:
         visitor = self._visitor
         visitor.attempt(lambda: visitor.service.jobs.answer(visitor.actor, number, done=done))
-
-    def _pause(self) -> None:
-        visitor = self._visitor
-        visitor.attempt(lambda: visitor.service.jobs.pause(visitor.actor, self._job_id))
-
-    def _resume(self) -> None:
-        visitor = self._visitor
-        visitor.attempt(lambda: visitor.service.jobs.resume(visitor.actor, self._job_id))
-
-    def _abort(self) -> None:
-        visitor, text = self._visitor, self._text
-        reason = text("job.abort_reason", who=visitor.looker.name)
-
-        def act(_: str) -> bool:
-            return visitor.attempt(
-                lambda: visitor.service.jobs.abort(visitor.actor, self._job_id, reason)
-            )
-
-        ask(
-            text("job.abort"),
-            text("job.abort_explained"),
-            text("job.abort"),
-            text("frame.close"),
-            act,
-            danger=True,
-        )

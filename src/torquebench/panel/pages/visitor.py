@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from starlette.requests import Request
@@ -36,6 +36,8 @@ class Visitor:
         "light", "dark" or empty for the device's own.
     dismissed : Dismissed
         Shared by all pages of the server.
+    shown_jobs : set of str
+        Jobs that the page itself shows.
     messages : Messages
         Set by the frame.
     """
@@ -45,6 +47,7 @@ class Visitor:
     text: Text
     look: str
     dismissed: Dismissed
+    shown_jobs: set[str] = field(default_factory=set)
     messages: Messages = None  # type: ignore[assignment]  # set by the frame
 
     @property

@@ -69,6 +69,9 @@ from .problems import (
     PermissionDeniedError as PermissionDeniedError,
     SignInError as SignInError,
 )
+from .jobs.log import (
+    EndedJob as EndedJob,
+)
 from .jobs.finishing import (
     UnfinishedView as UnfinishedView,
 )

@@ -28,6 +28,7 @@ from torquebench.panel.service.fields import plain
 from torquebench.panel.service.jobs.calibrations import CALIBRATION_KINDS
 from torquebench.panel.service.jobs.checks import CERTIFICATE_KIND, CHECK_KINDS
 from torquebench.panel.service.jobs.finishing import FINISHING_KINDS, UnfinishedView, unfinished
+from torquebench.panel.service.jobs.log import JobLog
 from torquebench.panel.service.jobs.recall import InterruptedView, interrupted_calibration, recall
 from torquebench.panel.service.jobs.reducers import REDUCER_KINDS
 from torquebench.panel.service.jobs.runner import JobKind, JobRunner, Workplace
@@ -110,6 +111,7 @@ class BenchService:
             self._prompts,
             JOB_KINDS,
             self.note,
+            JobLog(store),
             on_done=self._job_done,
         )
         self._idle = threading.Thread(target=self._keep_time, name="torquebench-idle", daemon=True)

@@ -98,6 +98,19 @@ preferences = Table(
     Column("name", Text, primary_key=True),
     Column("value", Text, nullable=False),
 )
+job_log = Table(
+    "job_log",
+    metadata,
+    Column("job_id", Text, primary_key=True),
+    Column("who", Text, nullable=False, index=True),
+    Column("kind", Text, nullable=False),
+    Column("title", Text, nullable=False),
+    Column("state", Text, nullable=False),
+    Column("headline", Text, nullable=False),
+    Column("verdict", Text, nullable=False),
+    Column("started", Text, nullable=False),
+    Column("told", Boolean, nullable=False),
+)
 changes = Table(
     "changes",
     metadata,

@@ -19,6 +19,7 @@ from torquebench.panel.service.access.actors import Actor, Role, require
 from torquebench.panel.service.access.lease import CommandLease
 from torquebench.panel.service.fields import plain
 from torquebench.panel.service.jobs.job import Job
+from torquebench.panel.service.jobs.log import JobLog
 from torquebench.panel.service.jobs.values import (
     JobPoint,
     JobPreview,
@@ -120,6 +121,8 @@ class JobRunner:
     kinds : mapping of str to JobKind
     note : callable
         Called with an actor, what was done, and details.
+    log : JobLog
+        Tells whoever has started a job what became of it.
     on_done : callable
         Called with its kind, on the job's thread, when one has done its work.
     """
@@ -131,12 +134,16 @@ class JobRunner:
         prompts: PromptQueue,
         kinds: Mapping[str, JobKind],
         note: Callable[..., None],
+        log: JobLog,
         on_done: Callable[[str], None] = lambda _kind: None,
     ) -> None:
         self._place = place
         self._lease = lease
         self._prompts = prompts
         self._note = note
+        self.log = log
+        self.ended = 0
+        """How many jobs have ended since the server was started."""
         self._on_done = on_done
         self._lock = threading.RLock()
         self._rehearsing = threading.Lock()
@@ -224,6 +231,7 @@ class JobRunner:
             document = asked.model_dump(mode="json")
             job = Job(found.name, found.title(asked), document, actor, found.can_pause)
             self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
+            self.log.began(actor, job.view())
             self._current = job
             self._keep(job)
             self._thread = threading.Thread(
@@ -304,6 +312,8 @@ class JobRunner:
         with self._lock:  # whoever sees its end may start the next one
             job.end(state, problem=problem, result=result)
             self._current = None
+        self.log.ended(job.view())
+        self.ended += 1
         found = "" if problem is None else problem.found
         self._note(job.actor, "a job ended", job_id=job.job_id, state=state, found=found)
 

@@ -1,0 +1,76 @@
+"""A job is in sight on every page, and its result comes to whoever started it."""
+
+import signal
+from collections.abc import Iterator
+
+import pytest
+from selenium.webdriver.common.by import By
+from tests.system.panel_browser import SLOW, Panel, Visitor, browser, running_panel
+
+pytestmark = SLOW
+STRIP = ".job-strip"
+
+
+@pytest.fixture(scope="module")
+def panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Panel]:
+    with running_panel(tmp_path_factory.mktemp("panel")) as panel:  # in real time: it takes a while
+        yield panel
+
+
+@pytest.fixture(scope="module")
+def person(panel: Panel, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visitor]:
+    with browser(panel, tmp_path_factory.mktemp("browser")) as visitor:
+        visitor.sign_in("Admin")
+        yield visitor
+
+
+def strip(person: Visitor) -> str:
+    found = person.driver.find_elements(By.CSS_SELECTOR, STRIP)
+    return found[0].text if found and found[0].is_displayed() else ""
+
+
+def begin(person: Visitor) -> None:
+    person.open("/calibrate")
+    person.press("Mount the calibrator and begin")
+    person.sees("under way")
+    assert strip(person) == ""  # the page shows the job itself
+
+
+def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
+    begin(person)
+    for path in ("/", "/records", "/settings", "/alarms"):
+        person.open(path)
+        person.wait(lambda: "Calibration: under way" in strip(person), "the job on the page")
+    assert person.axe() == []
+    person.press("Abort")
+    confirm = ".sheet button.danger"
+    person.wait(
+        lambda: person.driver.find_element(By.CSS_SELECTOR, confirm).click() is None, "the question"
+    )
+    person.sees("Calibration: aborted")
+    person.wait(lambda: strip(person) == "", "no strip")
+    person.open("/records")
+    person.sees("Calibration: aborted")  # until it is dismissed
+    person.driver.find_element(By.CSS_SELECTOR, ".messages [aria-label]").click()
+    person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
+    person.open("/alarms")
+    person.sees("No alarm stands")
+    assert "Calibration: aborted" not in person.text
+    assert person.problems() == []
+
+
+def test_a_server_that_died_says_so_to_who_had_started_something(
+    panel: Panel, person: Visitor
+) -> None:
+    person.open("/calibrate")
+    person.press("Begin another calibration")
+    begin(person)
+    panel.end(signal.SIGKILL)
+    panel.start()
+    person.sign_in("Ben", "/alarms")
+    person.sees("No alarm stands")
+    assert "interrupted" not in person.text
+    person.driver.delete_all_cookies()
+    person.sign_in("Admin", "/alarms")
+    person.sees("Calibration: interrupted by the end of the server")
+    person.sees("What was measured is kept")
