@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from torquebench.calibration import CalibrationData
 from torquebench.records import Equipment, Registry, RunFolder, RunSummary
 
 START = datetime(2026, 1, 5, 6, 0, tzinfo=UTC)
@@ -90,6 +91,20 @@ def calibration_results(serial: str = "T-1", span_percent: float = 0.1) -> dict[
         "standard_serial": "CAL-1",
         "placement": None,
     }
+
+
+def add_calibration(
+    registry: Registry, run_id: str, serial: str, span_percent: float, *, days: float
+) -> None:
+    """Measure and register a calibration with a given error of its span."""
+    results = calibration_results(serial, span_percent)
+    add_run(registry, run_id, "calibrate-output", results, hours=24.0 * days)
+    registry.add_calibration(
+        CalibrationData(**results["data"]),
+        performed=START + timedelta(days=days),
+        run_id=run_id,
+        due=(START + timedelta(days=days + 365)).date(),
+    )
 
 
 def filled(data: Path, tests: int = 3, *, prefix: str = "S") -> Path:

@@ -66,6 +66,22 @@ def test_benches_send_and_the_plant_lists(server: postgresql_server.Server, fold
         assert widest_line(done.stdout) <= 80
         said = json.loads(run("plant", *command, "--json", "--plant", server.url).stdout)
         assert misfits(said["answer"], ANSWERS[f"plant {command[0]}"], "answer") == []
+    questions = (
+        ("due",),
+        ("drift", "T-1"),
+        ("specimens", "RV-40E", "backlash_arcmin"),
+        ("capability", "RV-40E", "backlash_arcmin", "--upper", 1),
+        ("charts", "RV-40E", "backlash_arcmin"),
+        ("outliers", "RV-40E", "backlash_arcmin"),
+        ("drift", "--kind", "T10F"),
+    )
+    for words in questions:
+        done = run("plant", *words, "--plant", server.url, "--out", folder / "a.csv")
+        assert done.returncode == 0, done.stderr
+        assert widest_line(done.stdout) <= 80
+        assert (folder / "a.csv").read_text().startswith('"')
+    said = json.loads(run("plant", *words, "--json", "--plant", server.url).stdout)
+    assert misfits(said["answer"], ANSWERS["plant drift"], "answer") == []
     listed = run("plant", "runs", "--bench", 2, "--kind", "test-hysteresis", "--plant", server.url)
     assert "3 runs" in listed.stdout
     assert "S2-1" in listed.stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
+from typing import Protocol
 
 from torquebench.calibration import (
     ControlChart,
@@ -15,9 +16,9 @@ from torquebench.calibration import (
     propose_due_date,
 )
 from torquebench.campaign.calibration_comparison import SAME_RANGE
-from torquebench.records import CalibrationEntry, Registry, Zeroing
+from torquebench.records import CalibrationEntry, CheckEntry, Equipment, EquipmentKind, Zeroing
 
-__all__ = ["DriftSeries", "drift_of", "next_due"]
+__all__ = ["DriftRecords", "DriftSeries", "drift_of", "next_due"]
 
 LEAST_VALUES = 3
 """Fewer values give neither a control chart nor a prediction."""
@@ -71,14 +72,31 @@ class DriftSeries:
         return ", ".join(found)
 
 
+class DriftRecords(Protocol):
+    """What is known of a transducer: a bench's registry, or what a plant has of all benches."""
+
+    def calibrations(self, transducer_serial: str, /) -> list[CalibrationEntry]:
+        """Return its calibrations."""
+
+    def zeroings(self, transducer_serial: str, /) -> list[Zeroing]:
+        """Return its zeros, the oldest first."""
+
+    def checks(self, transducer_serial: str, /) -> list[CheckEntry]:
+        """Return its quick checks, the oldest first."""
+
+    def equipment(self, kind: EquipmentKind, /) -> list[Equipment]:
+        """Return the transducers that are known."""
+
+
 def drift_of(
-    registry: Registry, serial: str, *, tolerance_percent: float, base: int | None = None
+    registry: DriftRecords, serial: str, *, tolerance_percent: float, base: int | None = None
 ) -> tuple[DriftSeries, ...]:
     """Return the span in each direction, the zero and the checks of a transducer over time.
 
     Parameters
     ----------
-    registry : Registry
+    registry : DriftRecords
+        A `Registry`, or what a plant has of the transducer.
     serial : str
         The transducer.
     tolerance_percent : float

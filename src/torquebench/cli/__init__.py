@@ -54,7 +54,7 @@ def _add_commands(wanted: str) -> None:
         models,
         panel,
         papers,
-        plant,
+        plant_questions,
         reducer_test,
         simulate,
         turn,
@@ -84,7 +84,7 @@ def _add_commands(wanted: str) -> None:
     evaluate_dynamics.register(evaluate.app)
     evaluate_reducer.register(evaluate.app)
     app.add_typer(evaluate.app)
-    app.add_typer(plant.app)
+    app.add_typer(plant_questions.app)
 
 
 _add_commands(sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else "")

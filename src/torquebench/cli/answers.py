@@ -861,6 +861,26 @@ class PlantVerified(TypedDict):
     benches: list[PlantVerifiedBench]
 
 
+class PlantAnswer(TypedDict):
+    """An answer of the plant as a table: names end with their unit, values are in the rows."""
+
+    title: str
+    simulated: bool
+    rows: list[dict[str, Any]]
+    facts: dict[str, Any]
+    notes: list[str]
+    files: NotRequired[list[str]]
+
+
+_PLANT_QUESTIONS = (
+    "due",
+    "drift",
+    "specimens",
+    "capability",
+    "charts",
+    "outliers",
+    "compare",
+)
 _REDUCER_TESTS = (
     "starting",
     "back-driving",
@@ -933,6 +953,7 @@ ANSWERS: dict[str, type] = {
     "plant runs": PlantRuns,
     "plant withdraw": PlantWithdrawn,
     "plant verify": PlantVerified,
+    **{f"plant {name}": PlantAnswer for name in _PLANT_QUESTIONS},
 }
 """The answer of each command."""
 

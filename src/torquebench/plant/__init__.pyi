@@ -1,3 +1,6 @@
+from .answer import (
+    Answer as Answer,
+)
 from .database import (
     PLANT_URL as PLANT_URL,
     BenchState as BenchState,
@@ -14,4 +17,17 @@ from .folders import (
 from .forwarding import (
     Forwarded as Forwarded,
     forward as forward,
+)
+from .production import (
+    SpecimenFilter as SpecimenFilter,
+    capability as capability,
+    charts as charts,
+    compare as compare,
+    outliers as outliers,
+    specimens as specimens,
+)
+from .transducers import (
+    drift as drift,
+    drift_of_kind as drift_of_kind,
+    due as due,
 )

@@ -73,6 +73,15 @@ class FolderStore:
         parts = urlsplit(url)
         return parts.path if self.protocol == "file" else f"{parts.netloc}{parts.path}"
 
+    def duckdb_path(self, url: str) -> str:
+        """Return a URL of this store as DuckDB is told it; see `offer_to`."""
+        return self.path(url) if self.protocol == "file" else f"plant://{self.path(url)}"
+
+    def offer_to(self, connection: Any) -> None:
+        """Have a DuckDB connection read this store by the client that this process uses."""
+        if self.protocol != "file":
+            connection.register_filesystem(_offered(self._fs))
+
     def read(self, url: str) -> bytes:
         """Return the content of a file.
 
@@ -202,3 +211,26 @@ def _filesystem(url: str, protocol: str) -> Any:
         raise InputError(
             f"folders in {url}: {error}", "file:///… or s3://…, or an installed fsspec library"
         ) from error
+
+
+def _offered(store: Any) -> Any:
+    """Return a file system as DuckDB takes it: ``plant://`` and a path of the store."""
+    from fsspec import AbstractFileSystem
+
+    class Offered(AbstractFileSystem):  # type: ignore[misc] # fsspec has no types
+        protocol = "plant"
+        cachable = False
+
+        def _open(self, path: str, mode: str = "rb", **_options: Any) -> Any:
+            return store.open(path, mode)
+
+        def info(self, path: str, **_options: Any) -> Any:
+            return store.info(self._strip_protocol(path))
+
+        def modified(self, path: str) -> Any:
+            return store.modified(self._strip_protocol(path))
+
+        def glob(self, path: str, **_options: Any) -> list[str]:
+            return [path]  # whole names are asked for, never patterns
+
+    return Offered()

@@ -1,11 +1,5 @@
 """Run folders in a store that speaks S3, on moto's server, and on a share."""
 
-import socket
-import subprocess
-import sys
-import time
-import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,41 +8,6 @@ from tests.plant_bench import filled
 from torquebench.errors import InputError, RecordError
 from torquebench.plant import FolderStore
 from torquebench.records import MANIFEST, Registry, sha256_of_file
-
-
-@pytest.fixture(scope="module")
-def endpoint() -> Iterator[str]:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    serve = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    quiet = subprocess.DEVNULL
-    with subprocess.Popen(serve, stdout=quiet, stderr=quiet) as server:
-        deadline = time.monotonic() + 60.0
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port)).close()
-                break
-            except OSError:
-                assert server.poll() is None
-                assert time.monotonic() < deadline, "moto's server doesn't answer"
-                time.sleep(0.1)
-        yield f"http://127.0.0.1:{port}"
-        server.terminate()
-
-
-@pytest.fixture
-def bucket(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> str:
-    for name, value in (
-        ("AWS_ENDPOINT_URL", endpoint),
-        ("AWS_ACCESS_KEY_ID", "testing"),
-        ("AWS_SECRET_ACCESS_KEY", "testing"),
-        ("AWS_REGION", "us-east-1"),
-        ("AWS_EC2_METADATA_DISABLED", "true"),
-    ):
-        monkeypatch.setenv(name, value)
-    request = urllib.request.Request(f"{endpoint}/plant", method="PUT")
-    urllib.request.urlopen(request).close()
-    return "s3://plant/runs"
 
 
 @pytest.mark.parametrize("kind", ["share", "bucket"])

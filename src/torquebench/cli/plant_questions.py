@@ -1,0 +1,281 @@
+"""`torquebench plant due`, `drift`, `specimens`, `capability`, `charts`, `outliers`, `compare`."""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.text import Text
+
+from torquebench.cli.console import answer, narrow_table, note, out, say, warn
+from torquebench.cli.plant import PlantOption, app, opened
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.plant import Answer, SpecimenFilter
+
+__all__ = ["app", "show"]
+
+LISTED = 40
+"""More rows than these are for `--out`."""
+
+OutOption = Annotated[
+    Path | None, typer.Option("--out", help="Write the whole table as .csv or .parquet.")
+]
+TypeArgument = Annotated[str, typer.Argument(help="Type, as the reducer's description names it.")]
+QuantityArgument = Annotated[str, typer.Argument(help="Key of the value, such as backlash_arcmin.")]
+BenchNumber = Annotated[int | None, typer.Option("--bench", help="Number of one bench.")]
+BatchOption = Annotated[str | None, typer.Option("--batch", help="One batch.")]
+SinceOption = Annotated[str | None, typer.Option("--since", help="From this day on (UTC).")]
+UntilOption = Annotated[str | None, typer.Option("--until", help="Before this day (UTC).")]
+BaseOption = Annotated[
+    int | None, typer.Option(min=3, help="Compute the limits from the first so many values only.")
+]
+
+
+def show(found: Answer, path: Path | None) -> None:
+    """Print an answer within 80 columns, and write it where a file is named."""
+    facts = {name: _plain(value) for name, value in found.facts.items()}
+    answer(
+        title=found.title,
+        simulated=found.simulated,
+        rows=[{name: _plain(value) for name, value in row.items()} for row in found.rows()],
+        facts=facts,
+        notes=list(found.notes),
+    )
+    simulated = " - simulated" if found.simulated else ""
+    out().print(Text(f"{found.title}{simulated}", style="bold"))
+    rows = found.rows()
+    if rows:
+        kept = [name for name in found.columns if any(row[name] not in (None, "") for row in rows)]
+        table = narrow_table()
+        for name in kept:
+            numbers = any(isinstance(row[name], float | int) for row in rows)
+            title = _HEADINGS.get(name, name.replace("_", " "))
+            table.add_column(title, justify="right" if numbers else "left", overflow="fold")
+        for row in rows[-LISTED:]:
+            table.add_row(*(Text(_short(row[name])) for name in kept))
+        out().print(table)
+        if len(rows) > LISTED:
+            note(f"the last {LISTED} of {len(rows)} rows; --out FILE.csv has all")
+    for name, value in found.facts.items():
+        out().print(Text(f"{name}: {_short(value)}"))
+    for said in found.notes:
+        say(said)
+    if path is not None:
+        found.write(path)
+        answer(files=[str(path)])
+        say(f"written: {path}")
+
+
+_HEADINGS = {
+    "expanded_uncertainty": "U",
+    "standard_deviation": "s",
+    "span_error_percent": "span %",
+    "ewma_lower": "low",
+    "ewma_upper": "high",
+    "days_left": "days",
+    "specimens": "n",
+    "cp_low": "low",
+    "cp_high": "high",
+    "cpk_low": "low",
+    "cpk_high": "high",
+    "p_value": "p",
+}
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, datetime):
+        return f"{value.astimezone(UTC):%Y-%m-%d}"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, datetime | date) else value
+
+
+def _moment(day: str | None) -> datetime | None:
+    if day is None:
+        return None
+    try:
+        return datetime.fromisoformat(day).replace(tzinfo=UTC)
+    except ValueError as error:
+        raise InputError(f"day {day!r}", "a day such as 2026-01-31") from error
+
+
+def _wanted(
+    specimen_type: str,
+    quantity: str,
+    bench: int | None,
+    batch: str | None,
+    since: str | None,
+    until: str | None,
+) -> SpecimenFilter:
+    from torquebench.plant import SpecimenFilter
+
+    return SpecimenFilter(specimen_type, quantity, bench, batch, _moment(since), _moment(until))
+
+
+@app.command("due")
+def due(
+    within: Annotated[int, typer.Option(min=0, help="How many days to look ahead.")] = 30,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """List what is to be calibrated and where: transducers, and standards by their certificates."""
+    from torquebench.plant import due as asked
+
+    with opened(plant) as found:
+        show(asked(found, within), out_file)
+
+
+@app.command("drift")
+def drift(
+    serial: Annotated[str | None, typer.Argument(help="Serial number of a transducer.")] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="All transducers of this model instead, from the points of their calibrations."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=1e-6, help="How far the span may drift, in % (zero: % of range).")
+    ] = 0.1,
+    base: BaseOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Show how a transducer drifts over its life and all benches, or all of one kind (`--kind`)."""
+    from torquebench.plant import drift as asked
+    from torquebench.plant import drift_of_kind
+
+    if (serial is None) == (kind is None):
+        raise InputError("a serial number and --kind, or neither", "one of them")
+    with opened(plant) as found:
+        if kind is not None:
+            show(drift_of_kind(found, kind), out_file)
+        else:
+            show(asked(found, serial or "", tolerance, base=base), out_file)
+
+
+@app.command("specimens")
+def specimens(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """List what the specimens of a type were found to have, over time; one row a specimen."""
+    from torquebench.plant import specimens as asked
+
+    with opened(plant) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted), out_file)
+
+
+@app.command("capability")
+def capability(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    lower: Annotated[float | None, typer.Option(help="Lower limit, in the value's unit.")] = None,
+    upper: Annotated[float | None, typer.Option(help="Upper limit, in the value's unit.")] = None,
+    level: Annotated[
+        float, typer.Option(min=0.5, max=0.999, help="Confidence of the intervals.")
+    ] = 0.95,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Cp and Cpk of a type with their intervals, over all and bench by bench.
+
+    Limits are those of the data sheet that the latest test was judged by, or are given here.
+    """
+    from torquebench.plant import capability as asked
+
+    with opened(plant) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted, lower=lower, upper=upper, level=level), out_file)
+
+
+@app.command("charts")
+def charts(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    base: BaseOption = None,
+    weight: Annotated[
+        float, typer.Option(min=0.01, max=1.0, help="EWMA: weight of the newest value.")
+    ] = 0.2,
+    width: Annotated[
+        float, typer.Option(min=0.1, help="EWMA: limits in standard deviations.")
+    ] = 2.9,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
+    from torquebench.plant import charts as asked
+
+    with opened(plant) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted, base=base, weight=weight, width=width), out_file)
+
+
+@app.command("outliers")
+def outliers(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Show what stands out of a type: benches, batches and single specimens."""
+    from torquebench.plant import outliers as asked
+
+    with opened(plant) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted), out_file)
+
+
+@app.command("compare")
+def compare(
+    serial: Annotated[str, typer.Argument(help="Serial number of the specimen that travelled.")],
+    quantity: QuantityArgument,
+    reference: Annotated[
+        int | None, typer.Option(help="Number of the bench that the others are held against.")
+    ] = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Compare benches by a specimen that all of them tested: E_n numbers.
+
+    Ends with 1 where a bench differs by more than the uncertainties (|E_n| above 1).
+    """
+    from torquebench.cli.failure import CHECK_FAILED
+    from torquebench.plant import compare as asked
+
+    with opened(plant) as found:
+        compared = asked(found, serial, quantity, reference=reference)
+    show(compared, out_file)
+    differing = [row["bench"] for row in compared.rows() if row["verdict"] != "agrees"]
+    if differing:
+        warn(f"|E_n| above 1: {', '.join(differing)}")
+        raise typer.Exit(CHECK_FAILED)

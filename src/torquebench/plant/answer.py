@@ -1,0 +1,74 @@
+"""An answer of the plant: a table with what follows from it, to look at or to take along."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from torquebench.atomic_write import atomic_path
+from torquebench.records.table_formats import check_formats, is_parquet
+
+__all__ = ["Answer"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A table and what follows from it.
+
+    Parameters
+    ----------
+    title : str
+        What was asked, in words.
+    columns : mapping of str to sequence
+        Columns of one length; a name ends with its unit.
+    facts : mapping of str to value
+        Single values that follow, by their names with units.
+    notes : tuple of str
+        What to know about it, in sentences.
+    simulated : bool
+        Whether any of it comes from a simulated bench.
+
+    Examples
+    --------
+    >>> answer = Answer("Two", {"name": ["a", "b"], "value_nm": [1.0, None]})
+    >>> len(answer), answer.rows()[1]
+    (2, {'name': 'b', 'value_nm': None})
+    """
+
+    title: str
+    columns: Mapping[str, Sequence[Any]]
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    simulated: bool = False
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the table row by row."""
+        names = tuple(self.columns)
+        return [
+            dict(zip(names, row, strict=True)) for row in zip(*self.columns.values(), strict=True)
+        ]
+
+    def write(self, path: Path) -> None:
+        """Write the table as CSV or Parquet (zstd), by the ending of the file's name.
+
+        Raises
+        ------
+        InputError
+            The ending names no format, or the file can't be written.
+        """
+        check_formats(path)
+        import pyarrow as pa
+        import pyarrow.csv
+        import pyarrow.parquet as pq
+
+        table = pa.table({name: list(values) for name, values in self.columns.items()})
+        with atomic_path(path, path.suffix) as made:
+            if is_parquet(path):
+                pq.write_table(table, made, compression="zstd")
+            else:
+                pyarrow.csv.write_csv(table, made)
