@@ -217,7 +217,7 @@ def _offered(store: Any) -> Any:
     """Return a file system as DuckDB takes it: ``plant://`` and a path of the store."""
     from fsspec import AbstractFileSystem
 
-    class Offered(AbstractFileSystem):  # type: ignore[misc] # fsspec has no types
+    class Offered(AbstractFileSystem):
         protocol = "plant"
         cachable = False
 
