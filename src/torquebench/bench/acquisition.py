@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -32,7 +33,7 @@ from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
-from torquebench.errors import BenchError, SignalFault, TorquebenchError
+from torquebench.errors import BenchError, ModelMismatchError, SignalFault, TorquebenchError
 from torquebench.signals import EdgeBlock
 
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
@@ -442,6 +443,26 @@ class Acquisition:
     def compensation(self, side: Side) -> ActiveChain | None:
         """Return the compensation that is active on a side."""
         return self._compensations.get(side)
+
+    def switch_off(self, side: Side, off: Sequence[str]) -> None:
+        """Leave corrections of a side out from the next block on, and make all others.
+
+        Raises
+        ------
+        ModelMismatchError
+            Nothing is compensated there.
+        InputError
+            A name isn't one of `torquebench.chain.SWITCHES`.
+        """
+        active = self._compensations.get(side)
+        if active is None:
+            raise ModelMismatchError(
+                f"nothing compensates the {side} side", "an active model", "activate one"
+            )
+        with self._release_lock:
+            failure = self._release()
+            active.switch_off(off)
+        self._raise_alarm(failure)
 
     # -- angle, speed, temperature ----------------------------------------------------------
 

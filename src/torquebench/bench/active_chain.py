@@ -11,7 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.acceleration import Acceleration
-from torquebench.chain import ChainStream, MeasuringChain, Readings, Timebase, Torque, joined
+from torquebench.chain import (
+    ChainStream,
+    EffectState,
+    MeasuringChain,
+    Readings,
+    Timebase,
+    Torque,
+    effect_states,
+    joined,
+    rows_of,
+)
 
 __all__ = ["ActiveChain", "StreamPart", "StreamReadings", "TimedTorque", "ZeroTaken"]
 
@@ -126,6 +136,7 @@ class ActiveChain:
         self._stream = chain.stream()
         self._recent = _Recent()
         self._fine: tuple[ChainStream, _Recent] | None = None
+        self._last: tuple[Readings, Torque] | None = None
 
     @property
     def accepted(self) -> Timebase | None:
@@ -138,7 +149,10 @@ class ActiveChain:
 
     def push(self, readings: StreamReadings) -> Torque:
         """Compensate the next windows; those with a fault or out of range get no number."""
-        torque = self._stream.push(self._known(readings))
+        known = self._known(readings)
+        torque = self._stream.push(known)
+        if len(torque):
+            self._last = known, torque
         self._recent.append(TimedTorque(readings.time_s, torque))
         return torque
 
@@ -180,6 +194,28 @@ class ActiveChain:
     def fine_window(self, start_s: float, stop_s: float) -> TimedTorque | None:
         """Return the torques of shorter windows in [start, stop); None where there are none."""
         return None if self._fine is None else self._fine[1].window(start_s, stop_s)
+
+    def states(self) -> tuple[EffectState, ...]:
+        """Return what every effect makes of the newest window; nothing before the first."""
+        last, chain = self._last, self.chain
+        if last is None:
+            return ()
+        row = slice(len(last[1]) - 1, len(last[1]))
+        return tuple(
+            effect_states(chain, rows_of(last[0], row), last[1].at(np.arange(1) + row.start))
+        )
+
+    def switch_off(self, off: Sequence[str]) -> None:
+        """Switch corrections off from the next window on, and all others on.
+
+        Parameters
+        ----------
+        off : sequence of str
+            Out of `torquebench.chain.SWITCHES`.
+        """
+        self.chain = self.chain.switched("switched off at the bench", off)
+        self._stream.chain = self.chain
+        self._fine = None
 
     def standing(self, temperature_c: float = np.nan) -> Torque:
         """Return what the chain states for a reading of 0 where the stream stands now."""

@@ -42,6 +42,11 @@ from .readings import (
 )
 from .recorded import (
     RecordedStream as RecordedStream,
+    rows_of as rows_of,
+)
+from .states import (
+    EffectState as EffectState,
+    effect_states as effect_states,
 )
 from .torque import (
     COVERAGE_FACTOR as COVERAGE_FACTOR,

@@ -12,6 +12,7 @@ import numpy as np
 
 from torquebench.chain.effect import EFFECTS, Effect, effect_from
 from torquebench.chain.effects import (
+    SWITCHES,
     Inertia,
     MeasuredRotation,
     MeasuredTemperature,
@@ -99,6 +100,23 @@ class MeasuringChain:
         """Return the chain with further effects, each in the place of one of its kind."""
         changed = {effect.kind: effect for effect in (*self.stored, *effects)}
         return replace(self, stored=tuple(changed.values()))
+
+    @cached_property
+    def switches(self) -> tuple[str, ...]:
+        """Corrections that are switched off, by their names in `SWITCHES`."""
+        return tuple(
+            switch for switch, names in SWITCHES.items() if self.switched_off.issuperset(names)
+        )
+
+    def switched(self, record: str, off: Iterable[str]) -> MeasuringChain:
+        """Return the chain with these corrections switched off, and all others on.
+
+        Raises
+        ------
+        InputError
+            A name that isn't one of `SWITCHES`.
+        """
+        return self.with_effects([SwitchedOff.of(record, *off)])
 
     def specification(self) -> tuple[Mapping[str, Any], ...]:
         """Return what a model file keeps of the chain beside the model."""

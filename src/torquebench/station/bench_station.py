@@ -6,7 +6,7 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -129,6 +129,7 @@ class Station:
         self.engine = BenchEngine(self.clock, self.supervisor, description.safety.procedure_s)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
+        self._switched_off: dict[Side, tuple[str, ...]] = {}
         self._lock: BenchLock | None = None
         self._registry_warning: int | None = None
         self._closed = False
@@ -551,8 +552,31 @@ class Station:
         active = self.registry.patiently(
             lambda: compensation_for(self.registry, module, counter, side, accepted)
         )
+        if side in self._switched_off:
+            active.switch_off(self._switched_off[side])
         self.acquisition.set_compensation(side, active)
         return active
+
+    def switch_off(self, side: Side, off: Sequence[str]) -> None:
+        """Leave corrections of a side out until the bench is closed, and make all others.
+
+        What they would correct is in U then. Models that are put into use later keep to it.
+
+        Parameters
+        ----------
+        side : {"input", "output"}
+        off : sequence of str
+            Out of `torquebench.chain.SWITCHES`.
+
+        Raises
+        ------
+        ModelMismatchError
+            Nothing is compensated there.
+        InputError
+            No such correction.
+        """
+        self.acquisition.switch_off(side, off)
+        self._switched_off[side] = tuple(off)
 
     def deactivate_compensation(self, side: Side) -> None:
         """Measure a side without compensation from the next block on."""

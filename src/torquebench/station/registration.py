@@ -104,7 +104,7 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
         "timebase_hz": context.drivers.counter.timebase_hz,
         "identities": [asdict(identity) for identity in context.drivers.identities()],
         "compensation": {
-            side: {"model_id": model.model_id, "kind": model.kind, **_accepted(model)}
+            side: {"model_id": model.model_id, "kind": model.kind, **_departures(model)}
             for side, model in active.items()
             if model is not None
         },
@@ -113,6 +113,11 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
     }
 
 
-def _accepted(active: ActiveChain) -> dict[str, Any]:
-    """Say where a model was made with another counter, and how much that adds."""
-    return {} if active.accepted is None else {"accepted_counter": active.accepted.specification()}
+def _departures(active: ActiveChain) -> dict[str, Any]:
+    """Say where a model was made with another counter, and which corrections are switched off."""
+    found: dict[str, Any] = {}
+    if active.accepted is not None:
+        found["accepted_counter"] = active.accepted.specification()
+    if active.chain.switches:
+        found["switched_off"] = list(active.chain.switches)
+    return found

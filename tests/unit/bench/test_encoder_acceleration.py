@@ -60,6 +60,25 @@ def test_inertia_is_taken_off_while_it_ramps_and_its_doubt_is_in_u() -> None:
     assert blind.component("inertia")[0] == pytest.approx(0.0025 * 300.0 / np.sqrt(3.0))
 
 
+def test_a_correction_is_switched_at_the_bench_between_two_windows() -> None:
+    active = chain(Inertia("ramps", 0.0025, 0.0, largest_rad_s2=300.0))
+
+    def push(at_s: float) -> float:
+        known = (None, 0.0, 23.0, None, 31.4, 0.0)
+        return float(active.push(StreamReadings(np.array([at_s]), np.zeros(1), *known)).value_nm[0])
+
+    assert active.states() == ()
+    corrected = push(0.1)
+    (inertia,) = (each for each in active.states() if each.name == "inertia")
+    assert (inertia.state, inertia.contribution_nm) == ("holds", pytest.approx(-0.0785))
+    active.switch_off(["inertia"])
+    assert push(0.2) == pytest.approx(corrected + 0.0785)
+    (inertia,) = (each for each in active.states() if each.name == "inertia")
+    assert (inertia.state, inertia.uncertainty_nm) == ("off", pytest.approx(0.0785))
+    active.switch_off([])
+    assert push(0.3) == pytest.approx(corrected)
+
+
 def test_the_time_since_the_bench_was_opened_says_nothing_of_running_in() -> None:
     speeds, temperatures = (0.0, 1200.0), (10.0, 40.0)
     nothing = ((0.0, 0.0), (0.0, 0.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Path, Query, Response
@@ -21,6 +21,7 @@ from torquebench.panel.api.models import (
     ReasonBody,
     SignalValue,
     StopBody,
+    SwitchBody,
 )
 from torquebench.panel.service import (
     SIGNALS,
@@ -60,6 +61,20 @@ class SideState(BaseModel):
     transducer_serial: str
     compensation: CompensationState | None
     compensation_problem: str
+
+
+class EffectView(BaseModel):
+    """One part of a side's torque and of its budget, at the newest window."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    name: str
+    record: str
+    contribution_nm: float | None
+    uncertainty_nm: float
+    state: Literal["holds", "outside", "unmeasured", "off"]
+    detail: str
+    switch: str
 
 
 class BenchState(BaseModel):
@@ -256,6 +271,19 @@ def activate(
 def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -> Response:
     """Take the compensation of a side out of use."""
     service.deactivate(caller, side, body.reason)
+    return Response(status_code=204)
+
+
+@router.get("/sides/{side}/effects")
+def effects(service: Watched, side: Side) -> list[EffectView]:
+    """Return what every effect of a side's measuring chain makes of the newest window."""
+    return [EffectView.model_validate(each) for each in service.effects(side)]
+
+
+@router.post("/sides/{side}/switches", status_code=204)
+def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -> Response:
+    """Leave corrections of a side out until the bench is closed; what they correct is in U then."""
+    service.switch_off(caller, side, body.off, body.reason)
     return Response(status_code=204)
 
 

@@ -28,6 +28,7 @@ __all__ = [
     "SignOffBody",
     "SignalValue",
     "StopBody",
+    "SwitchBody",
     "UserBody",
     "UserChangeBody",
     "WhoAmI",
@@ -113,6 +114,15 @@ class AcknowledgeBody(Body):
         list[Annotated[str, Field(max_length=64)]] | None,
         Field(max_length=1000, description="All that stand, where it is left out."),
     ] = None
+
+
+Switch = Literal["hysteresis", "temperature", "rotation", "inertia"]
+
+
+class SwitchBody(ReasonBody):
+    """Which corrections are left out; all others are made."""
+
+    off: list[Switch] = Field(default=[], max_length=4)
 
 
 class AbortBody(ReasonBody):

@@ -9,6 +9,7 @@ from nicegui import ui
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.fitting import model_title
 from torquebench.panel.components.elements import box, panel, tag, words
+from torquebench.panel.pages.effects import EffectsTable
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live_chart import LiveChart
 from torquebench.panel.pages.visitor import Visitor
@@ -28,6 +29,8 @@ FACTS = {
     "temperature_output": ("output_temperature_c", "°C", 1),
     "efficiency": ("efficiency_percent", "%", 1),
 }
+EFFECTS_EVERY = 2
+"""Refreshes of the page from one look at the effects to the next: nobody reads them faster."""
 DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
 
 
@@ -115,6 +118,7 @@ class _LivePage:
     def __init__(self, visitor: Visitor) -> None:
         self.visitor, self.text = visitor, visitor.text
         self.sides = visitor.service.snapshot().sides
+        self.refreshes = 0
 
     def build(self) -> None:
         """Make the page's elements."""
@@ -135,6 +139,7 @@ class _LivePage:
                         places[signal] = (_fact(text(f"live.{key}"), unit), decimals)
             with box("div", "stack"):
                 self.chart = LiveChart(self.visitor, places, region)
+        self.effects = [EffectsTable(self.visitor, side) for side in reversed(SIDES)]
 
     def push(self) -> None:
         """Send the rows that came since."""
@@ -154,6 +159,10 @@ class _LivePage:
         self.sides = snapshot.sides
         for side, tile in self.tiles.items():
             tile.refresh(snapshot.sides[side])
+        self.refreshes += 1
+        if self.refreshes % EFFECTS_EVERY == 1:
+            for table in self.effects:
+                table.refresh()
 
 
 def _fact(title: str, unit: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,6 +19,7 @@ from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.priority import prefer_this_thread
+from torquebench.chain import EffectState
 from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.clients import Clients
@@ -449,6 +450,35 @@ class BenchService:
         self.station.registry.deactivate(serial, counter, operator=actor.label, reason=reason)
         self.note(actor, "deactivated compensation", side=side, reason=reason)
         self.refresh_compensation(side)
+
+    def effects(self, side: Side) -> tuple[EffectState, ...]:
+        """Return what every effect of a side's measuring chain makes of the newest window.
+
+        Nothing where the side isn't compensated.
+        """
+        active = self.station.acquisition.compensation(side)
+        return () if active is None else active.states()
+
+    def switch_off(self, actor: Actor, side: Side, off: Sequence[str], reason: str = "") -> None:
+        """Leave corrections of a side out until the bench is closed, and make all others.
+
+        Raises
+        ------
+        PermissionDeniedError, LeaseError
+            A metrologist who commands may.
+        ModelMismatchError
+            The side isn't compensated.
+        InputError
+            There is no such correction.
+        BusyError
+            A job is under way.
+        """
+        require(actor, "metrologist")
+        self.jobs.command(actor)
+        self.station.switch_off(side, off)
+        self.note(
+            actor, "switched corrections", side=side, off=", ".join(off) or "none", reason=reason
+        )
 
     def interrupted(self, run_id: str = "") -> InterruptedView | None:
         """Return a calibration that can be gone on with: a run, or the newest calibration."""

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.acceleration import UNKNOWN
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
@@ -71,6 +72,7 @@ def _signals() -> tuple[Signal, ...]:
             Signal(f"{side}_uncertainty_nm", f"{side} torque, expanded uncertainty", "N·m", side),
             Signal(f"{side}_reference_nm", f"{side} torque by the standard", "N·m", side),
             Signal(f"{side}_speed_rpm", f"{side} speed", "rpm", side),
+            Signal(f"{side}_acceleration_rad_s2", f"{side} acceleration", "rad/s²", side),
             Signal(f"{side}_angle_deg", f"{side} angle", "°", side),
             Signal(f"{side}_temperature_c", f"{side} transducer temperature", "°C", side),
         ]
@@ -279,6 +281,8 @@ class LiveHub:
                     stated = compensated.at(kept).mean().expanded_uncertainty_nm
                     put(f"{side}_uncertainty_nm", float(stated[0]))
             put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S)
+            accelerated = block.accelerations.get(side, UNKNOWN).rad_s2
+            put(f"{side}_acceleration_rad_s2", accelerated)
             angles = block.angles.get(side)
             if angles is not None and angles.time_s.size:
                 put(f"{side}_angle_deg", float(angles.angle_rad[-1]) / DEGREE)

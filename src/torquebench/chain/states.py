@@ -1,0 +1,120 @@
+"""The state of every effect of a chain at one reading: what it adds, and why it doesn't."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from torquebench.chain.effects import SWITCHES
+from torquebench.chain.effects.static_curve import StaticCurve
+
+if TYPE_CHECKING:
+    from torquebench.chain.effect import Effect
+    from torquebench.chain.measuring_chain import MeasuringChain
+    from torquebench.chain.readings import Readings
+    from torquebench.chain.torque import Torque
+
+__all__ = ["EffectState", "effect_states"]
+
+Standing = Literal["holds", "outside", "unmeasured", "off"]
+
+QUANTITIES = {
+    "speed_rpm": "speed",
+    "acceleration_rad_s2": "acceleration",
+    "temperature_c": "temperature",
+    "zero_temperature_c": "temperature when the zero was taken",
+    "zero_age_h": "time since the zero was taken",
+    "calibration_age_h": "time since the calibration",
+}
+"""What may be missing of a reading, in words."""
+
+
+@dataclass(frozen=True)
+class EffectState:
+    """One part of the torque and of its budget.
+
+    Parameters
+    ----------
+    name : str
+        As in budgets.
+    record : str
+        Where its numbers come from.
+    contribution_nm : float or None
+        What it adds to the torque, N·m; None where it corrects nothing, or has no number.
+    uncertainty_nm : float
+        Its standard uncertainty, N·m.
+    state : {"holds", "outside", "unmeasured", "off"}
+        Whether it holds for the reading; where it is outside there is no torque; what isn't
+        measured, or is switched off, stays in U.
+    detail : str
+        What was found and is allowed, or what isn't measured.
+    switch : str
+        Of `SWITCHES`, by which it is switched; empty where it can't be.
+    """
+
+    name: str
+    record: str
+    contribution_nm: float | None
+    uncertainty_nm: float
+    state: Standing
+    detail: str = ""
+    switch: str = ""
+
+
+def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> list[EffectState]:
+    """Return the state of every part of a chain's torque.
+
+    Parameters
+    ----------
+    chain : MeasuringChain
+    readings : Readings
+        A single one.
+    torque : Torque
+        What the chain stated of it.
+    """
+    switch_of = {name: switch for switch, names in SWITCHES.items() for name in names}
+    found = []
+    for effect in chain.effects:
+        state, detail = _standing(effect, readings, torque)
+        for name in (each.name for each in effect.components(readings, readings.reading_nm)):
+            added, switch = float(torque.added(name)[0]), switch_of.get(name, "")
+            off = name in chain.switched_off
+            corrects = effect.corrects_reading or isinstance(effect, StaticCurve)
+            says = corrects and np.isfinite(added) and not off and state != "outside"
+            found.append(
+                EffectState(
+                    name,
+                    effect.record,
+                    added if says else None,
+                    float(torque.component(name)[0]),
+                    "off" if off else state,
+                    "" if off else detail,
+                    switch if corrects else "",
+                )
+            )
+    return found
+
+
+def _standing(effect: Effect, readings: Readings, torque: Torque) -> tuple[Standing, str]:
+    refused = effect.outside(readings)
+    if refused is not None:
+        return "outside", f"{refused.found}, allowed {refused.allowed}"
+    if isinstance(effect, StaticCurve) and np.isfinite(readings.reading_nm[0]):
+        beyond = not np.isfinite(torque.value_nm[0]) and np.isnan(torque.added("static curve")[0])
+        if beyond or not effect.inside(readings.reading_nm)[0]:
+            return "outside", (
+                f"reading {readings.reading_nm[0]:.6g} N·m, "
+                f"allowed {effect.low_nm:.6g} to {effect.high_nm:.6g} N·m"
+            )
+    missing = [
+        words
+        for name, words in QUANTITIES.items()
+        if name in effect.needs and _unknown(getattr(readings, name))
+    ]
+    return ("unmeasured", ", ".join(missing)) if missing else ("holds", "")
+
+
+def _unknown(value: object) -> bool:
+    return value is None or bool(np.isnan(np.asarray(value, dtype=np.float64)).all())

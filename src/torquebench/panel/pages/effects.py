@@ -1,0 +1,124 @@
+"""What every effect of the measuring chains contributes now: a table below the live values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from torquebench.bench.roles import Side
+from torquebench.chain import EffectState
+from torquebench.panel.components.elements import box, on_press, panel, scrolling, tag, words
+from torquebench.panel.pages.visitor import Visitor
+
+__all__ = ["EffectsTable"]
+
+KINDS = {"holds": "good", "outside": "bad", "unmeasured": "warn", "off": "warn"}
+ICONS = {"holds": "check", "outside": "error", "unmeasured": "help", "off": "toggle_off"}
+DECIMALS: dict[Side, int] = {"input": 4, "output": 3}
+
+
+class EffectsTable:
+    """One side's effects: what each adds, its uncertainty, whether it holds, its switch.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    side : {"input", "output"}
+    """
+
+    def __init__(self, visitor: Visitor, side: Side) -> None:
+        self._visitor, self._side, self._text = visitor, side, visitor.text
+        self._numbers: dict[str, tuple[Any, Any]] = {}
+        self._shown: tuple[Any, ...] | None = None
+        with panel(self._text(f"live.effects_{side}")):
+            self._place = box("div", "stack")
+
+    def refresh(self) -> None:
+        """Show the newest window; the table is made anew only where a state has changed."""
+        states = [each for each in self._visitor.service.effects(self._side) if _says(each)]
+        may = self._visitor.has_role("metrologist")
+        shown = (may, *((each.name, each.state, _kind_of(each)) for each in states))
+        if shown != self._shown:
+            self._shown = shown
+            self._build(states, may=may)
+        for each in states:
+            added, uncertainty = self._numbers[each.name]
+            added.set_text(self._number(each.contribution_nm, sign=True))
+            uncertainty.set_text(self._number(each.uncertainty_nm))
+
+    def _number(self, value: float | None, *, sign: bool = False) -> str:
+        decimals = DECIMALS[self._side]
+        return "–" if value is None else f"{value:{'+' if sign else ''}.{decimals}f}"
+
+    def _build(self, states: Sequence[EffectState], *, may: bool) -> None:
+        text, label = self._text, self._text(f"live.effects_{self._side}")
+        self._place.clear()
+        self._numbers.clear()
+        with self._place:
+            if not states:
+                words("p", text("live.no_effects"), "muted")
+                return
+            with scrolling(label), box("table", "data compact"):
+                words("caption", label, "hidden-visually")
+                with box("thead"), box("tr"):
+                    for key, numeric in (
+                        ("effect", False),
+                        ("contribution", True),
+                        ("effect_u", True),
+                        ("state", False),
+                        ("switch", False),
+                    ):
+                        heading = text(f"live.{key}")
+                        words("th", heading, "number" if numeric else "", scope="col")
+                with box("tbody"):
+                    for each in states:
+                        self._row(each, may=may)
+            words("p", text("live.switch_until"), "small muted")
+
+    def _row(self, state: EffectState, *, may: bool) -> None:
+        text, name = self._text, self._text.core(state.name)
+        with box("tr", data_effect=state.name):
+            words("th", name, scope="row", title=state.record)
+            self._numbers[state.name] = (words("td", "", "number"), words("td", "", "number"))
+            detail = text.core(state.detail)
+            if state.state == "unmeasured":
+                detail = ", ".join(text.core(each) for each in state.detail.split(", "))
+            with box("td"):
+                said = text(f"live.{state.state}", detail=detail)
+                tag(said, KINDS[state.state], ICONS[state.state])
+            with box("td"):
+                if state.switch and may:
+                    word = text("live.switch_on" if state.state == "off" else "live.switch_off")
+                    button = words(
+                        "button", word, "control small", type="button",
+                        aria_label=f"{word}: {name}",
+                    )  # fmt: skip
+                    on_press(button, lambda: self._switch(state.switch, name))
+
+    def _switch(self, switch: str, name: str) -> None:
+        """Turn one correction over, and leave the others as they are."""
+        visitor = self._visitor
+        off = {
+            each.switch for each in visitor.service.effects(self._side) if each.state == "off"
+        } ^ {switch}
+
+        def change() -> None:
+            visitor.service.switch_off(visitor.actor, self._side, sorted(off))
+
+        if visitor.attempt(change, self._text("live.switched", name=name)):
+            self.refresh()
+
+
+def _says(state: EffectState) -> bool:
+    """Leave out what neither adds anything nor makes anything uncertain."""
+    return bool(
+        state.uncertainty_nm > 0.0
+        or state.contribution_nm
+        or state.switch
+        or state.state == "outside"
+    )
+
+
+def _kind_of(state: EffectState) -> str:
+    """Return what of a detail isn't a number that changes with every window."""
+    return state.detail if state.state == "unmeasured" else ""
