@@ -84,6 +84,30 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     assert ana.problems() == ben.problems() == []
 
 
+def test_a_correction_is_switched_off_and_on_where_its_effect_is_shown(
+    visitors: tuple[Visitor, Visitor],
+) -> None:
+    ben, ana = visitors
+    ana.open("/")
+    ana.sees("Effects on the output torque")
+    row = "table.compact tr[data-effect='hysteresis']"
+    ana.wait(lambda: "Within its range" in ana.driver.find_element("css selector", row).text, row)
+    ana.press("Switch off")
+    ana.wait(lambda: "Switched off" in ana.driver.find_element("css selector", row).text, row)
+    reference = "table.compact tr[data-effect='reference standard'] td"
+    added, u, *_ = ana.driver.find_elements("css selector", reference)
+    assert added.text == "–"
+    assert float(u.text) >= 0.0
+    ana.open("/")
+    ana.wait(lambda: "Switched off" in ana.driver.find_element("css selector", row).text, row)
+    assert ana.axe() == []
+    ana.press("Switch on")
+    ana.wait(lambda: "Within its range" in ana.driver.find_element("css selector", row).text, row)
+    ben.open("/")
+    ben.sees("Effects on the output torque")
+    assert not ben.driver.find_elements("css selector", "table.compact button")
+
+
 def test_a_specimen_is_tested_for_hysteresis_and_compared(
     visitors: tuple[Visitor, Visitor],
 ) -> None:
