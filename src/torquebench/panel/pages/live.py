@@ -139,7 +139,8 @@ class _LivePage:
                         places[signal] = (_fact(text(f"live.{key}"), unit), decimals)
             with box("div", "stack"):
                 self.chart = LiveChart(self.visitor, places, region)
-        self.effects = [EffectsTable(self.visitor, side) for side in reversed(SIDES)]
+        with box("div", "stack effects"):
+            self.effects = [EffectsTable(self.visitor, side) for side in reversed(SIDES)]
 
     def push(self) -> None:
         """Send the rows that came since."""
