@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
-from scipy.optimize import minimize
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
 from torquebench.compensation.hybrid.effects import path_clocks
@@ -210,6 +209,7 @@ class GaussianProcessModel(CompensationModel):
 
 def _find_mode(data: _Data) -> FloatArray:
     """Maximise the posterior from a smooth and a rough start."""
+    from scipy.optimize import minimize  # long to import; other models need none of it
 
     def objective(theta: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = log_posterior(data.points, data.target, data.weights, theta)

@@ -27,7 +27,6 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
 
 from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
@@ -192,6 +191,8 @@ class HysteresisOperator:
 
     def _weighted(self, parts: FloatArray, loop: FloatArray) -> HysteresisOperator:
         """Weigh the plays, smoothly over the widths, so that `parts` add up to a loop."""
+        from scipy.optimize import nnls  # long to import; a chain without loops needs none of it
+
         # the shares of neighbouring widths are alike: without that, noise picks single widths
         bend = np.diff(np.eye(parts.shape[1]), 2, axis=0)
         scale = float(np.sqrt(np.sum(parts**2) / parts.shape[1]))

@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize_scalar
 
 from torquebench.compensation.base import CompensationModel, FloatArray, Progress
 from torquebench.compensation.estimator import Limit, OneOf
@@ -207,6 +206,8 @@ class SplineModel(CompensationModel):
 
 def _minimum(function: Callable[[float], float], limits: tuple[float, float]) -> float:
     """Lowest of a coarse grid, refined between its neighbours: the criteria have several minima."""
+    from scipy.optimize import minimize_scalar  # long to import; other models need none of it
+
     grid = np.linspace(*limits, 60)
     best = int(np.argmin([function(position) for position in grid]))
     bracket = (grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)])

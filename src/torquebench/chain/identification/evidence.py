@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from torquebench.chain.readings import FloatArray
 from torquebench.compensation.base import single_blas_thread
@@ -140,6 +139,8 @@ def explore(
     doubtful : bool
         Whether to look beside the most probable scales as well.
     """
+    from scipy.optimize import minimize  # long to import; only empty runs need it
+
     owner = np.repeat(np.arange(len(sizes)), sizes)
     problem = _Problem(tuple(groups), owner, centres, widths)
     with single_blas_thread():
