@@ -218,7 +218,12 @@ def test_german_tables_with_decimal_commas_semicolons_and_units_are_read(tmp_pat
     found = evaluate("friction", data, *columns, "--output", tmp_path / "out")
     assert found.exit_code == 0, found.output
     assert quantities(tmp_path / "out")["coulomb_clockwise"] == pytest.approx(0.3, abs=1e-3)
-    refused(evaluate("friction", data), "no column speed_rpm", "drehzahl", "--column")
+    understood = evaluate("friction", data, "--output", tmp_path / "understood")
+    assert understood.exit_code == 0, understood.output
+    assert quantities(tmp_path / "understood") == quantities(tmp_path / "out")
+    named = data.with_name("named.csv")
+    named.write_text(data.read_text(encoding="utf-8").replace("Drehzahl", "Motor"), "utf-8")
+    refused(evaluate("friction", named), "no column speed_rpm", "--column 'speed=motor")
     latin = tmp_path / "latin.csv"
     latin.write_text("\n".join([header, *rows]), encoding="latin-1")
     found = evaluate("friction", latin, *columns, "--output", tmp_path / "latin")

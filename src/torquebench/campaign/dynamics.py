@@ -29,7 +29,7 @@ from torquebench.dynamics import (
 from torquebench.errors import InputError
 from torquebench.records import json_text
 from torquebench.records.columns import quantity, understood
-from torquebench.records.csv_text import read_csv
+from torquebench.records.table_files import read_table
 from torquebench.records.tables import is_simulated
 
 __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dynamics"]
@@ -194,7 +194,7 @@ class _Table:
     """A table at an even rate."""
 
     def __init__(self, path: Path, required: tuple[str, ...]) -> None:
-        table, columns = understood(read_csv(path), required)
+        table, columns = understood(read_table(path), required)
         self.values = {key: quantity(table, columns, key) for key in required}
         self.simulated = is_simulated(table.remarks)
         self.sha256 = sha256(path.read_bytes()).hexdigest()

@@ -26,7 +26,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
-from torquebench.records.csv_text import decode_csv
+from torquebench.records.table_files import table_text
 from torquebench.validation import refuse_future
 
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
@@ -100,7 +100,7 @@ def register_table(
     ----------
     registry : Registry
     table : pathlib.Path
-        The CSV file.
+        Its file.
     data : CalibrationData
         As it was read, with nominal torques.
     profile : Profile
@@ -134,7 +134,7 @@ def register_table(
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
         _documents(writer, profile, circumstances)
-        writer.write_text("table.csv", decode_csv(table.read_bytes(), called))
+        writer.write_text("table.csv", table_text(table, called))
         writer.write_results(
             {
                 "data": data,

@@ -52,7 +52,9 @@ def _tables() -> None:
 
 @app.command("static")
 def static(
-    data: Annotated[Path, typer.Argument(help="A CSV file with reading_nm and standard_nm.")],
+    data: Annotated[
+        Path, typer.Argument(help="A table (CSV, Excel, TDMS, …) with reading_nm and standard_nm.")
+    ],
     reference_uncertainty: Annotated[
         float,
         typer.Option(min=0, max=10, help="Expanded uncertainty (k = 2) of the standard, %."),

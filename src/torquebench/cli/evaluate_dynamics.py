@@ -24,12 +24,12 @@ def register(app: typer.Typer) -> None:
 def dynamics(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="CSV files with time_s, reading_nm and standard_nm: steps, sines."),
+        typer.Argument(help="Tables with time_s, reading_nm and standard_nm: steps, sines."),
     ],
     result: Annotated[Path, typer.Option("--out", help="The JSON file to write.")],
     empty: Annotated[
         Path | None,
-        typer.Option(help="CSV of an empty run with ramps: inertia, stiffness, damping."),
+        typer.Option(help="Table of an empty run with ramps: inertia, stiffness, damping."),
     ] = None,
     model: Annotated[
         Path | None, typer.Option(help="The chain's model file: compensate readings first.")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
-DataArgument = Annotated[Path, typer.Argument(help="A CSV file with a header.")]
+DataArgument = Annotated[Path, typer.Argument(help="A table with a header (CSV, Excel, TDMS, …).")]
 ColumnOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -42,7 +42,7 @@ def in_place(
     alone: Annotated[
         Path | None,
         typer.Option(
-            help="The transducer's calibration by itself (CSV: reading_nm, standard_nm); needed "
+            help="The transducer's calibration by itself (a table: reading_nm, standard_nm); needed "
             "on a real bench."
         ),
     ] = None,
@@ -78,7 +78,7 @@ def in_place(
     if table is None and not description.simulated:
         raise InputError(
             f"no calibration of the transducer alone for {description.name}",
-            "a CSV file with reading_nm and standard_nm",
+            "a table with reading_nm and standard_nm",
             "give --alone FILE.csv",
         )
     from torquebench.calibration import load_profile

@@ -52,7 +52,9 @@ def register(app: typer.Typer) -> None:
 
 
 def fit(
-    data: Annotated[Path, typer.Argument(help="A CSV file with reading_nm and standard_nm.")],
+    data: Annotated[
+        Path, typer.Argument(help="A table (CSV, Excel, TDMS, …) with reading_nm and standard_nm.")
+    ],
     range_nm: RangeOption = None,
     model: Annotated[
         str | None,
@@ -79,7 +81,7 @@ def fit(
     empty: Annotated[
         list[Path] | None,
         typer.Option(
-            help="A CSV file of an empty run: time_s, reading_nm, speed_rpm, temperature_c. "
+            help="A table of an empty run: time_s, reading_nm, speed_rpm, temperature_c. "
             "Repeat it for runs at other temperatures."
         ),
     ] = None,
@@ -115,7 +117,7 @@ def fit(
     from torquebench.calibration import load_profile
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv, read_empty_run
-    from torquebench.records.columns import maps_one
+    from torquebench.records.tables import maps_one
 
     check_output(result, data, *(empty or ()))
     page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
@@ -237,7 +239,7 @@ def _print_fit(fitted: FitResult) -> None:
 def apply(
     model: ModelArgument,
     readings: Annotated[
-        Path, typer.Argument(help="A CSV or Parquet file with a column reading_nm; - reads CSV.")
+        Path, typer.Argument(help="A table (CSV, Parquet, TDMS, …) with reading_nm; - reads CSV.")
     ],
     result: Annotated[Path, typer.Option("--out", help="The CSV or Parquet file to write.")],
     column: ColumnOption = None,
@@ -353,7 +355,7 @@ def apply(
 def verify(
     model: ModelArgument,
     data: Annotated[
-        Path, typer.Argument(help="A CSV file with reading_nm and standard_nm; series = group.")
+        Path, typer.Argument(help="A table with reading_nm and standard_nm; series = group.")
     ],
     tolerance: Annotated[
         float,

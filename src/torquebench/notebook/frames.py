@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv
-from torquebench.records.arrow_table import cells_of
-from torquebench.records.table_formats import is_parquet
+from torquebench.records.table_files import cells_of
 from torquebench.records.tables import calibration_of
 
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
@@ -43,7 +42,8 @@ def read_calibration(
     Parameters
     ----------
     source : path, pandas, polars or pyarrow frame, or mapping of str to column
-        A CSV or Parquet file, or a table in memory; rows in measuring order.
+        A file (CSV, Parquet, Excel, TDMS, MDF4, HDF5), or a table in memory; rows in measuring
+        order.
     range_nm : float, optional
         Full scale in N·m; without it, that of the file, or the largest torque in it.
     columns : mapping of str to str, optional
@@ -65,7 +65,7 @@ def read_calibration(
     """
     mapping = mapping_of(columns)
     try:
-        if isinstance(source, str | Path) and not is_parquet(Path(source)):
+        if isinstance(source, str | Path):
             return read_calibration_csv(
                 source,
                 range_nm=range_nm,
@@ -73,8 +73,7 @@ def read_calibration(
                 counter_identity=counter_identity,
                 mapping=mapping,
             )
-        origin = str(source) if isinstance(source, str | Path) else "the table"
-        table = cells_of(arrow_table(source), origin)
+        table = cells_of(arrow_table(source), "the table")
         return calibration_of(
             table, range_nm, False, ("", transducer_serial, counter_identity), mapping
         )

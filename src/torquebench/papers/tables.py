@@ -21,7 +21,8 @@ from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
 from torquebench.errors import InputError
 from torquebench.procedures import FrictionSettings
-from torquebench.records.csv_text import read_csv
+from torquebench.records.table_files import read_table
+from torquebench.records.table_formats import ENDINGS, READ
 from torquebench.records.tables import read_calibration_csv, write_calibration_csv
 from torquebench.reducers import CertifiedFriction
 from torquebench.station import Station
@@ -286,8 +287,9 @@ def _friction_csv(tables: BenchTables) -> str:
 def read_tables(folder: Path) -> BenchTables:
     """Read a folder of recorded tables.
 
-    `calibration-SIDE.csv` (or `.tdms`) is needed of one side at least; `same-points-SIDE`,
-    `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read where they are.
+    `calibration-SIDE.csv` (or another format, see `read_table`) is needed of one side at least;
+    `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read
+    where they are.
     Columns are those of `fit`, the friction's `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and
     `known_u_nm`.
 
@@ -302,7 +304,7 @@ def read_tables(folder: Path) -> BenchTables:
     names: list[str] = []
     for side in SIDES:
         found = {
-            kind.replace("-", "_"): _read(path, side)
+            kind.replace("-", "_"): read_calibration_csv(path, side=side)
             for kind in _KINDS
             if (path := _table_file(folder, f"{kind}-{side}")) is not None
         }
@@ -316,7 +318,7 @@ def read_tables(folder: Path) -> BenchTables:
     if not modules:
         raise InputError(
             f"{folder}: no calibration",
-            "calibration-input or calibration-output, as .csv or .tdms",
+            f"calibration-input or calibration-output, as {READ}",
             "name the tables so; `torquebench papers --save FOLDER` writes such a folder",
         )
     friction = None
@@ -329,33 +331,18 @@ def read_tables(folder: Path) -> BenchTables:
 
 
 def _table_file(folder: Path, stem: str) -> Path | None:
-    return next((p for e in (".csv", ".tdms") if (p := folder / f"{stem}{e}").is_file()), None)
+    return next((p for e in ENDINGS if (p := folder / f"{stem}{e}").is_file()), None)
 
 
 def _bench_name(folder: Path) -> str:
     for path in sorted(folder.glob("*.csv")):
-        if name := read_csv(path).remarks.get("bench"):
+        if name := read_table(path).remarks.get("bench"):
             return name
     return ""
 
 
-def _read(path: Path, side: Side) -> CalibrationData:
-    if path.suffix == ".csv":
-        return read_calibration_csv(path, side=side)
-    from torquebench.papers.tdms import tdms_as_csv
-    from torquebench.records.tables import parse_calibration_csv
-
-    return parse_calibration_csv(tdms_as_csv(path), str(path))
-
-
 def _read_friction(path: Path) -> tuple[FrictionTable, str]:
-    if path.suffix == ".csv":
-        table = read_csv(path)
-    else:
-        from torquebench.papers.tdms import tdms_as_csv
-        from torquebench.records.csv_text import parse_csv
-
-        table = parse_csv(tdms_as_csv(path), str(path))
+    table = read_table(path)
     for name in ("speed_rpm", "reading_nm", "known_nm"):
         if name not in table.header:
             raise InputError(f"{path}: no column {name}", ", ".join(_FRICTION))

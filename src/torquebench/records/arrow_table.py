@@ -12,41 +12,20 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
-from torquebench.records.columns import understood, word_values
+from torquebench.records.columns import (
+    DIRECTION_REMEDY,
+    WORDS_ALLOWED,
+    understood,
+    word_values,
+)
 from torquebench.records.csv_text import CsvTable
+from torquebench.records.table_files import cell_texts, headers, remarks_of
 from torquebench.records.tables import READING_QUANTITIES, ReadingsTable
 
-__all__ = ["NUMBERS", "ArrowReadings", "cells_of"]
+__all__ = ["NUMBERS", "ArrowReadings"]
 
 NUMBERS = ("reading_nm", *READING_QUANTITIES)
 """Columns of numbers that readings may have."""
-
-
-def cells_of(table: Any, origin: str) -> CsvTable:
-    """Return an Arrow table as cells of text, which small tables are read from.
-
-    Parameters
-    ----------
-    table : pyarrow.Table
-    origin : str
-        What messages call it.
-    """
-    columns = [["" if cell is None else str(cell) for cell in each.to_pylist()] for each in table]
-    return CsvTable(
-        origin,
-        ",",
-        tuple(str(name).strip().lower() for name in table.column_names),
-        tuple(zip(*columns, strict=True)),
-        range(1, table.num_rows + 1),
-        _remarks(table.schema),
-        "row",
-    )
-
-
-def _remarks(schema: Any) -> dict[str, str]:
-    notes = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
-    own = ("ARROW:schema", "pandas")
-    return {key: value for key, value in notes.items() if key not in own and "\n" not in value}
 
 
 class ArrowReadings:
@@ -63,8 +42,9 @@ class ArrowReadings:
 
     def __init__(self, origin: str, schema: Any, mapping: Sequence[str] = ()) -> None:
         self.origin = origin
-        self.header = tuple(name.lower() for name in schema.names)
-        self.remarks = _remarks(schema)
+        self.names = headers(schema, origin)
+        self.header = tuple(name.lower() for name in self.names)
+        self.remarks = remarks_of(schema)
         self.simulated = self.remarks.get("simulated", "").lower() in ("true", "yes", "1")
         self._table = CsvTable(origin, ",", self.header, (), (), self.remarks, "row")
         named, self._columns = understood(self._table, ("reading_nm",), mapping)
@@ -85,10 +65,10 @@ class ArrowReadings:
             if key in self._columns:
                 header, factor = self._columns[key]
                 column = batch.column(self.header.index(header))
-                numbers[key] = self._numbers(column, header, before) * factor
-        branch = None
-        if "branch" in self._names:
-            branch = self._branch(batch.column(self._names.index("branch")), before)
+                values = self._numbers(column, header, before)
+                numbers[key] = values if factor == 1.0 else values * factor
+        branch = self._words("branch", batch, before)
+        self._check_direction(numbers["reading_nm"], batch, before)
         return ReadingsTable(
             replace(self._table, lines=range(before + 1, before + 1 + batch.num_rows)),
             numbers["reading_nm"],
@@ -117,13 +97,32 @@ class ArrowReadings:
             )
         return values
 
-    def _branch(self, column: Any, before: int) -> NDArray[np.int8]:
-        meaning = word_values("branch")
-        words = [str(word).lower() for word in column.to_pylist()]
-        for row, word in enumerate(words):
-            if word not in meaning:
+    def _words(self, name: str, batch: Any, before: int) -> NDArray[np.int8] | None:
+        if name not in self._names:
+            return None
+        column = batch.column(self._names.index(name))
+        if isinstance(column, pa.ChunkedArray):
+            column = column.combine_chunks()
+        encoded = column.dictionary_encode(null_encoding="encode")
+        meaning = word_values(name)
+        words = cell_texts(encoded.dictionary)
+        places = np.asarray(encoded.indices)
+        for number, word in enumerate(words):
+            if word.lower() not in meaning:
+                row = before + int(np.argmax(places == number)) + 1
                 raise InputError(
-                    f"{self.origin}, row {before + row + 1}, column branch: {word!r}",
-                    "up, down or unknown (or +1, -1, 0)",
+                    f"{self.origin}, row {row}, column {name}: {word!r}", WORDS_ALLOWED[name]
                 )
-        return np.array([meaning[word] for word in words], dtype=np.int8)
+        return np.array([meaning[word.lower()] for word in words], dtype=np.int8)[places]
+
+    def _check_direction(self, reading: NDArray[np.float64], batch: Any, before: int) -> None:
+        direction = self._words("direction", batch, before)
+        if direction is None:
+            return
+        for row in np.flatnonzero(direction * np.sign(reading) < 0):
+            raise InputError(
+                f"{self.origin}, row {before + int(row) + 1}, column direction: "
+                f"{'clockwise' if direction[row] > 0 else 'counter-clockwise'} beside "
+                f"{reading[row]:.6g} N·m",
+                *DIRECTION_REMEDY,
+            )

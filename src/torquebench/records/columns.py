@@ -1,61 +1,95 @@
-"""Names of the columns of torque tables, the units in them, and what other names mean."""
+"""Names of the columns of tables, the units in them, and what other names mean.
+
+One reader for all tables: a command says which quantities it wants and of which kind they are; a
+header says what it is by its own name (``speed_rpm``), by a name with a unit (``Drehzahl [1/min]``)
+or because the user says so (``speed=Motor[1/min]``).
+"""
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.compensation import BRANCH_WORDS
 from torquebench.errors import InputError
-from torquebench.records.csv_text import CsvTable, read_csv
-from torquebench.units import DEGREE, UNITS, plain_unit
+from torquebench.records.csv_text import CsvTable
+from torquebench.units import DEGREE, TURN, UNITS, plain_unit
 
 __all__ = [
+    "LABEL",
     "NUMERIC_COLUMNS",
+    "WORD",
+    "Kind",
+    "Source",
     "branches",
     "check_direction",
-    "find_columns",
+    "chosen_columns",
     "maps",
-    "maps_one",
     "quantity",
     "series",
+    "understood",
+    "unit_of",
+    "with_unit",
     "word_values",
 ]
 
-TORQUES = ("reading", "standard", "nominal", "standard_error", "true_torque")
-_TORQUE_UNITS = {"nm": 1.0, "knm": 1e3, "mnm": 1e-3}
-_OTHERS = {
-    "position": "deg",
+Kind = str
+"""A key of `UNITS`, `LABEL` or `WORD`."""
+LABEL = "label"
+"""A number without a unit."""
+WORD = "word"
+"""A word or number that says where a row belongs."""
+Source = tuple[str, float]
+"""A header, and the factor of its values to the unit of `UNITS`."""
+
+_OWN_UNITS = {
+    "torque": "nm",
+    "angle": "deg",
     "speed": "rpm",
     "temperature": "c",
     "time": "s",
     "acceleration": "rad_s2",
 }
+"""The unit that our own names of columns have, such as ``torque_nm``."""
+_SHOWN_UNITS = {
+    **_OWN_UNITS,
+    **{"torque": "Nm", "temperature": "°C", "acceleration": "rad/s²"},
+}
+TORQUES = ("reading", "standard", "nominal", "standard_error", "true_torque")
+LABELS = ("series", "branch", "direction")
+_CALIBRATION: Mapping[str, Kind] = {
+    **dict.fromkeys(TORQUES, "torque"),
+    "position": "angle",
+    "speed": "speed",
+    "temperature": "temperature",
+    "time": "time",
+    "acceleration": "acceleration",
+    **dict.fromkeys(LABELS, WORD),
+}
+"""What tables of calibrations and readings may have."""
 
-NUMERIC_COLUMNS = tuple(f"{name}_nm" for name in TORQUES) + tuple(
-    f"{name}_{unit}" for name, unit in _OTHERS.items()
+
+def _own_name(name: str, kind: Kind) -> str:
+    return f"{name}_{_OWN_UNITS[kind]}" if kind in _OWN_UNITS else name
+
+
+NUMERIC_COLUMNS = tuple(
+    _own_name(name, kind) for name, kind in _CALIBRATION.items() if kind != WORD
 )
 
 _FOREIGN_TORQUE = {
-    "lbft": "lbf·ft: 1 lbf·ft is 1.3558179483314004 N·m",
-    "lbfft": "lbf·ft: 1 lbf·ft is 1.3558179483314004 N·m",
-    "ftlb": "lbf·ft: 1 lbf·ft is 1.3558179483314004 N·m",
-    "ftlbf": "lbf·ft: 1 lbf·ft is 1.3558179483314004 N·m",
-    "lbin": "lbf·in: 1 lbf·in is 0.1129848290276167 N·m",
-    "lbfin": "lbf·in: 1 lbf·in is 0.1129848290276167 N·m",
-    "inlb": "lbf·in: 1 lbf·in is 0.1129848290276167 N·m",
+    **dict.fromkeys(
+        ("lbft", "lbfft", "ftlb", "ftlbf"), "lbf·ft: 1 lbf·ft is 1.3558179483314004 N·m"
+    ),
+    **dict.fromkeys(("lbin", "lbfin", "inlb"), "lbf·in: 1 lbf·in is 0.1129848290276167 N·m"),
     "ozin": "ozf·in: 1 ozf·in is 0.00706155181422604 N·m",
-    "kgm": "kgf·m: 1 kgf·m is 9.80665 N·m",
-    "kgfm": "kgf·m: 1 kgf·m is 9.80665 N·m",
-    "kgcm": "kgf·cm: 1 kgf·cm is 0.0980665 N·m",
-    "kgfcm": "kgf·cm: 1 kgf·cm is 0.0980665 N·m",
+    **dict.fromkeys(("kgm", "kgfm"), "kgf·m: 1 kgf·m is 9.80665 N·m"),
+    **dict.fromkeys(("kgcm", "kgfcm"), "kgf·cm: 1 kgf·cm is 0.0980665 N·m"),
     "ncm": "N·cm: 1 N·cm is 0.01 N·m",
     "nmm": "N·mm: 1 N·mm is 0.001 N·m",
-    "n": "a force: multiply by the lever arm",
-    "kn": "a force: multiply by the lever arm",
+    **dict.fromkeys(("n", "kn"), "a force: multiply by the lever arm"),
     **dict.fromkeys(
         ("v", "mv", "uv", "vv", "vpv", "mvv", "mvpv", "hz", "khz", "counts", "raw", "ma"),
         "an electrical signal, not a torque: convert it by the chain's linear sensitivity first",
@@ -65,14 +99,13 @@ _FOREIGN_TORQUE = {
     ),
 }
 _FOREIGN_OTHER = {
-    "position": {"rad", "turns", "rev", "arcmin"},
-    "speed": {"rads", "radpers", "degs", "hz", "rps", "radmin"},
-    "temperature": {"k", "f", "degf", "degc", "kelvin", "celsius", "fahrenheit"},
-    "time": {"ms", "us", "ns", "min", "h", "hours", "minutes"},
-    "acceleration": {"rpms", "rpmpers", "degs2", "revs2"},
+    "angle": {"turns"},
+    "speed": {"radpers", "hz", "rps", "radmin"},
+    "temperature": {"k", "f", "degf", "kelvin", "fahrenheit"},
+    "time": {"ns", "h", "hours", "minutes"},
+    "acceleration": {"rpmpers", "degs", "revs"},
 }
 
-LABELS = ("series", "branch", "direction")
 _STEMS = {
     **dict.fromkeys(
         (
@@ -107,6 +140,8 @@ _STEMS = {
     **dict.fromkeys(("soll", "sollwert", "sollmoment", "nominal torque", "标称值"), "nominal"),
     **dict.fromkeys(("stellung", "einbaulage", "位置"), "position"),
     **dict.fromkeys(("drehzahl", "转速"), "speed"),
+    **dict.fromkeys(("drehmoment", "扭矩", "转矩", "力矩"), "torque"),
+    **dict.fromkeys(("winkel", "drehwinkel", "角度"), "angle"),
     **dict.fromkeys(("temperatur", "temp", "温度"), "temperature"),
     **dict.fromkeys(("zeit", "时间"), "time"),
     **dict.fromkeys(("winkelbeschleunigung", "角加速度"), "acceleration"),
@@ -114,18 +149,18 @@ _STEMS = {
     **dict.fromkeys(("ast", "belastungsrichtung", "行程", "分支"), "branch"),
     **dict.fromkeys(("richtung", "drehrichtung", "方向"), "direction"),
 }
-"""What columns are called in German, English and Chinese; torques that may be either reading or
-reference aren't here."""
-_TORQUE_WORDS = ("moment", "torque", "扭矩", "转矩", "力矩")
-_KINDS = {
-    **dict.fromkeys(TORQUES, "torque"),
-    "position": "angle",
-    "speed": "speed",
-    "temperature": "temperature",
-    "time": "time",
-    "acceleration": "acceleration",
+"""What columns are called in German, English and Chinese. In a table of readings and standards a
+torque may be either, so it is neither by itself."""
+_WORDS = {
+    "torque": ("torque", "moment", "nm", "扭矩", "转矩", "力矩"),
+    "angle": ("angle", "winkel", "position", "encoder", "角", "twist"),
+    "speed": ("speed", "drehzahl", "rpm", "转速", "velocity"),
+    "time": ("time", "zeit", "时间"),
+    "temperature": ("temp", "温度"),
 }
+"""Parts of headers that are this kind of quantity."""
 _HEADER_UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$|\s*/\s*([^/]+)$|\s+in\s+(\S+)$")
+_COUNTS = re.compile(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)")
 
 _DIRECTIONS = {
     **dict.fromkeys(("cw", "clockwise", "+", "+1", "1", "rechts", "im uhrzeigersinn", "顺时针"), 1),
@@ -139,29 +174,125 @@ _DIRECTIONS = {
 }
 
 
+WORDS_ALLOWED = {
+    "branch": "up, down or unknown (or +1, -1, 0)",
+    "direction": "clockwise or counter-clockwise (cw, ccw)",
+}
+DIRECTION_REMEDY = (
+    "clockwise torque positive, counter-clockwise torque negative",
+    "give counter-clockwise torque a minus sign",
+)
+
+
 def word_values(column: str) -> Mapping[str, int]:
     """Return what each word of a column ``branch`` or ``direction`` means: +1, -1 or 0."""
     return {"branch": BRANCH_WORDS, "direction": _DIRECTIONS}[column]
 
 
+def chosen_columns(
+    table: CsvTable,
+    wanted: Mapping[str, Kind],
+    required: Sequence[str] = (),
+    mapping: Sequence[str] = (),
+) -> dict[str, Source]:
+    r"""Return where each quantity stands in a table, and the factor to its unit in `UNITS`.
+
+    What `mapping` names counts before what headers say of themselves, and our own names before
+    others. A quantity in a unit that isn't known is refused by name, because a column that is
+    silently passed over is a guess.
+
+    Parameters
+    ----------
+    table : CsvTable
+    wanted : mapping of str to str
+        Kind of each quantity by its name, such as ``{"torque": "torque", "position": "label"}``.
+    required : sequence of str
+        Quantities that there must be.
+    mapping : sequence of str
+        ``name=Header[unit]`` of headers that don't say what they are; a minus sign before the
+        header turns the sign, ``counts/N`` is the unit of an encoder with N counts per revolution.
+
+    Raises
+    ------
+    InputError
+        Where a column is missing or unknown, given twice, or has no or another unit.
+
+    Examples
+    --------
+    >>> from torquebench.records.csv_text import parse_csv
+    >>> table = parse_csv("speed_rpm;Drehmoment [N·m];Kanal 3\n1;2;3\n", "a table")
+    >>> wanted = {"speed": "speed", "torque": "torque", "angle": "angle"}
+    >>> for source in chosen_columns(table, wanted, mapping=["angle=-Kanal 3[rad]"]).items():
+    ...     print(*source)
+    angle ('kanal 3', -1.0)
+    speed ('speed_rpm', 1.0)
+    torque ('drehmoment [n·m]', 1.0)
+    """
+    found: dict[str, Source] = {}
+    for text in mapping:
+        name, source = _mapped(text, table, wanted)
+        if name in found:
+            raise InputError(
+                f"two columns for {_own_name(name, wanted[name])}",
+                "one --column for each",
+                f"drop {text!r}",
+            )
+        found[name] = source
+    free = [each for each in table.header if each not in {header for header, _ in found.values()}]
+    for understand in (_by_own_name, _by_other_name):
+        before = frozenset(found)
+        for header in free:
+            known = understand(header, wanted)
+            if known is None or known[0] in before:
+                continue
+            name, factor = known
+            if name in found:
+                raise InputError(
+                    f"{table.origin}: the columns {found[name][0]} and {header} give one quantity "
+                    "twice",
+                    f"one of them, {_own_name(name, wanted[name])} by preference",
+                    f"remove one of them, or choose one by --column '{name}={header}'",
+                )
+            found[name] = (header, factor)
+    taken = {header for header, _ in found.values()}
+    for header in free:
+        if header not in taken:
+            _refuse_foreign_unit(header, table.origin, wanted, found)
+    for name in required:
+        if name not in found:
+            names = [_own_name(each, wanted[each]) for each in required]
+            raise InputError(
+                f"{table.origin} has no column {_own_name(name, wanted[name])}; "
+                f"it has {', '.join(table.header)}",
+                f"the columns {', '.join(names)}, or others with their unit",
+                _remedy(table, name, wanted[name], taken),
+            )
+    return found
+
+
 def understood(
     table: CsvTable, required: tuple[str, ...], mapping: Sequence[str] = ()
-) -> tuple[CsvTable, dict[str, tuple[str, float]]]:
-    r"""Return a table whose label columns have their own names, and its numeric columns.
+) -> tuple[CsvTable, dict[str, Source]]:
+    r"""Return a table of readings whose label columns have their own names, and its numbers.
 
     Parameters
     ----------
     table : CsvTable
     required : tuple of str
-        Columns that there must be, as of `find_columns`.
+        Columns that there must be, by names of `NUMERIC_COLUMNS`.
     mapping : sequence of str
-        ``name=Header[unit]`` for headers that don't say what they are; a minus sign before the
-        header turns the sign.
+        As of `chosen_columns`.
+
+    Returns
+    -------
+    CsvTable
+    dict
+        Header and factor to the unit of the key, by names of `NUMERIC_COLUMNS`.
 
     Raises
     ------
     InputError
-        As `find_columns`; where a mapping can't be used.
+        As `chosen_columns`.
 
     Examples
     --------
@@ -171,204 +302,215 @@ def understood(
     >>> columns["standard_nm"], table.header[2]
     (('normal in knm', 1000.0), 'branch')
     """
-    named: dict[str, tuple[str, float]] = {}
-    for text in mapping:
-        key, source = _mapped(text, table)
-        if key in named:
-            raise InputError(f"two columns for {key}", "one --column for each", f"drop {text!r}")
-        named[key] = source
-    taken = {header for header, _ in named.values()}
-    for header in table.header:
-        if header in taken or header in NUMERIC_COLUMNS or header in LABELS:
-            continue
-        found = _by_stem(header)
-        if found is not None and found[0] not in named and found[0] not in table.header:
-            named[found[0]] = (header, found[1])
-    labels = {named.pop(name)[0]: name for name in LABELS if name in named}
+    names = {_own_name(name, kind): name for name, kind in _CALIBRATION.items()}
+    chosen = chosen_columns(table, _CALIBRATION, [names[key] for key in required], mapping)
+    labels = {chosen.pop(name)[0]: name for name in LABELS if name in chosen}
     renamed = tuple(labels.get(header, header) for header in table.header)
-    table = replace(table, header=renamed)
-    return table, find_columns(table, required, named)
+    numbers = {
+        key: (chosen[name][0], chosen[name][1] / (DEGREE if name == "position" else 1.0))
+        for key, name in names.items()
+        if name in chosen
+    }
+    return replace(table, header=renamed), numbers
 
 
-def _by_stem(header: str) -> tuple[str, float] | None:
-    unit = _HEADER_UNIT.search(header)
-    stem = header[: unit.start()].strip() if unit else header
-    name = _STEMS.get(stem, stem if unit and stem in _KINDS else None)
-    if name in LABELS:
-        return str(name), 1.0
-    if name is None or unit is None:
-        return None
-    factors = UNITS[_KINDS[name]]
-    factor = factors.get(plain_unit(next(filter(None, unit.groups()))))
-    return None if factor is None else (_key(name), factor / _scale(name))
-
-
-def _key(name: str) -> str:
-    return f"{name}_nm" if name in TORQUES else f"{name}_{_OTHERS[name]}"
-
-
-def _scale(name: str) -> float:
-    return DEGREE if name == "position" else 1.0
-
-
-def maps(text: str, table: CsvTable) -> bool:
-    """Return whether a mapping names a header of a table."""
-    source = text.partition("=")[2].strip().lower().removeprefix("-").strip()
-    unit = _HEADER_UNIT.search(source)
-    return source in table.header or bool(unit and source[: unit.start()].strip() in table.header)
-
-
-def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> list[str]:
-    """Return the mappings for a table, less those that name a header of another table only."""
-    tables = [read_csv(path) for path in (first, *others)] if others else []
-    return [
-        text
-        for text in mapping
-        if not tables or maps(text, tables[0]) or not any(maps(text, each) for each in tables)
-    ]
-
-
-def _mapped(text: str, table: CsvTable) -> tuple[str, tuple[str, float]]:
-    name, equals, source = text.partition("=")
-    name, source = name.strip().lower(), source.strip().lower()
-    name = next((each for each in _KINDS if name == _key(each)), name)
-    if not equals or not source or name not in (*_KINDS, *LABELS):
-        raise InputError(
-            f"--column {text}",
-            f"NAME=Header[unit] with NAME one of {', '.join((*_KINDS, *LABELS))}",
-            "as in --column 'reading=Drehmoment[Nm]'",
-        )
-    sign = 1.0
-    if source not in table.header and source.startswith("-"):
-        sign, source = -1.0, source[1:].strip()
-    unit = _HEADER_UNIT.search(source)
-    header = source
-    if header not in table.header and unit is not None:
-        header = source[: unit.start()].strip()
-    if header not in table.header:
-        raise InputError(
-            f"--column {text}: {table.origin} has no column {header}",
-            f"one of {', '.join(table.header)}",
-        )
-    if name in LABELS:
-        return name, (header, 1.0)
-    unit = unit or _HEADER_UNIT.search(header)
-    word = next(filter(None, unit.groups())) if unit else header.rpartition("_")[2]
-    factors = UNITS[_KINDS[name]]
-    if plain_unit(word) not in factors:
-        raise InputError(
-            f"--column {text} names no unit" if unit is None else f"the unit {word} in {text}",
-            f"one of {', '.join(factors)} in brackets",
-            f"as in --column '{name}={header}[{next(iter(factors))}]'",
-        )
-    return _key(name), (header, sign * factors[plain_unit(word)] / _scale(name))
-
-
-def find_columns(
-    table: CsvTable,
-    required: tuple[str, ...],
-    named: Mapping[str, tuple[str, float]] | None = None,
-) -> dict[str, tuple[str, float]]:
-    """Find the numeric columns of a torque table and the factor to their SI unit.
-
-    Torques may also be in kN·m (``reading_knm``) or mN·m (``reading_mnm``); any other unit is
-    refused by name, because a column that is silently passed over is a guess.
-
-    Parameters
-    ----------
-    table : CsvTable
-        The table.
-    required : tuple of str
-        Columns that there must be.
-    named : mapping, optional
-        Columns that are known already, in the form of what is returned.
-
-    Returns
-    -------
-    dict
-        Name of the column in the file and factor to the unit of the key, by names of
-        `NUMERIC_COLUMNS`.
+def with_unit(name: str, unit: str, origin: str) -> str:
+    """Return the header of a channel whose unit a file states beside its name.
 
     Raises
     ------
     InputError
-        Where a required column is missing, a quantity is given twice, or in another unit.
+        Where the name states another unit.
+
+    Examples
+    --------
+    >>> with_unit("Drehmoment", "kN·m", "a file"), with_unit("speed_rpm", "1/min", "a file")
+    ('Drehmoment [kN·m]', 'speed_rpm')
     """
-    found: dict[str, tuple[str, float]] = dict(named or {})
-    taken = {name for name, _ in found.values()}
-    for name in table.header:
-        if name in taken:
-            continue
-        known = _known(name)
-        if known is None:
-            _refuse_foreign_unit(name, table.origin)
-            continue
-        key, factor = known
-        if key in found:
-            raise InputError(
-                f"{table.origin}: the columns {found[key][0]} and {name} give one quantity twice",
-                f"one of them, {key} by preference",
-                "remove one of them",
-            )
-        found[key] = (name, factor)
-    for key in required:
-        if key not in found:
-            raise InputError(
-                f"{table.origin} has no column {key}; it has {', '.join(table.header)}",
-                f"the columns {', '.join(required)}",
-                _missing_remedy(key, table.header),
-            )
-    return found
+    if unit in ("", "1", "-"):
+        return name
+    own = plain_unit(unit_of(name.lower()))
+    known = {each for units in UNITS.values() for each in units}
+    if own not in known or name.lower() == own:
+        return name if own == plain_unit(unit) else f"{name} [{unit}]"
+    if own != plain_unit(unit) and any(plain_unit(unit) in units for units in UNITS.values()):
+        raise InputError(
+            f"{origin}: channel {name} is in {unit} by its properties",
+            "one unit of a channel",
+            "rename it, or correct its unit",
+        )
+    return name
 
 
-def _known(name: str) -> tuple[str, float] | None:
-    if name in NUMERIC_COLUMNS:
-        return name, 1.0
-    stem, _, unit = name.rpartition("_")
-    if stem in TORQUES and unit in _TORQUE_UNITS:
-        return f"{stem}_nm", _TORQUE_UNITS[unit]
+def unit_of(header: str) -> str:
+    """Return the unit that a header names, or what follows its last underscore."""
+    unit = _HEADER_UNIT.search(header)
+    return next(filter(None, unit.groups())) if unit else header.rpartition("_")[2]
+
+
+def _by_own_name(header: str, wanted: Mapping[str, Kind]) -> tuple[str, float] | None:
+    """Understand ``speed_rpm``, or ``series``."""
+    if wanted.get(header) in (LABEL, WORD):
+        return header, 1.0
+    for name in sorted(wanted, key=len, reverse=True):
+        if header.startswith(f"{name}_"):
+            factor = UNITS.get(wanted[name], {}).get(_plain(header.removeprefix(f"{name}_")))
+            if factor is not None:
+                return name, factor
     return None
 
 
-def _refuse_foreign_unit(name: str, origin: str) -> None:
-    for stem in TORQUES:
-        unit = _unit_after(stem, name)
-        if unit in _FOREIGN_TORQUE:
+def _plain(unit: str) -> str:
+    """Return a unit as it stands in a name; a digit there, as of rad_s2, is an exponent."""
+    return plain_unit(unit) if re.fullmatch(r"[a-z_]+2?", unit) else ""
+
+
+def _by_other_name(header: str, wanted: Mapping[str, Kind]) -> tuple[str, float] | None:
+    """Understand ``Drehzahl [1/min]``, ``speed [rpm]`` or ``Reihe``."""
+    unit = _HEADER_UNIT.search(header)
+    stem = header[: unit.start()].strip() if unit else header
+    name = stem.replace(" ", "_") if unit else ""
+    if name not in wanted:
+        name = _STEMS.get(stem, "")
+    kind = wanted.get(name)
+    if kind in (LABEL, WORD):
+        return name, 1.0
+    if kind is None or unit is None:
+        return None
+    factor = UNITS[kind].get(plain_unit(next(filter(None, unit.groups()))))
+    return None if factor is None else (name, factor)
+
+
+def maps(text: str, table: CsvTable) -> bool:
+    """Return whether a mapping names a header of a table."""
+    return _find(text.partition("=")[2].strip().lower(), table) is not None
+
+
+def _find(source: str, table: CsvTable) -> tuple[str, str | None, float] | None:
+    """Return the header that a text names, the unit in the text, and its sign."""
+    for text, sign in ((source, 1.0), (source.removeprefix("-").strip(), -1.0)):
+        if text in table.header:
+            return text, None, sign
+        unit = _HEADER_UNIT.search(text)
+        stem = text[: unit.start()].strip() if unit else text
+        stated = next(filter(None, unit.groups())) if unit else None
+        if stem in table.header:
+            return stem, stated, sign
+        alike = [each for each in table.header if _HEADER_UNIT.sub("", each) == stem]
+        if len(alike) == 1:
+            return alike[0], stated, sign
+        if not source.startswith("-"):
+            break
+    return None
+
+
+def _mapped(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str, Source]:
+    name, equals, source = text.partition("=")
+    name, source = name.strip().lower(), source.strip().lower()
+    if name not in wanted:
+        known = _by_own_name(name, wanted)
+        name = known[0] if known else name
+    if not equals or not source or name not in wanted:
+        raise InputError(
+            f"--column {text}",
+            f"NAME=Header[unit] with NAME one of {', '.join(wanted)}",
+            "as in --column 'reading=Drehmoment[Nm]'",
+        )
+    found = _find(source, table)
+    if found is None:
+        header = _HEADER_UNIT.sub("", source).removeprefix("-").strip()
+        raise InputError(
+            f"--column {text}: {table.origin} has no column {header}",
+            f"one of {', '.join(table.header)}",
+        )
+    header, unit, sign = found
+    kind = wanted[name]
+    if kind == WORD and sign < 0.0:
+        raise InputError(f"--column {text}", f"words for {name}, which have no sign", "drop the -")
+    if kind in (LABEL, WORD):
+        return name, (header, sign)
+    stated = unit or unit_of(header)
+    counts = _COUNTS.fullmatch(stated)
+    if kind == "angle" and counts is not None and float(counts[1]) > 0.0:
+        return name, (header, sign * TURN / float(counts[1]))
+    factors = UNITS[kind]
+    if plain_unit(stated) not in factors:
+        more = ", counts/N for N counts per revolution" if kind == "angle" else ""
+        named = unit is not None or _HEADER_UNIT.search(header) is not None
+        raise InputError(
+            f"the unit {stated} in {text}" if named else f"--column {text} names no unit",
+            f"one of {', '.join(factors)}{more} in brackets",
+            f"as in --column '{name}={header}[{_SHOWN_UNITS[kind]}]'",
+        )
+    return name, (header, sign * factors[plain_unit(stated)])
+
+
+def _refuse_foreign_unit(
+    header: str, origin: str, wanted: Mapping[str, Kind], found: Mapping[str, Source]
+) -> None:
+    for name, kind in wanted.items():
+        if name in found or kind in (LABEL, WORD) or not header.startswith(name):
+            continue
+        unit = re.sub(r"[^a-z]", "", header.removeprefix(name))
+        own = _own_name(name, kind)
+        if kind == "torque" and unit in _FOREIGN_TORQUE:
             raise InputError(
-                f"{origin}: the unit of column {name} is {_FOREIGN_TORQUE[unit]}",
-                f"{stem}_nm in N·m, {stem}_knm in kN·m or {stem}_mnm in mN·m",
+                f"{origin}: the unit of column {header} is {_FOREIGN_TORQUE[unit]}",
+                f"{name}_nm in N·m, {name}_knm in kN·m or {name}_mnm in mN·m",
                 "convert the values and rename the column",
             )
-    for stem, unit in _OTHERS.items():
-        if _unit_after(stem, name) in _FOREIGN_OTHER[stem]:
+        if unit in _FOREIGN_OTHER.get(kind, ()):
             raise InputError(
-                f"{origin}: column {name} has another unit than {stem}_{unit}",
-                f"{stem}_{unit}",
+                f"{origin}: column {header} has another unit than {own}",
+                f"{own}, or {name}[unit] with one of {', '.join(UNITS[kind])}",
                 "convert the values and rename the column",
             )
 
 
-def _unit_after(stem: str, name: str) -> str:
-    if not name.startswith(stem):
-        return ""
-    return re.sub(r"[^a-z]", "", name.removeprefix(stem))
+def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
+    """Return what to do for a quantity that no header names."""
+    own = _own_name(name, kind)
+    if kind in (LABEL, WORD):
+        return f"add it, or name it: --column '{name}=Header'"
+    if name in table.header:
+        return (
+            f"rename {name} to {own} if it is in that unit: a header names its unit, "
+            f"or --column '{name}={name}[{_SHOWN_UNITS[kind]}]'"
+        )
+    header = _fitting(table, name, kind, taken)
+    if header is None:
+        return f"add it, or name it as in --column '{name}=Header[{_SHOWN_UNITS[kind]}]'"
+    unit = unit_of(header)
+    known = plain_unit(unit) in UNITS[kind] and plain_unit(unit) != plain_unit(_OWN_UNITS[kind])
+    shown = unit if known else _SHOWN_UNITS[kind]
+    stem = _HEADER_UNIT.sub("", header)
+    return f"name the column and its unit: --column '{name}={stem}[{shown}]'"
 
 
-def _missing_remedy(key: str, header: tuple[str, ...]) -> str:
-    stem, _, unit = key.rpartition("_")
-    alike = [name for name in header if name.startswith(stem)]
-    words = [name for name in header if any(word in name for word in _TORQUE_WORDS)]
-    words += [name for name in header if _STEMS.get(_HEADER_UNIT.sub("", name)) == stem]
-    if not alike and words and stem in TORQUES:
-        shown = _HEADER_UNIT.sub("", words[-1])
-        return f"name the column and its unit: --column '{stem}={shown}[Nm]'"
-    if alike:
-        return f"rename {alike[0]} to {key} if it is in that unit: a header names its unit"
-    return f"add it, with the unit {unit} in its header"
+def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | None:
+    """Return the header that is most likely a quantity; None where none is of its kind.
+
+    A header that names a unit of another kind never is: a time is no torque.
+    """
+    ranked = []
+    for header in table.header:
+        unit = plain_unit(unit_of(header))
+        kinds = {each for each, units in UNITS.items() if unit in units}
+        words = {each for each, parts in _WORDS.items() if any(part in header for part in parts)}
+        called = _STEMS.get(_HEADER_UNIT.sub("", header)) == name
+        if header in taken or (kinds and kind not in kinds):
+            continue
+        if words and kind not in words and not called:
+            continue
+        rank = (kind in kinds) + 2 * (kind in words) + 4 * (name.partition("_")[0] in header)
+        rank += 8 * called
+        if rank:
+            ranked.append((-rank, header))
+    return min(ranked)[1] if ranked else None
 
 
 def quantity(
-    table: CsvTable, columns: dict[str, tuple[str, float]], key: str
+    table: CsvTable, columns: Mapping[str, Source], key: str
 ) -> NDArray[np.float64] | None:
     """Return a numeric column in its SI unit, shape (n,), or None where there is none."""
     if key not in columns:
@@ -405,7 +547,7 @@ def branches(table: CsvTable) -> NDArray[np.int8] | None:
     InputError
         Naming the first cell that is none of these.
     """
-    return _words(table, "branch", BRANCH_WORDS, "up, down or unknown (or +1, -1, 0)")
+    return _words(table, "branch")
 
 
 def check_direction(table: CsvTable, torque_nm: NDArray[np.float64]) -> None:
@@ -416,23 +558,21 @@ def check_direction(table: CsvTable, torque_nm: NDArray[np.float64]) -> None:
     InputError
         Naming the first line where it doesn't.
     """
-    words = _words(table, "direction", _DIRECTIONS, "clockwise or counter-clockwise (cw, ccw)")
+    words = _words(table, "direction")
     if words is None:
         return
     for row in np.flatnonzero(words * np.sign(torque_nm) < 0):
         raise InputError(
             f"{table.place(int(row), 'direction')}: {table.texts('direction')[row]!r} "
             f"beside {torque_nm[row]:.6g} N·m",
-            "clockwise torque positive, counter-clockwise torque negative",
-            "give counter-clockwise torque a minus sign",
+            *DIRECTION_REMEDY,
         )
 
 
-def _words(
-    table: CsvTable, column: str, meaning: Mapping[str, int], allowed: str
-) -> NDArray[np.int8] | None:
+def _words(table: CsvTable, column: str) -> NDArray[np.int8] | None:
     if column not in table.header:
         return None
+    meaning, allowed = word_values(column), WORDS_ALLOWED[column]
     values = np.empty(len(table.rows), dtype=np.int8)
     for row, text in enumerate(table.texts(column)):
         if text.lower() not in meaning:

@@ -12,13 +12,21 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["CsvTable", "csv_encoding", "decode_csv", "is_comment", "parse_csv", "read_csv"]
+__all__ = [
+    "COMMENT",
+    "CsvTable",
+    "csv_encoding",
+    "decode_csv",
+    "is_comment",
+    "parse_csv",
+    "read_csv",
+]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
 """How a spreadsheet writes a cell that it can't compute, in its languages."""
-_COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
+COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
 _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
@@ -252,7 +260,7 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
 
 def _remarks(text: str) -> Iterator[tuple[str, str]]:
     for line in text.splitlines():
-        match = _COMMENT.match(line.strip())
+        match = COMMENT.match(line.strip())
         if match:
             yield match[1].lower(), match[2].rstrip(",; \t").lstrip()
 

@@ -24,7 +24,8 @@ from torquebench.errors import InputError
 from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import csv_encoding, is_comment, parse_csv
-from torquebench.records.table_formats import check_formats, is_parquet
+from torquebench.records.table_files import ArrowFile, open_table
+from torquebench.records.table_formats import check_formats, is_csv, is_parquet
 from torquebench.records.tables import (
     ADDED_COLUMNS,
     ReadingsTable,
@@ -82,6 +83,7 @@ class _Source(Protocol):
     """A file of readings: `pieces` as they lie in it, each made a block by itself."""
 
     header: tuple[str, ...]
+    names: tuple[str, ...]  # as they are written
     remarks: dict[str, str]
     simulated: bool
     timed: bool
@@ -110,7 +112,7 @@ def compensate_file(
     Parameters
     ----------
     source : pathlib.Path
-        CSV or Parquet; ``-`` is CSV from standard input.
+        CSV, Parquet, Excel, TDMS, MDF4 or HDF5; ``-`` is CSV from standard input.
     target : pathlib.Path
         CSV or Parquet by its ending; see `atomic_write` for links, pipes and ``-``.
     compensate : callable
@@ -212,8 +214,8 @@ def _in_order(
 
 def _open(path: Path, opened: ExitStack, mapping: Sequence[str]) -> _Source:
     try:
-        if is_parquet(path):
-            return _ParquetSource(path, opened.enter_context(pq.ParquetFile(path)), mapping)
+        if not is_csv(path):
+            return _ArrowSource(open_table(path, opened), mapping)
         if str(path) == "-":
             return _CsvSource("standard input", sys.stdin.buffer, 0, mapping)
         return _CsvSource(
@@ -246,7 +248,8 @@ class _CsvSource:
         self._head_text = head.decode("utf-8", "replace")
         self._table = parse_csv(self._head_text, origin)
         self._header_line, self._rest = _after_header(self._rest, self._before)
-        self.header, self.remarks = self._table.header, self._table.remarks
+        self.header = self.names = self._table.header
+        self.remarks = self._table.remarks
         self._mapping = mapping
         named, self._columns = understood(self._table, ("reading_nm",), mapping)
         self.timed = "time_s" in self._columns
@@ -420,21 +423,23 @@ def _end_of_lines(content: bytes) -> int:
     return end
 
 
-class _ParquetSource:
-    """A Parquet file in row groups or parts of them."""
+class _ArrowSource:
+    """A file of any other format, in batches."""
 
-    def __init__(self, path: Path, file: Any, mapping: Sequence[str]) -> None:
-        self.origin, self._file = str(path), file
-        self._columns = ArrowReadings(str(path), file.schema_arrow, mapping)
-        self.header, self.remarks = self._columns.header, self._columns.remarks
+    def __init__(self, file: ArrowFile, mapping: Sequence[str]) -> None:
+        self.origin, self._file = file.origin, file
+        self._columns = ArrowReadings(file.origin, file.schema, mapping)
+        self.header, self.names = self._columns.header, self._columns.names
+        self.remarks = self._columns.remarks
         self.simulated, self.timed = self._columns.simulated, self._columns.timed
 
     def pieces(self) -> Iterator[tuple[tuple[Any, int], float]]:
         """Yield batches and the number of rows before them."""
-        before, total = 0, self._file.metadata.num_rows
-        for batch in self._file.iter_batches(_BLOCK_ROWS):
-            yield (batch, before), (before + batch.num_rows) / max(total, 1)
-            before += batch.num_rows
+        before, total = self._file.before, max(self._file.rows, 1)
+        for batch in self._file.batches(_BLOCK_ROWS):
+            read = before + batch.num_rows
+            yield (batch, before), (read - self._file.before) / total
+            before = read
 
     def block(self, piece: tuple[Any, int]) -> _Block | None:
         """Return a batch with its readings."""
@@ -452,7 +457,7 @@ class _CsvSink:
         self._separator = getattr(source, "separator", ",")
         self._comma = getattr(source, "decimal_comma", False)
         remarks = [f"# {key} = {value}\n" for key, value in source.remarks.items()]
-        header = self._separator.join(map(self._quoted, (*source.header, *ADDED_COLUMNS)))
+        header = self._separator.join(map(self._quoted, (*source.names, *ADDED_COLUMNS)))
         file.write(("".join(remarks) + header + "\n").encode())
 
     def _quoted(self, name: str) -> str:

@@ -20,11 +20,13 @@ from torquebench.records.columns import (
     series,
     understood,
 )
-from torquebench.records.csv_text import CsvTable, parse_csv, read_csv
+from torquebench.records.csv_text import CsvTable, parse_csv
+from torquebench.records.table_files import read_table
 
 __all__ = [
     "ReadingsTable",
     "calibration_csv",
+    "maps_one",
     "parse_calibration_csv",
     "read_calibration_csv",
     "read_empty_run",
@@ -99,7 +101,7 @@ def read_calibration_csv(
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
-    table = read_csv(Path(path))
+    table = read_table(Path(path))
     chain = {
         "side": side,
         "transducer_serial": transducer_serial,
@@ -262,7 +264,7 @@ def read_readings_csv(path: Path | str) -> ReadingsTable:
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
-    return readings_of(read_csv(Path(path)))
+    return readings_of(read_table(Path(path)))
 
 
 def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
@@ -305,7 +307,7 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     InputError
         Naming file, line and column of what can't be used, and what to do.
     """
-    table = read_csv(Path(path))
+    table = read_table(Path(path))
     wanted = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
     table, columns = understood(table, wanted, [text for text in mapping if maps(text, table)])
     table.check_decimal_marks([name for name, _ in columns.values()])
@@ -313,6 +315,16 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     time_s, reading, speed, temperature = (each for each in values if each is not None)
     acceleration = quantity(table, columns, "acceleration_rad_s2")
     return EmptyRun(Path(path).name, time_s, reading, speed, temperature, acceleration)
+
+
+def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> list[str]:
+    """Return the mappings for a table, less those that name a header of another table only."""
+    tables = [read_table(path) for path in (first, *others)] if others and mapping else []
+    return [
+        text
+        for text in mapping
+        if not tables or maps(text, tables[0]) or not any(maps(text, each) for each in tables)
+    ]
 
 
 def write_torque_csv(

@@ -86,7 +86,7 @@ def test_tdms_is_read_as_csv_is(tmp_path: Path) -> None:
     [
         ({}, "no calibration"),
         ({"same-points-input.csv": "reading_nm,standard_nm\n1,1\n2,2\n"}, "without calibration-in"),
-        ({"calibration-input.tdms": "no TDMS"}, "no channels"),
+        ({"calibration-input.tdms": "no TDMS"}, "calibration-input.tdms: no group"),
         (
             {
                 "calibration-input.csv": "reading_nm,standard_nm\n1,1\n2,2\n3,3\n",

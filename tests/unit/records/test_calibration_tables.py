@@ -144,7 +144,7 @@ def test_simulated_tables_say_so(read):
         ("reading_hz,standard_nm\n1,1\n", "reading_hz is an electrical signal"),
         ("reading_nm,standard_n\n1,1\n", "standard_n is a force"),
         ("reading_percent,standard_nm\n1,1\n", "reading_percent is a share"),
-        ("reading_nm,standard_nm,time_ms\n1,1,1\n", "time_ms has another unit than time_s"),
+        ("reading_nm,standard_nm,time_h\n1,1,1\n", "time_h has another unit than time_s"),
         ("reading_nm,standard_nm,temperature_k\n1,1,1\n", "another unit than temperature_c"),
         ("reading_nm,reading_knm,standard_nm\n1,1,1\n", "reading_nm and reading_knm give one"),
         ("reading_nm,standard_nm,reading_nm\n1,1,1\n", "two columns are called reading_nm"),

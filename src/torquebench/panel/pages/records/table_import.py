@@ -18,6 +18,7 @@ from torquebench.panel.pages.job_panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE
+from torquebench.records.table_formats import ENDINGS
 from torquebench.reports.certificate.labels import labels_of
 
 __all__ = ["TableEntry", "profile_titles"]
@@ -83,7 +84,7 @@ class TableEntry:
             words("p", text("elsewhere.explained"), "muted")
             with box("div", "field"):
                 label = words("label", text("elsewhere.file"))
-                entry = box("input", "control", type="file", accept=".csv,.txt,text/csv")
+                entry = box("input", "control", type="file", accept=",".join(ENDINGS))
                 label.props["for"] = entry.html_id
                 entry.on("change", lambda event: self._chosen(event.args), js_handler=READ_FILE)
                 words("div", text("elsewhere.file_hint"), "hint")
@@ -126,7 +127,7 @@ class TableEntry:
         self._rest.set_visibility(False)
         try:
             raw = b" " * (LONGEST_TABLE + 1) if content is None else base64.b64decode(content)
-            self._content = read_table(raw)
+            self._content = read_table(raw, self._called)
         except TorquebenchError as error:
             with self._found:
                 problem_note(self._text, error)

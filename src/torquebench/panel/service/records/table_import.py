@@ -34,6 +34,8 @@ from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
+from torquebench.records.table_files import table_text
+from torquebench.records.table_formats import is_csv
 from torquebench.reports.certificate import person_among
 from torquebench.validation import validated
 
@@ -175,8 +177,14 @@ class EnteredTable:
     run_id: str
 
 
-def read_table(content: bytes) -> str:
-    """Return the text of an uploaded CSV file, for a `TableRequest`.
+def read_table(content: bytes, name: str = "") -> str:
+    """Return the text of an uploaded file, for a `TableRequest`.
+
+    Parameters
+    ----------
+    content : bytes
+    name : str, optional
+        Its ending says which format it is; CSV without one.
 
     Raises
     ------
@@ -190,9 +198,14 @@ def read_table(content: bytes) -> str:
     """
     if len(content) > LONGEST_TABLE:
         raise InputError(
-            f"an upload of {len(content)} bytes", f"at most {LONGEST_TABLE} bytes of CSV"
+            f"an upload of {len(content)} bytes", f"at most {LONGEST_TABLE} bytes of a table"
         )
-    return decode_csv(content, "the upload")
+    if is_csv(Path(name)):
+        return decode_csv(content, "the upload")
+    with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
+        table = Path(scratch) / Path(name).name
+        table.write_bytes(content)
+        return table_text(table)
 
 
 class TableImport:
