@@ -42,8 +42,8 @@ def in_place(
     alone: Annotated[
         Path | None,
         typer.Option(
-            help="The transducer's calibration by itself (a table: reading_nm, standard_nm); needed "
-            "on a real bench."
+            help="The transducer's calibration by itself (a table: reading_nm, standard_nm); "
+            "needed on a real bench."
         ),
     ] = None,
     quick: Annotated[

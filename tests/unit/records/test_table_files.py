@@ -159,9 +159,7 @@ def test_a_file_of_several_tables_wants_one_chosen(tmp_path: Path) -> None:
                 ChannelObject("fast", "standard_nm", np.array([1.1, 2.1, 3.1])),
             ]
         )
-    with pytest.raises(
-        InputError, match=r"2 tables.*; slow \(temperature_c\).*two.tdms#fast"
-    ):
+    with pytest.raises(InputError, match=r"2 tables.*; slow \(temperature_c\).*two.tdms#fast"):
         read_table(path)
     with pytest.raises(InputError, match="no group quick; allowed: one of fast, slow"):
         read_table(Path(f"{path}#quick"))
