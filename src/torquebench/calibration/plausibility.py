@@ -320,7 +320,7 @@ def _cubic_splines(place: FloatArray, count: int) -> FloatArray:
         width = knots[degree:] - knots[:-degree]
         share = (place[:, None] - knots[:-degree]) / np.where(width > 0.0, width, 1.0)
         splines = splines[:, :-1] * share[:, :-1] + splines[:, 1:] * (1.0 - share[:, 1:])
-    return splines
+    return np.asarray(splines)
 
 
 def _left_of(axes: FloatArray, columns: FloatArray) -> FloatArray:

@@ -264,10 +264,11 @@ def apply(
     column acceleration_rad_s2 gives it, the branch from the readings before where there is none.
     """
     from torquebench.compensation import load_model
-    from torquebench.records.table_formats import check_formats
+    from torquebench.records.table_formats import check_read, check_written
 
     check_output(result, model, readings, *([] if dynamics is None else [dynamics]))
-    check_formats(readings, result)
+    check_read(readings)
+    check_written(result)
     stored = load_model(model)
     _warn_of_contradictions(stored)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.atomic_write import atomic_path
-from torquebench.records.table_formats import check_formats, is_parquet
+from torquebench.records.table_formats import check_written, is_parquet
 
 __all__ = ["Answer"]
 
@@ -61,7 +61,7 @@ class Answer:
         InputError
             The ending names no format, or the file can't be written.
         """
-        check_formats(path)
+        check_written(path)
         import pyarrow as pa
         import pyarrow.csv
         import pyarrow.parquet as pq

@@ -113,7 +113,8 @@ class ArrowReadings:
                 raise InputError(
                     f"{self.origin}, row {row}, column {name}: {word!r}", WORDS_ALLOWED[name]
                 )
-        return np.array([meaning[word.lower()] for word in words], dtype=np.int8)[places]
+        signs = np.array([meaning[word.lower()] for word in words], dtype=np.int8)
+        return np.asarray(signs[places])
 
     def _check_direction(self, reading: NDArray[np.float64], batch: Any, before: int) -> None:
         direction = self._words("direction", batch, before)

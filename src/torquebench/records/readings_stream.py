@@ -25,7 +25,7 @@ from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import csv_encoding, is_comment, parse_csv
 from torquebench.records.table_files import ArrowFile, open_table
-from torquebench.records.table_formats import check_formats, is_csv, is_parquet
+from torquebench.records.table_formats import check_read, check_written, is_csv, is_parquet
 from torquebench.records.tables import (
     ADDED_COLUMNS,
     ReadingsTable,
@@ -129,7 +129,8 @@ def compensate_file(
     InputError
         Naming file, line and column of what can't be used.
     """
-    check_formats(source, target)
+    check_read(source)
+    check_written(target)
     with ExitStack() as opened:
         readings = _open(source, opened, mapping)
         for name in ADDED_COLUMNS:

@@ -4,7 +4,16 @@ from pathlib import Path
 
 from torquebench.errors import InputError
 
-__all__ = ["ENDINGS", "READ", "WRITTEN", "check_formats", "is_csv", "is_parquet", "split_part"]
+__all__ = [
+    "ENDINGS",
+    "READ",
+    "WRITTEN",
+    "check_read",
+    "check_written",
+    "is_csv",
+    "is_parquet",
+    "split_part",
+]
 
 _CSV = ("", ".csv", ".txt", ".tsv")
 _ENDINGS = {
@@ -60,23 +69,31 @@ def is_csv(path: Path) -> bool:
     return format_of(path) in ("csv", "")
 
 
-def check_formats(source: Path, target: Path) -> None:
-    """Refuse files whose ending names no format, before any work is done for them.
+def check_read(path: Path) -> None:
+    """Refuse a file whose ending names no format that is read.
 
     Raises
     ------
     InputError
-        Naming the formats that can be read and written.
+        Naming the formats.
+    """
+    if not format_of(path):
+        raise InputError(path.name, READ, "choose one of these endings")
+
+
+def check_written(path: Path) -> None:
+    """Refuse a file whose ending names no format that is written, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        Naming the formats.
 
     Examples
     --------
-    >>> check_formats(Path("readings.csv"), Path("torque.xls"))
+    >>> check_written(Path("torque.xls"))
     Traceback (most recent call last):
     torquebench.errors.InputError: torque.xls; allowed: CSV (.csv, .txt, .tsv) or Parquet ...
     """
-    for path, formats, allowed in (
-        (source, tuple(_ENDINGS.values()), READ),
-        (target, ("csv", "parquet"), WRITTEN),
-    ):
-        if format_of(path) not in formats:
-            raise InputError(path.name, allowed, "choose one of these endings")
+    if format_of(path) not in ("csv", "parquet"):
+        raise InputError(path.name, WRITTEN, "choose one of these endings")
