@@ -880,6 +880,7 @@ _PLANT_QUESTIONS = (
     "charts",
     "outliers",
     "compare",
+    "reevaluate",
 )
 _REDUCER_TESTS = (
     "starting",

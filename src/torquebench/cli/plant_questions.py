@@ -279,3 +279,56 @@ def compare(
     if differing:
         warn(f"|E_n| above 1: {', '.join(differing)}")
         raise typer.Exit(CHECK_FAILED)
+
+
+@app.command("reevaluate")
+def reevaluate(
+    scheduler: Annotated[
+        str, typer.Option(help="serial, processes, or the address of a Dask cluster: tcp://…")
+    ] = "processes",
+    workers: Annotated[int | None, typer.Option(min=1, help="How many processes.")] = None,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(help="Only runs of calibrate, check, verify or test; repeat it."),
+    ] = None,
+    bench: BenchNumber = None,
+    label: Annotated[
+        str | None, typer.Option(help="What the results are kept under; the version by default.")
+    ] = None,
+    against: Annotated[
+        str | None,
+        typer.Option(help="Compare with this evaluation instead of what was found at first."),
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="No more runs than these now.")] = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Refit and evaluate every recorded run with this version, and show what changed.
+
+    The results are kept beside the old ones, which stay. Broken off, it goes on where it was; the
+    scheduler makes no difference to any bit. Ends with 1 where runs couldn't be evaluated.
+    """
+    from torquebench import __version__
+    from torquebench.cli.failure import CHECK_FAILED
+    from torquebench.cli.progress import TerminalProgress
+    from torquebench.plant import differences
+    from torquebench.plant import reevaluate as again
+    from torquebench.plant.reevaluating import KINDS
+
+    name = label or __version__
+    with opened(plant) as found:
+        with TerminalProgress() as progress:
+            done = again(
+                found,
+                scheduler,
+                workers=workers,
+                label=name,
+                kinds=kind or KINDS,
+                bench=bench,
+                limit=limit,
+                progress=progress,
+            )
+        say(f"{done.done} runs evaluated now, {done.known} before, {done.problems} can't be")
+        show(differences(found, name, against), out_file)
+    if done.problems:
+        raise typer.Exit(CHECK_FAILED)

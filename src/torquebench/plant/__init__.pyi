@@ -26,6 +26,11 @@ from .production import (
     outliers as outliers,
     specimens as specimens,
 )
+from .reevaluating import (
+    Reevaluation as Reevaluation,
+    differences as differences,
+    reevaluate as reevaluate,
+)
 from .transducers import (
     drift as drift,
     drift_of_kind as drift_of_kind,

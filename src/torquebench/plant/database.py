@@ -34,7 +34,7 @@ __all__ = ["PLANT_URL", "BenchState", "Plant", "PlantDatabase", "PlantRun"]
 
 PLANT_URL = "TORQUEBENCH_PLANT"
 """Environment variable with the URL of the plant's registry."""
-_KEPT = ("links", "results", "folders", "withdrawals", *mirrored)
+_KEPT = ("links", "results", "folders", "withdrawals", "reevaluations", *mirrored)
 CHUNK = 5000
 
 

@@ -38,6 +38,7 @@ __all__ = [
     "links",
     "mirrored",
     "plant_metadata",
+    "reevaluations",
     "results",
     "runs",
     "settings",
@@ -173,6 +174,20 @@ withdrawals = Table(
     _text("reason"),
     Index("ix_plant_withdrawals_manifest", "manifest_sha256"),
     Index("ix_plant_withdrawals_run", "run_id"),
+)
+
+reevaluations = Table(
+    "reevaluations",
+    plant_metadata,
+    Column("bench_key", Integer, primary_key=True),
+    Column("run_id", Text, primary_key=True),
+    Column("label", Text, primary_key=True),
+    Column("software_version", Text, nullable=False),
+    Column("manifest_sha256", Text, nullable=False),
+    Column("earlier", JSONB, nullable=False),
+    Column("values", Text, nullable=False),
+    _text("problem"),
+    Column("evaluated", _Moment, nullable=False),
 )
 
 

@@ -1,0 +1,372 @@
+"""Everything that is recorded, evaluated again: on this processor, all of them, or a cluster."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Protocol
+
+from sqlalchemy import insert, text
+
+from torquebench import __version__
+from torquebench.calibration import RAW
+from torquebench.campaign.progress import NO_PROGRESS, Progress
+from torquebench.errors import InputError, RecordError
+from torquebench.plant.answer import Answer
+from torquebench.plant.database import Plant
+from torquebench.plant.reevaluation import Reevaluated, RunTask, SealedFolder, reevaluate_run
+from torquebench.plant.tables import reevaluations
+
+__all__ = ["Reevaluation", "differences", "reevaluate"]
+
+CHUNK = 8
+"""Runs that are handed over together: fewer messages, and little to do again after a stop."""
+AHEAD = 4
+"""Chunks a worker that wait: enough to keep it busy, and no more in memory."""
+SAME = 1e-9
+"""Relative difference below which a value counts as unchanged."""
+KINDS = ("calibrate", "check", "verify", "test")
+
+_TASKS = """
+SELECT r.bench_key, r.run_id, r.id, r.kind, r.manifest_sha256, f.url
+FROM plant.runs r
+JOIN plant.benches b ON b.bench_key = r.bench_key AND b.replaced_by IS NULL
+JOIN plant.folders f ON f.bench_key = r.bench_key AND f.run_id = r.run_id
+LEFT JOIN plant.reevaluations d ON d.bench_key = r.bench_key AND d.run_id = r.run_id
+  AND d.label = :label
+WHERE r.withdrawn IS NULL AND r.status = 'completed' AND d.run_id IS NULL
+  AND split_part(r.kind, '-', 1) = ANY(CAST(:kinds AS text[]))
+  AND (CAST(:bench AS integer) IS NULL OR r.bench_key = :bench)
+ORDER BY r.bench_key, r.id
+"""
+_MODELS = """
+SELECT c.run_key, m.kind, m.metrics, c.summary
+FROM plant.calibrations c JOIN plant.models m ON m.bench_key = c.bench_key
+  AND m.calibration_key = c.id
+WHERE c.bench_key = :bench AND c.run_key IS NOT NULL ORDER BY m.id
+"""
+_FITTED_TO = """
+SELECT v.run_key, m.kind, v.summary, f.url, f.manifest_sha256
+FROM (SELECT bench_key, run_key, model_key, summary FROM plant.verifications
+  UNION ALL SELECT bench_key, run_key, model_key, summary FROM plant.checks) AS v
+JOIN plant.models m ON m.bench_key = v.bench_key AND m.id = v.model_key
+JOIN plant.calibrations c ON c.bench_key = m.bench_key AND c.id = m.calibration_key
+JOIN plant.runs r ON r.bench_key = c.bench_key AND r.id = c.run_key
+JOIN plant.folders f ON f.bench_key = r.bench_key AND f.run_id = r.run_id
+WHERE v.bench_key = :bench AND v.run_key IS NOT NULL ORDER BY m.id
+"""
+_QUANTITIES = """
+SELECT run_id, quantity, value, expanded_uncertainty, verdict, "limit" FROM plant.results
+WHERE bench_key = :bench
+"""
+
+
+@dataclass(frozen=True)
+class Reevaluation:
+    """What was done.
+
+    Parameters
+    ----------
+    label : str
+        Under which the results are kept.
+    done, known : int
+        Runs that were evaluated now, and that had been before.
+    problems : int
+        Of those now, how many couldn't be.
+    """
+
+    label: str
+    done: int
+    known: int
+    problems: int
+
+
+class _Pool(Protocol):
+    def results(self, tasks: Iterator[list[RunTask]]) -> Iterator[list[Reevaluated]]: ...
+
+
+def reevaluate(
+    plant: Plant,
+    scheduler: str = "processes",
+    *,
+    workers: int | None = None,
+    label: str = __version__,
+    kinds: Sequence[str] = KINDS,
+    bench: int | None = None,
+    limit: int | None = None,
+    progress: Progress = NO_PROGRESS,
+) -> Reevaluation:
+    """Refit and evaluate recorded runs with this version, and keep the results beside the old ones.
+
+    May be broken off and begun again: what is kept under the label isn't done twice. Results
+    don't depend on the scheduler, to the last bit.
+
+    Parameters
+    ----------
+    plant : Plant
+        Opened by somebody who may write.
+    scheduler : str, default "processes"
+        ``"serial"``, ``"processes"`` (one a processor), or the address of a Dask cluster whose
+        workers have this version and reach the folders.
+    workers : int, optional
+        How many processes.
+    label : str, optional
+        What the results are kept under; the version by default.
+    kinds : sequence of str
+        Of ``"calibrate"``, ``"check"``, ``"verify"``, ``"test"``.
+    bench : int, optional
+        Only this bench.
+    limit : int, optional
+        No more runs than these.
+    progress : Progress
+
+    Raises
+    ------
+    InputError
+        An unknown kind of run, or a cluster that doesn't answer.
+    """
+    unknown = sorted(set(kinds) - set(KINDS))
+    if unknown:
+        raise InputError(f"kinds of run {', '.join(unknown)}", ", ".join(KINDS))
+    with plant.transaction() as connection:
+        given = {"label": label, "kinds": list(kinds), "bench": bench}
+        rows = connection.execute(text(_TASKS), given).all()
+        known = connection.scalar(
+            text("SELECT count(*) FROM plant.reevaluations WHERE label = :label"), {"label": label}
+        )
+    rows = rows if limit is None else rows[:limit]
+    progress.start("Evaluating again", max(len(rows), 1))
+    done = problems = 0
+    with _pool(scheduler, workers) as pool:
+        earlier: dict[tuple[int, str], RunTask] = {}
+        for found in pool.results(_chunks(plant, rows, earlier)):
+            tasks = [earlier.pop((each.bench_key, each.run_id)) for each in found]
+            _keep(plant, label, tasks, found)
+            done += len(found)
+            problems += sum(bool(each.problem) for each in found)
+            progress.advance(len(found))
+    progress.finish(f"{done} runs" + (f", {problems} can't be" if problems else ""))
+    return Reevaluation(label, done, int(known or 0), problems)
+
+
+def _chunks(
+    plant: Plant, rows: Sequence[Any], handed: dict[tuple[int, str], RunTask]
+) -> Iterator[list[RunTask]]:
+    """Yield tasks in chunks, and note which are on their way."""
+    store = plant.folders_url
+    chunk: list[RunTask] = []
+    known: _Bench | None = None
+    for row in rows:
+        if known is None or known.number != row.bench_key:
+            known = _Bench(plant, row.bench_key)
+        task = known.task(row, store)
+        handed[task.bench_key, task.run_id] = task
+        chunk.append(task)
+        if len(chunk) == CHUNK:
+            yield chunk
+            chunk = []
+    if chunk:
+        yield chunk
+
+
+class _Bench:
+    """What one bench found when it measured."""
+
+    def __init__(self, plant: Plant, number: int) -> None:
+        self.number = number
+        self._earlier: dict[Any, dict[str, float]] = {}
+        self._fitted_to: dict[int, dict[str, tuple[str, SealedFolder]]] = {}
+        given = {"bench": number}
+        with plant.transaction() as connection:
+            for row in connection.execute(text(_MODELS), given):
+                values = self._earlier.setdefault(row.run_key, {})
+                for name, value in row.metrics.items():
+                    if isinstance(value, int | float) and name != "fit_seconds":
+                        values[f"{row.kind} {name}"] = float(value)
+                for direction, value in (row.summary.get("span_error_percent") or {}).items():
+                    values[f"span_error_percent {direction}"] = float(value)
+            for row in connection.execute(text(_FITTED_TO), given):
+                folder = SealedFolder(row.url, row.manifest_sha256)
+                models = row.summary.get("models") or ()
+                names = [each["name"] for each in models if each["name"] != RAW] or [row.kind]
+                self._fitted_to.setdefault(row.run_key, {})[names[0]] = row.kind, folder
+                values = self._earlier.setdefault(row.run_key, {})
+                if "signed_worst_percent_fs" in row.summary:  # of a check
+                    worst = abs(float(row.summary["signed_worst_percent_fs"]))
+                    values[f"{row.kind} worst_percent_fs"] = worst
+                for model in models:
+                    for name in ("worst_percent_fs", "rms_percent_fs"):
+                        values[f"{model['name']} {name}"] = model["against_standard"][name]
+            for row in connection.execute(text(_QUANTITIES), given):
+                values = self._earlier.setdefault(row.run_id, {})
+                values[f"{row.quantity} value"] = row.value
+                if row.expanded_uncertainty is not None:
+                    values[f"{row.quantity} expanded_uncertainty"] = row.expanded_uncertainty
+                if row.limit and row.verdict:
+                    values[f"{row.quantity} passes"] = float(row.verdict == "pass")
+
+    def task(self, row: Any, store: str) -> RunTask:
+        tested = row.kind.startswith("test-")
+        return RunTask(
+            row.bench_key,
+            row.run_id,
+            row.kind,
+            store,
+            SealedFolder(row.url, row.manifest_sha256),
+            fitted_to=self._fitted_to.get(row.id, {}),
+            earlier=self._earlier.get(row.run_id if tested else row.id, {}),
+        )
+
+
+def _keep(plant: Plant, label: str, tasks: Sequence[RunTask], found: Sequence[Reevaluated]) -> None:
+    now = datetime.now(UTC)
+    content = [
+        {
+            "bench_key": each.bench_key,
+            "run_id": each.run_id,
+            "label": label,
+            "software_version": __version__,
+            "manifest_sha256": task.folder.manifest_sha256,
+            "earlier": dict(task.earlier),
+            "values": each.values,
+            "problem": each.problem,
+            "evaluated": now,
+        }
+        for task, each in zip(tasks, found, strict=True)
+    ]
+    with plant.transaction() as connection:
+        connection.execute(insert(reevaluations), content)
+
+
+def _evaluated(tasks: list[RunTask]) -> list[Reevaluated]:
+    return [reevaluate_run(task) for task in tasks]
+
+
+class _Serial:
+    def results(self, tasks: Iterator[list[RunTask]]) -> Iterator[list[Reevaluated]]:
+        return map(_evaluated, tasks)
+
+
+class _Cluster:
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def results(self, tasks: Iterator[list[RunTask]]) -> Iterator[list[Reevaluated]]:
+        from distributed import as_completed
+
+        def submitted() -> Any | None:
+            chunk = next(tasks, None)
+            # Not by its content: what failed for a passing reason is done again when asked.
+            return None if chunk is None else self._client.submit(_evaluated, chunk, pure=False)
+
+        workers = max(len(self._client.ncores()), 1)
+        first = [each for _ in range(AHEAD * workers) if (each := submitted()) is not None]
+        running = as_completed(first)
+        for future in running:
+            yield future.result()
+            future.release()
+            following = submitted()
+            if following is not None:
+                running.add(following)
+
+
+@contextmanager
+def _pool(scheduler: str, workers: int | None) -> Iterator[_Pool]:
+    if scheduler == "serial":
+        yield _Serial()
+        return
+    from distributed import Client, LocalCluster
+
+    if scheduler == "processes":
+        with (
+            LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield _Cluster(client)
+        return
+    try:
+        client = Client(scheduler, timeout="5s")
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"scheduler {scheduler!r}: {error}",
+            "serial, processes, or the address of a Dask cluster such as tcp://server:8786",
+        ) from error
+    with client:
+        versions = set(client.run(_version).values())
+        if versions != {__version__}:
+            said = ", ".join(sorted(versions)) or "no workers"
+            raise RecordError(
+                f"workers of {scheduler} have torquebench {said}",
+                f"torquebench {__version__} on every worker",
+                "install this version there, with the extra plant",
+            )
+        yield _Cluster(client)
+
+
+def _version() -> str:
+    return __version__
+
+
+def differences(plant: Plant, label: str = __version__, against: str | None = None) -> Answer:
+    """Return what changed: every value that this evaluation finds otherwise.
+
+    Parameters
+    ----------
+    plant : Plant
+    label : str, optional
+        Which evaluation; that of this version by default.
+    against : str, optional
+        Another one to compare with; by default what was found when it was measured.
+    """
+    query = """
+        SELECT n.bench_key || ' ' || b.name AS bench, n.run_id, n.values, n.problem,
+          CASE WHEN CAST(:against AS text) IS NULL THEN n.earlier ELSE o.values::jsonb END AS old
+        FROM plant.reevaluations n JOIN plant.benches b ON b.bench_key = n.bench_key
+        LEFT JOIN plant.reevaluations o ON o.bench_key = n.bench_key AND o.run_id = n.run_id
+          AND o.label = :against
+        WHERE n.label = :label ORDER BY n.bench_key, n.run_id
+    """
+    columns: dict[str, list[Any]] = {
+        name: [] for name in ("bench", "run", "what", "earlier", "now", "change")
+    }
+    runs = problems = compared = changed = 0
+    with plant.transaction() as connection:
+        rows = connection.execution_options(yield_per=1000).execute(
+            text(query), {"label": label, "against": against}
+        )
+        for row in rows:
+            runs += 1
+            if row.problem:
+                problems += 1
+                found = (row.bench, row.run_id, f"can't be evaluated: {row.problem}", None, None)
+                for name, value in zip(columns, (*found, None), strict=True):
+                    columns[name].append(value)
+                continue
+            old, differs = row.old or {}, False
+            for what, now in json.loads(row.values).items():
+                if what not in old:
+                    continue
+                compared += 1
+                before = float(old[what])
+                if abs(now - before) > SAME * max(abs(now), abs(before)):
+                    differs = True
+                    entry = (row.bench, row.run_id, what, before, now, now - before)
+                    for name, value in zip(columns, entry, strict=True):
+                        columns[name].append(value)
+            changed += differs
+    return Answer(
+        f"Evaluated again as {label}",
+        columns,
+        facts={
+            "runs": runs,
+            "values compared": compared,
+            "runs with a change": changed,
+            "runs that can't be evaluated": problems,
+        },
+        notes=() if runs else (f"nothing was evaluated as {label}",),
+    )

@@ -1,0 +1,217 @@
+"""One recorded run, refitted and evaluated with this version: the same wherever it is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from torquebench.errors import RecordError, TorquebenchError
+from torquebench.plant.folders import FolderStore
+from torquebench.records.run_folder import MANIFEST
+
+__all__ = ["Reevaluated", "RunTask", "SealedFolder", "reevaluate_run"]
+
+
+@dataclass(frozen=True)
+class SealedFolder:
+    """A folder in the plant's store, and the hash of its manifest in the chain."""
+
+    url: str
+    manifest_sha256: str
+
+
+@dataclass(frozen=True)
+class RunTask:
+    """A run to be evaluated again.
+
+    Parameters
+    ----------
+    bench_key : int
+    run_id, kind : str
+    store : str
+        URL of the plant's folders.
+    folder : SealedFolder
+        Of the run.
+    fitted_to : mapping of str to tuple of str and SealedFolder
+        Of a check or verification: kind and calibration of its models, by the names that the
+        result has them under.
+    earlier : mapping of str to float
+        What was found when it was measured, by the names of `Reevaluated.values`.
+    """
+
+    bench_key: int
+    run_id: str
+    kind: str
+    store: str
+    folder: SealedFolder
+    fitted_to: Mapping[str, tuple[str, SealedFolder]] = field(default_factory=dict)
+    earlier: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Reevaluated:
+    """What this version makes of a run.
+
+    Parameters
+    ----------
+    bench_key : int
+    run_id : str
+    values : str
+        Names with units to numbers, as canonical JSON: equal bits give equal text.
+    problem : str
+        Why there are none; empty where there are.
+    """
+
+    bench_key: int
+    run_id: str
+    values: str
+    problem: str = ""
+
+
+def reevaluate_run(task: RunTask) -> Reevaluated:
+    """Fit and evaluate one recorded run with this version.
+
+    A calibration is fitted again with the models that it was begun with; a check or verification
+    is evaluated with its models fitted again; of a reducer test, whose folder keeps budgets, U
+    and verdicts are computed again. Every file is checked against the manifest first.
+
+    Nothing of it depends on the processor's other work: one thread, no clock, no chance.
+
+    Returns
+    -------
+    Reevaluated
+        With `problem` where the run can't be evaluated; other runs aren't held up.
+    """
+    from threadpoolctl import threadpool_limits
+
+    try:
+        with threadpool_limits(1):
+            values = _evaluated(task)
+    except (TorquebenchError, OSError, KeyError, TypeError, ValueError) as error:
+        said = getattr(error, "found", "") or f"{type(error).__name__}: {error}"
+        return Reevaluated(task.bench_key, task.run_id, "{}", said)
+    finite = {name: value for name, value in values.items() if abs(value) < float("inf")}
+    text = json.dumps(finite, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return Reevaluated(task.bench_key, task.run_id, text)
+
+
+def _evaluated(task: RunTask) -> dict[str, float]:
+    store = FolderStore(task.store)
+    if task.kind.startswith("test-"):
+        return _tested(_content(store, task.folder, "results.json"))
+    if task.kind.startswith("calibrate-"):
+        return _calibrated(store, task.folder)
+    return _verified(store, task)
+
+
+def _content(store: FolderStore, folder: SealedFolder, name: str) -> Any:
+    return json.loads(_file(store, folder, name))
+
+
+def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
+    """Return a file of a sealed folder that is as it was sealed."""
+    sealed = store.read(f"{folder.url}/{MANIFEST}")
+    if hashlib.sha256(sealed).hexdigest() != folder.manifest_sha256:
+        raise RecordError(f"{folder.url}/{MANIFEST} doesn't have the hash that the chain has")
+    if name == MANIFEST:
+        return sealed
+    entry = json.loads(sealed)["files"].get(name)
+    if entry is None:
+        raise RecordError(f"{folder.url} holds no {name}", "a run with results")
+    content = store.read(f"{folder.url}/{name}")
+    if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+        raise RecordError(f"{folder.url}/{name} was changed after sealing")
+    return content
+
+
+def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
+    """Return what a calibration, check or verification measured, and its profile."""
+    from torquebench.campaign.finishing import read_measured
+    from torquebench.records import RunFolder
+
+    with tempfile.TemporaryDirectory(prefix="torquebench-run-") as place:
+        path = Path(place) / folder.url.rpartition("/")[2]
+        path.mkdir()
+        for name in (MANIFEST, "run.json", "events.jsonl", "results.json"):
+            (path / name).write_bytes(_file(store, folder, name))
+        return read_measured(RunFolder.open(path))
+
+
+def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -> list[Any]:
+    """Fit a calibration again: with all models that it was begun with, or one kind."""
+    from torquebench.bench import BenchDescription
+    from torquebench.campaign.chains import bench_effects
+    from torquebench.campaign.fitting import ModelChoice, fit_models
+    from torquebench.compensation import RECOMMENDED
+    from torquebench.records import REGISTERS
+
+    measured, profile = _measured(store, folder)
+    data, metadata = measured.result.data, measured.record.metadata
+    wanted = metadata.get(REGISTERS) or {"models": [{"name": RECOMMENDED}]}
+    choices = [ModelChoice(**each) for each in wanted["models"]]
+    if kind is not None:
+        choices = [each for each in choices if each.name == kind] or [ModelChoice(kind)]
+    effects = bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
+    return [
+        (data, each)
+        for each in fit_models(data, choices, effects=effects, limits=profile.plausibility)
+    ]
+
+
+def _calibrated(store: FolderStore, folder: SealedFolder) -> dict[str, float]:
+    from torquebench.calibration import span_errors
+    from torquebench.campaign.fitting import fit_metrics
+
+    values: dict[str, float] = {}
+    for data, each in _fitted(store, folder):
+        for name, value in fit_metrics(each, data).items():
+            if name != "fit_seconds":
+                values[f"{each.name} {name}"] = float(value)
+        values[f"{each.name} contradictions"] = float(len(each.contradictions))
+        for direction, value in span_errors(data).items():
+            values[f"span_error_percent {direction}"] = value
+    return values
+
+
+def _verified(store: FolderStore, task: RunTask) -> dict[str, float]:
+    from torquebench.calibration import verify
+
+    measured, _ = _measured(store, task.folder)
+    chains = {
+        name: _fitted(store, folder, kind)[0][1].chain
+        for name, (kind, folder) in task.fitted_to.items()
+    }
+    found = verify(measured.result.data, chains)
+    values = {}
+    for each in found.models:
+        values[f"{each.name} worst_percent_fs"] = each.against_standard.worst_percent_fs
+        values[f"{each.name} rms_percent_fs"] = each.against_standard.rms_percent_fs
+    return values
+
+
+def _tested(results: Any) -> dict[str, float]:
+    from torquebench.campaign.reducers.results import budget_from_plain
+    from torquebench.plant.statistics import limits_in_words
+    from torquebench.uncertainty import Tolerance, decide
+
+    values = {}
+    for row in results["quantities"]:
+        estimate = budget_from_plain(row["budget"])
+        expanded = estimate.expanded_uncertainty()
+        values[f"{row['key']} value"] = estimate.value
+        values[f"{row['key']} expanded_uncertainty"] = expanded
+        lower, upper = limits_in_words(row.get("limit") or "")
+        if lower is not None or upper is not None:
+            decision = decide(
+                estimate.value,
+                expanded,
+                Tolerance(lower, upper),
+                degrees_of_freedom=estimate.degrees_of_freedom,
+            )
+            values[f"{row['key']} passes"] = float(decision.verdict.value == "pass")
+    return values

@@ -1,0 +1,145 @@
+"""Recorded runs evaluated again: the same bits on every scheduler, and resumable."""
+
+import json
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+from tests import postgresql_server
+from tests.plant_bench import add_run, backlash_results
+from tests.system.command_line import run, widest_line
+
+from torquebench.campaign.progress import NoProgress
+from torquebench.campaign.reducers.results import plain_budget
+from torquebench.errors import InputError
+from torquebench.plant import Plant, differences, forward, reevaluate
+from torquebench.records import Registry
+from torquebench.uncertainty import Budget
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, plant_socket: Path) -> Iterator[Plant]:
+    """A calibration, a check and a verification of the simulated bench, and a reducer test."""
+    place = tmp_path_factory.mktemp("recorded")
+    (place / "share").mkdir()
+    steps: tuple[tuple[object, ...], ...] = (
+        ("calibrate", "output", "--step-percent", 25, "--model", "polynomial"),
+        ("check", "output", "--tolerance", 0.5),
+        ("verification", "output", "--groups", 2, "--points", 8, "--tolerance", 1),
+    )
+    for step in steps:
+        done = run(*step, "--data", place / "data", cwd=place)
+        assert done.returncode == 0, done.stderr
+    with Registry.open(place / "data") as registry:
+        results = backlash_results("S-1", 0.8)
+        estimate = Budget(0.8, 0.025, float("inf"), (), "arcmin")
+        results["quantities"][0] |= {"budget": plain_budget(estimate), "limit": "≤ 1 arcmin"}
+        results["quantities"][0]["expanded_uncertainty"] = estimate.expanded_uncertainty()
+        results["quantities"][0]["verdict"] = "pass"
+        add_run(registry, "20260105T000000Z-test-hysteresis-0000", "test-hysteresis", results)
+        url = postgresql_server.create_database(plant_socket, "recorded")
+        with Plant.create(url, f"file://{place}/share") as plant:
+            _, link = plant.register_bench("Bench 1")
+            assert forward(registry, link).problems == []
+            yield plant
+
+
+def kept(plant: Plant, label: str) -> list[tuple[str, str, str]]:
+    query = 'SELECT run_id, "values", problem FROM plant.reevaluations WHERE label = :label'
+    with plant.transaction() as connection:
+        rows = connection.execute(text(f"{query} ORDER BY run_id"), {"label": label})
+        return [(row.run_id, row[1], row.problem) for row in rows]
+
+
+def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
+    done = reevaluate(recorded, "serial", label="serial")
+    assert (done.done, done.problems) == (4, 0), kept(recorded, "serial")
+    found = differences(recorded, "serial")
+    assert found.rows() == []
+    # Spans and figures of the fit; worst of the check; both of the verification; value, U, verdict.
+    assert found.facts["values compared"] >= 4 + 2 + 1 + 4 + 3
+    values = {run_id: json.loads(values) for run_id, values, _ in kept(recorded, "serial")}
+    assert any("polynomial fit_rms_percent_fs" in each for each in values.values())
+
+
+def test_every_scheduler_gives_the_same_bits(recorded: Plant, tmp_path: Path) -> None:
+    """By the command, in this process, in several, and on a cluster that is there already."""
+    plant = ("--plant", recorded.url.render_as_string(hide_password=False))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny"]
+    host, port = address.split(":")
+    with ExitStack() as started:
+        for command in ([*dask, "--host", host, "--port", port], [*worker, f"tcp://{address}"]):
+            process = started.enter_context(
+                subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
+            )
+            started.callback(process.terminate)
+        reevaluate(recorded, "serial", label="one")
+        for label, scheduler in (
+            ("two", "processes"),
+            ("three", f"tcp://{address}"),
+        ):
+            options = ("--scheduler", scheduler, "--label", label)
+            done = run("plant", "reevaluate", *options, *plant, cwd=tmp_path)
+            assert done.returncode == 0, done.stderr
+            assert widest_line(done.stdout) <= 80
+            assert "runs with a change: 0" in done.stdout
+    one, two, three = (kept(recorded, label) for label in ("one", "two", "three"))
+    assert len(one) == 4
+    assert one == two == three
+    options = ("--scheduler", "tcp://127.0.0.1:1", "--label", "four")
+    done = run("plant", "reevaluate", *options, *plant, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "address of a Dask cluster" in " ".join(done.stderr.split())
+
+
+def test_what_was_broken_off_goes_on_where_it_was(recorded: Plant) -> None:
+    class Stopped(NoProgress):
+        def advance(self, _steps: int = 1, _detail: str = "") -> None:
+            raise KeyboardInterrupt
+
+    first = reevaluate(recorded, "serial", label="again", limit=3)
+    assert (first.done, first.known) == (3, 0)
+    with pytest.raises(KeyboardInterrupt):
+        reevaluate(recorded, "serial", label="again", progress=Stopped())
+    last = reevaluate(recorded, "serial", label="again")
+    assert (last.done, last.known) == (0, 4)
+
+
+def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
+    reevaluate(recorded, "serial", label="now", kinds=["test"])
+    with recorded.transaction() as connection:
+        connection.execute(
+            text(
+                "INSERT INTO plant.reevaluations SELECT bench_key, run_id, 'other', '9', "
+                "manifest_sha256, earlier, replace(\"values\", '0.8', '0.9'), '', now() "
+                "FROM plant.reevaluations WHERE label = 'now'"
+            )
+        )
+    (row,) = differences(recorded, "other").rows()
+    assert (row["what"], row["earlier"], row["now"]) == ("backlash_arcmin value", 0.8, 0.9)
+    (row,) = differences(recorded, "other", against="now").rows()
+    assert row["change"] == pytest.approx(0.1)
+
+
+def test_a_changed_file_and_a_withdrawn_run_are_left_out(recorded: Plant) -> None:
+    run_id = "20260105T000000Z-test-hysteresis-0000"
+    file = Path(recorded.run(run_id).url.removeprefix("file://")) / "results.json"
+    content = file.read_bytes()
+    file.write_bytes(content.replace(b"0.8", b"0.7"))
+    done = reevaluate(recorded, "serial", label="changed", kinds=["test"])
+    file.write_bytes(content)
+    assert done.problems == 1
+    (row,) = differences(recorded, "changed").rows()
+    assert "was changed after sealing" in row["what"]
+    with pytest.raises(InputError, match="calibrate, check, verify, test"):
+        reevaluate(recorded, kinds=["zero"])
+    recorded.withdraw(recorded.run(run_id), by="Boss", reason="slipped")
+    assert reevaluate(recorded, "serial", label="left", kinds=["test"]).done == 0
