@@ -20,7 +20,15 @@ from typing import IO
 
 from torquebench.errors import InputError, RecordError, TorquebenchError
 
-__all__ = ["atomic_file", "atomic_path", "atomic_write", "is_standard_output", "sync_folder"]
+__all__ = [
+    "atomic_file",
+    "atomic_path",
+    "atomic_write",
+    "create_private",
+    "is_standard_output",
+    "private_folder",
+    "sync_folder",
+]
 
 _STANDARD_OUTPUT = 1
 _STANDARD_STREAMS = {"/dev/stdout": _STANDARD_OUTPUT, "/dev/stderr": 2}
@@ -100,6 +108,28 @@ def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
             shutil.copyfileobj(source, file)
 
 
+def private_folder(folder: Path) -> None:
+    """Make a folder, with those above it, that nobody but its owner may look into.
+
+    One that exists stays as it is: whoever shares it has decided so.
+    """
+    for each in (*reversed(folder.parents), folder):
+        if not each.is_dir():
+            with contextlib.suppress(FileExistsError):  # somebody was faster
+                each.mkdir(mode=0o700)
+
+
+def create_private(path: Path) -> io.FileIO:
+    """Create a file that is its owner's alone, to be written without a buffer.
+
+    Raises
+    ------
+    FileExistsError
+        It is there already.
+    """
+    return io.FileIO(path, "xb", opener=lambda name, flags: os.open(name, flags, 0o600))
+
+
 def is_standard_output(path: Path) -> bool:
     """Return whether a path leads to standard output, so that nothing else may be printed there."""
     return _target(path) == _STANDARD_OUTPUT
@@ -162,7 +192,8 @@ def _replacing(target: Path, ending: str = "") -> Iterator[Path]:
     """Yield an empty file beside a target; it takes the target's place and its permissions."""
     part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
     try:
-        part.touch(exist_ok=False)
+        # A new file is no more open than its folder.
+        part.touch(target.parent.stat().st_mode & 0o666, exist_ok=False)
         yield part
         if target.exists():
             part.chmod(stat.S_IMODE(target.stat().st_mode))

@@ -1,11 +1,14 @@
 """From a calibration on the simulated bench to its checked certificate and its export."""
 
 import shutil
+import stat
 import subprocess
 from pathlib import Path
 
 import pytest
 from tests.system.command_line import laboratory, run, widest_line
+
+NOT_SECRET = {"laboratory.toml", "bench.lock"}
 
 
 @pytest.fixture(scope="module")
@@ -81,3 +84,19 @@ def test_tampered_run_gets_no_certificate(calibrated: Path, tmp_path: Path) -> N
     assert "changed after sealing" in message
     assert "deviations.changed_record" in message
     assert sorted((tmp_path / "data").glob("certificates/*")) == issued
+
+
+def test_records_are_their_owners_alone(calibrated: Path) -> None:
+    """Registry, runs and certificates: 0600 and 0700, whatever the umask lets pass."""
+    laboratory(calibrated / "data")
+    issued = run(
+        *("certificate", "latest", "--authorised-by", "A. Boss", "--data", "data"), cwd=calibrated
+    )
+    assert issued.returncode == 0, issued.stderr
+    data = calibrated / "data"
+    ours = [data, *(each for each in data.rglob("*") if each.name not in NOT_SECRET)]
+    assert {"registry.sqlite", "runs", "certificates", "models"} <= {each.name for each in ours}
+    assert {".pdf", ".json", ".jsonl", ".parquet"} <= {each.suffix for each in ours}
+    for each in ours:
+        wanted = 0o700 if each.is_dir() else 0o600
+        assert stat.S_IMODE(each.stat().st_mode) == wanted, each

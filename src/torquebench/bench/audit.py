@@ -22,6 +22,7 @@ from typing import Any
 
 import structlog
 
+from torquebench.atomic_write import private_folder
 from torquebench.bench.audit_chain import (
     AUDIT_FILE,
     DROPPED,
@@ -117,7 +118,7 @@ class AuditLog:
         with self._lock:
             self._logger = self._logger.bind(run=run_id, operator=operator)
             try:
-                self._part = os.open(folder / AUDIT_FILE, _APPEND, 0o644)
+                self._part = os.open(folder / AUDIT_FILE, _APPEND, 0o600)
             except OSError as error:
                 self._fails(f"{folder / AUDIT_FILE}: {error.strerror}")
 
@@ -211,8 +212,8 @@ class AuditLog:
 
     def _opened(self) -> int:
         if self._file is None:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = os.open(self.path, _APPEND, 0o644)
+            private_folder(self.path.parent)
+            self._file = os.open(self.path, _APPEND, 0o600)
             content = self.path.read_bytes()
             whole = content.rfind(b"\n") + 1
             if whole < len(content):  # a kill or a power cut in the middle of a line

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench import __version__
-from torquebench.atomic_write import atomic_write
+from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.calibration import CalibrationData, Profile, propose_due_date
 from torquebench.compensation import load_model
 from torquebench.errors import InputError
@@ -163,7 +163,7 @@ def register_table(
         kept = None
         if stored is not None and model is not None:
             path = registry.root / "models" / f"{folder.run_id}-{stored.kind}.json"
-            path.parent.mkdir(parents=True, exist_ok=True)
+            private_folder(path.parent)
             atomic_write(path, model.read_bytes())
             kept = registry.add_model(entry, kind=stored.kind, file=path, side=data.side)
     return RegisteredTable(folder.run_id, entry, kept)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from torquebench import __version__
+from torquebench.atomic_write import private_folder
 from torquebench.calibration import (
     CalibrationData,
     Contradiction,
@@ -474,7 +475,7 @@ def store_model(
     accepted: str = "",
 ) -> StoredModel:
     """Write the model file of `described_model`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    private_folder(path.parent)
     stored = described_model(model, data, metrics, effects, contradictions, accepted)
     save_model(path, stored)
     return stored

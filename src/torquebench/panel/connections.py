@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from typing import Any
 
 from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
-__all__ = ["MOST_CONNECTIONS", "PatientProtocol"]
+__all__ = ["MOST_CONNECTIONS", "MOST_OF_ONE", "PatientProtocol"]
 
 HEAD_S = 30.0
 """How long a request's head may take to come whole, s. Browsers use a connection that they have
@@ -19,7 +20,15 @@ LARGEST_HEAD = 64 * 1024
 MOST_CONNECTIONS = 300
 """At one time, of everybody: the bench's own files need descriptors too. One more takes the place
 of the longest idle one of the address that has the most, so that a stop always gets in."""
+MOST_OF_ONE = 200
+"""Of one address, which isn't that of the proxy that is believed; one more takes the place of its
+own longest idle one."""
+FOR_STOPS = 50
+"""Further ones where nobody idles: they may stop the bench and nothing else."""
+STOPS = (b"POST /panel/stop ", b"POST /api/v1/stop ")
 
+_TURNS = itertools.count(1)
+"""Which connection has idled longest: the loop's clock is the same for all that come at once."""
 _Base: Any = AutoHTTPProtocol
 
 
@@ -28,28 +37,44 @@ class PatientProtocol(_Base):
 
     _patience: asyncio.TimerHandle | None = None
     _head = 0
-    _idle_since = 0.0
+    _idle_since = 0
+    _begin: bytes | None = None
+    """What has come of a connection that may only stop; None for any other."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:
         """Take a connection; where there are too many, an idle one has to go for it."""
         super().connection_made(transport)
-        self._idle_since = self.loop.time()
-        if len(self.connections) > MOST_CONNECTIONS and not self._make_room():
-            transport.abort()
-            return
+        self._idle_since = next(_TURNS)
+        full = len(self.connections) > MOST_CONNECTIONS
+        crowded = (
+            self._address != self.config.forwarded_allow_ips
+            and sum(_address(each) == self._address for each in self.connections) > MOST_OF_ONE
+        )
+        if full or crowded:
+            gone = self._dispensed(None if full else self._address)
+            if gone is None and len(self.connections) > MOST_CONNECTIONS + FOR_STOPS:
+                transport.abort()
+                return
+            if gone is None or gone._begin is not None:
+                self._begin = b""
         self._wait()
 
-    def _make_room(self) -> bool:
-        """Close the longest idle connection of the address that has the most of them."""
+    @property
+    def _address(self) -> str:
+        return _address(self)
+
+    def _dispensed(self, address: str | None) -> PatientProtocol | None:
+        """Close the longest idle connection, of an address or of that which has the most."""
         idle: dict[str, list[PatientProtocol]] = {}
         for each in self.connections:
             if isinstance(each, PatientProtocol) and each is not self and each._dispensable:
-                idle.setdefault(each.client[0] if each.client else "", []).append(each)
-        if not idle:
-            return False
-        crowd = max(idle.values(), key=len)
-        min(crowd, key=lambda each: each._idle_since).transport.abort()
-        return True
+                idle.setdefault(each._address, []).append(each)
+        if not idle or (address is not None and address not in idle):
+            return None
+        crowd = max(idle.values(), key=len) if address is None else idle[address]
+        gone = min(crowd, key=lambda each: each._idle_since)
+        gone.transport.abort()
+        return gone
 
     @property
     def _dispensable(self) -> bool:
@@ -61,6 +86,11 @@ class PatientProtocol(_Base):
 
     def data_received(self, data: bytes) -> None:
         """Take bytes; a request that isn't whole yet doesn't get new time by each of them."""
+        if self._begin is not None:
+            self._begin = (self._begin + data)[: len(STOPS[1])]
+            if not any(self._begin.startswith(s[: len(self._begin)]) for s in STOPS):
+                self.transport.abort()
+                return
         super().data_received(data)
         if self.transport.is_closing() or self.transport.get_protocol() is not self:
             return
@@ -90,7 +120,9 @@ class PatientProtocol(_Base):
 
     def on_response_complete(self) -> None:
         """Be idle from now on."""
-        self._idle_since = self.loop.time()
+        self._idle_since = next(_TURNS)
+        if self._begin is not None:
+            self._begin = b""
         super().on_response_complete()
 
     def timeout_keep_alive_handler(self) -> None:
@@ -110,3 +142,9 @@ class PatientProtocol(_Base):
     @property
     def _answering(self) -> bool:
         return self.cycle is not None and not self.cycle.response_complete
+
+
+def _address(protocol: Any) -> str:
+    """Return where a connection of any kind comes from."""
+    client = getattr(protocol, "client", None)
+    return str(client[0]) if client else ""

@@ -37,6 +37,7 @@ from sqlalchemy.exc import (
 )
 from sqlalchemy.orm import Session, UOWTransaction
 
+from torquebench.atomic_write import create_private, private_folder
 from torquebench.errors import InputError, RecordError
 from torquebench.records.chain import START, ChainHead, canonical, seal
 from torquebench.records.entries import EquipmentKind
@@ -173,7 +174,7 @@ class Database:
             Where the directory can't be created or the database isn't a registry.
         """
         try:
-            data_dir.mkdir(parents=True, exist_ok=True)
+            private_folder(data_dir)
         except OSError as error:
             raise RecordError(
                 f"can't create the data directory {data_dir}: {error.strerror}",
@@ -456,6 +457,9 @@ def _reading_engine(address: str) -> Engine:
 def engine_of(url: URL) -> Engine:
     """Return an engine whose connections are tried before they are used again."""
     if url.drivername == "sqlite":
+        if url.database:
+            with contextlib.suppress(OSError):  # what can't be made is said by SQLite
+                create_private(Path(url.database)).close()
         engine = create_engine(url)
         event.listen(engine, "connect", _set_up_sqlite)
         event.listen(engine, "begin", _begin_sqlite)

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from torquebench.atomic_write import create_private
 from torquebench.errors import RecordError
 
 __all__ = ["DurableFile"]
@@ -25,7 +26,7 @@ class DurableFile:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file = path.open("xb", buffering=0)
+        self._file = create_private(path)
         self._synchronised = 0
         self.failed = False
 

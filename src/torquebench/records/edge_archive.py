@@ -69,6 +69,7 @@ def seal_edges(folder: Path) -> None:
             raise RecordError(f"{part} differs from {stream}", "the same edges", "check the disk")
         with part.open("rb") as file:
             os.fsync(file.fileno())
+        part.chmod(0o600)
         part.replace(sealed)
     finally:
         part.unlink(missing_ok=True)  # a full disk needs the room

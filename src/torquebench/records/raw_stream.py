@@ -158,6 +158,7 @@ def seal_raw(folder: Path) -> None:
         raise RecordError(f"{part} differs from {stream}", "the same samples", "check the disk")
     with part.open("rb") as file:
         os.fsync(file.fileno())
+    part.chmod(0o600)
     part.replace(sealed)
     stream.unlink()
 

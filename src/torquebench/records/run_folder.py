@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 from numpy.typing import ArrayLike
 
 import torquebench
-from torquebench.atomic_write import atomic_write, sync_folder
+from torquebench.atomic_write import atomic_write, create_private, private_folder, sync_folder
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.records.event_lines import (
     Damage,
@@ -137,7 +137,8 @@ class RunWriter:
         from torquebench.records.raw_stream import RawStream
 
         try:
-            path.mkdir(parents=True)
+            private_folder(path.parent)
+            path.mkdir(mode=0o700)
         except FileExistsError as error:
             raise RecordError(
                 f"{path} exists", "a new run", "runs are never overwritten"
@@ -158,8 +159,8 @@ class RunWriter:
         try:
             atomic_write(path / _METADATA, _checked_json(content))
             sync_folder(path.parent)
-            self._events = (path / _EVENTS).open("xb", buffering=0)
-            self._copies = (path / _COPIES).open("xb", buffering=0)
+            self._events = create_private(path / _EVENTS)
+            self._copies = create_private(path / _COPIES)
             self.document(_RUN, content)
         except (OSError, TorquebenchError) as error:
             shutil.rmtree(path, ignore_errors=True)  # nothing is half begun

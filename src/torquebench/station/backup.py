@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from torquebench import __version__
-from torquebench.atomic_write import atomic_write
+from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.bench.audit_chain import audit_end, check_audit, files_aside
 from torquebench.errors import InputError, RecordError
@@ -96,7 +96,7 @@ def back_up(data: Path, target: Path, progress: Callable[[str], None] = lambda _
     """
     require_file_registry("a backup")
     _require_target(data, target)
-    target.mkdir(parents=True, exist_ok=True)
+    private_folder(target)
     copy = target / f".{REGISTRY_FILE}.part"
     try:
         progress(REGISTRY_FILE)
@@ -275,7 +275,7 @@ def _same(first: Path, second: Path) -> bool:
 
 
 def _copy_file(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
+    private_folder(target.parent)
     part = target.with_name(f".{target.name}.part")
     try:
         shutil.copy2(source, part)
@@ -288,7 +288,7 @@ def _copy_audit(source: Path, target: Path) -> None:
     """Copy whole lines of a log that may be written, and put aside, meanwhile."""
     if not source.is_dir():
         return
-    target.mkdir(parents=True, exist_ok=True)
+    private_folder(target)
     for _ in range(ATTEMPTS):
         before = files_aside(source)
         for path in before:
@@ -361,7 +361,7 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
     if damage:
         raise RecordError(f"the backup's own registry is damaged: {damage[0]}", "", "take another")
     done = Restored()
-    data.mkdir(parents=True, exist_ok=True)
+    private_folder(data)
     with BenchLock(None, data):
         missing, differing = _compare(backup, data, done)
         if differing and not replace:
@@ -439,7 +439,7 @@ def _same_run(copy: Path, here: Path) -> bool:
 
 def _put_aside(data: Path, name: str, done: Restored) -> None:
     assert done.aside is not None
-    (done.aside / name).parent.mkdir(parents=True, exist_ok=True)
+    private_folder((done.aside / name).parent)
     (data / name).replace(done.aside / name)
     for ending in ("-wal", "-shm") if name.endswith(".sqlite") else ():
         beside = data / f"{name}{ending}"
@@ -448,7 +448,7 @@ def _put_aside(data: Path, name: str, done: Restored) -> None:
 
 
 def _bring_back(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
+    private_folder(target.parent)
     if source.is_file():
         _copy_file(source, target)
         return

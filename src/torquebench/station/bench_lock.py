@@ -20,6 +20,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
+from torquebench.atomic_write import private_folder
 from torquebench.bench.description import BenchDescription
 from torquebench.errors import InputError
 
@@ -59,7 +60,7 @@ class BenchLock:
 
     def __init__(self, description: BenchDescription | None, data_dir: Path) -> None:
         self._files: list[int] = []
-        data_dir.mkdir(parents=True, exist_ok=True)
+        private_folder(data_dir)
         owner = _owner(description)
         try:
             self._hold(data_dir / LOCK_FILE, owner, f"the records in {data_dir}")

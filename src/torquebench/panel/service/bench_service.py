@@ -14,6 +14,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
+from torquebench.atomic_write import private_folder
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import SIDES, Side
@@ -154,7 +155,7 @@ class BenchService:
             description = load_bench(description)
         folder = data_directory(data_dir)
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            private_folder(folder)
         except OSError as error:
             raise RecordError(
                 f"can't create the data directory {folder}: {error.strerror}",

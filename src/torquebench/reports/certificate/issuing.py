@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from torquebench.atomic_write import atomic_write
+from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.errors import InputError, RecordError
 from torquebench.records import CertificateEntry, Registry
 from torquebench.reports.certificate.dcc import certificate_xml
@@ -95,6 +95,7 @@ def issue_certificate(
                 f"{folder / name} exists", "files that aren't there yet", "give another --out"
             )
     _set_aside(archive)
+    private_folder(archive)
     _write(archive, contents)
     entry = CertificateEntry.of_record(
         json.loads(record.to_json()),

@@ -33,12 +33,15 @@ NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
 SETUP = "set-up"
 RESERVED = frozenset({"set-up", "station", "panel", "system", "bench", "nobody", "torquebench"})
 """What the logs call those who are no person."""
+EAST_ASIAN = frozenset({"CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO"})
+"""Scripts that nobody takes for Latin letters; a name may have both."""
 LOOK_ALIKES = str.maketrans(
     "\u0430\u0435\u043e\u0440\u0441\u0443\u0445\u0456\u0458\u0455\u0501\u04bb"
-    "\u043a\u043c\u0442\u0432\u043d\u03b1\u03bf\u03c1\u03c5\u03bd\u03b9\u03ba\u03c4\u03c90",
-    "aeopcyxijsdhkmtbhaopuviktwo",
+    "\u043a\u043c\u0442\u0432\u043d\u03b1\u03bf\u03c1\u03c5\u03bd\u03b9\u03ba\u03c4\u03c90"
+    "\u03b2\u03b5\u03b6\u03b7\u03bc\u03c7\u0131\u0251\u02531l",
+    "aeopcyxijsdhkmtbhaopuviktwobezhmxiabii",
 )
-"""Cyrillic and Greek letters, and the figure 0, as the Latin letters that they look like."""
+"""Cyrillic and Greek letters, figures and l as the Latin letters that they look like."""
 
 
 @dataclass(frozen=True)
@@ -315,7 +318,13 @@ class People:
         _checked_role(role)
         check_password_rules(name, password)
         hashed = hash_password(password)
-        if _look(name) in RESERVED:
+        if len(_scripts(name)) > 1:
+            raise InputError(
+                f"name {name!r} in letters of several scripts",
+                "one script, or Latin and Chinese, Japanese or Korean ones",
+                "type it anew",
+            )
+        if _look(name) in {_look(each) for each in RESERVED}:
             raise InputError(f"name {name!r}", "a person's name", "the panel itself is called that")
         with self._store.transaction() as connection:
             taken = connection.scalars(select(users.c.name)).all()
@@ -365,7 +374,21 @@ def _look(name: str) -> str:
     >>> _look("Ana  Li") == _look("\u0410N\u0410 LI"), _look("Ana") == _look("Anna")
     (True, False)
     """
-    return " ".join(unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKES).split())
+    plain = unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKES)
+    return " ".join(plain.replace("rn", "m").split())
+
+
+def _scripts(name: str) -> set[str]:
+    """Return the scripts of a name's letters that could be taken for each other.
+
+    Examples
+    --------
+    >>> _scripts("Ana 王"), sorted(_scripts("An\u0430"))
+    ({'LATIN'}, ['CYRILLIC', 'LATIN'])
+    """
+    letters = unicodedata.normalize("NFKC", name)
+    found = {unicodedata.name(each, "").partition(" ")[0] for each in letters if each.isalpha()}
+    return found - EAST_ASIAN
 
 
 def _checked_role(role: str) -> str:
