@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint types contracts docs tests other-processor clean clean-kernels
+.PHONY: run test lint types contracts docs pictures tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
@@ -23,6 +23,10 @@ contracts: $(VENV)/.installed-test
 # The documentation site, in docs/_build/html; a broken link or reference is an error.
 docs: $(VENV)/.installed-test
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs docs/_build/html
+
+# Every picture of the documentation again: screenshots, the animated demo, drawings.
+pictures: $(VENV)/.installed-test
+	$(BIN)/python -m tests.pictures
 
 tests: $(VENV)/.installed-test
 	$(BIN)/pytest -n auto --dist worksteal

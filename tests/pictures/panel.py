@@ -1,0 +1,108 @@
+"""Screenshots of the panel on the simulated bench, light and dark."""
+
+import contextlib
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from selenium.webdriver.common.by import By
+from tests.system.panel_browser import PEOPLE, Panel, Visitor, browser, running_panel
+
+SIZE = (1200, 820)
+LIVE_TORQUE = 1000.0
+
+
+def make(images: Path, scratch: Path) -> Iterator[Path]:
+    """Work through a calibration and a reducer test, and photograph what pages show."""
+    folder = images / "panel"
+    with (
+        running_panel(scratch, "--fast") as panel,
+        browser(panel, scratch / "ben", width=SIZE[0], height=SIZE[1]) as ben,
+    ):
+        ben.sign_in("Ben", "/calibrate")
+        ben.choose("Step of the staircase, % of range", "20")
+        ben.sees("What would happen")
+        yield from photographed(ben, folder / "calibrate-prepare.png")
+        ben.press("Mount the calibrator and begin")
+        ben.sees("Before and after")
+        ben.press("Compare all models")
+        ben.sees("Least error at points left out:")
+        yield from photographed(ben, folder / "calibrate-models.png")
+        ben.press("Next step")
+        ben.choose("Groups", "2")
+        ben.press("Mount the verification standard and begin")
+        ben.sees("Sign off and put into use")
+        ben.press("Give up command")
+        ben.sees("Nobody is in command")
+        with browser(panel, scratch / "ana", width=SIZE[0], height=SIZE[1]) as ana:
+            ana.sign_in("Ana", "/calibrate")
+            ana.sees("Model to be used")
+            ana.fill("Your password", PEOPLE["Ana"][1])
+            ana.press("Sign and put into use")
+            ana.sees("Signed.")
+            ana.press("Give up command")
+        ben.open("/reducer")
+        ben.choose("Reducer", "standard")
+        ben.fill("Serial number of the specimen", "S-1")
+        ben.press("Quick look")
+        ben.sees("What would happen")
+        ben.press("Mount the reducer and begin")
+        ben.sees("Data sheet")
+        yield from photographed(ben, folder / "reducer-result.png")
+        ben.open("/records")
+        yield from photographed(ben, folder / "records.png")
+        panel.end()
+    with (
+        running_again(scratch) as panel,
+        browser(panel, scratch / "real", width=SIZE[0], height=SIZE[1]) as ana,
+    ):
+        ana.sign_in("Ana", "/calibrate")
+        ana.choose("Step of the staircase, % of range", "50")
+        ana.sees("What would happen")
+        ana.press("Mount the calibrator and begin")
+        ana.open("/")
+        ana.wait(lambda: largest_torque(ana) > LIVE_TORQUE, "a loaded module")
+        yield from photographed(ana, folder / "live.png")
+        ana.driver.find_element(By.CSS_SELECTOR, "[data-stop]").click()
+        ana.sees("The bench is stopped")
+        ana.open("/alarms")
+        ana.sees("Stopped by a person")
+        yield from photographed(ana, folder / "alarms-stopped.png")
+    with (
+        running_again(scratch) as panel,
+        browser(panel, scratch / "settings", width=SIZE[0], height=SIZE[1]) as admin,
+    ):
+        admin.sign_in("Admin", "/settings")
+        yield from photographed(admin, folder / "settings.png")
+
+
+@contextlib.contextmanager
+def running_again(folder: Path) -> Iterator[Panel]:
+    """Serve the same records in real time."""
+    panel = Panel(folder)
+    panel.start()
+    try:
+        yield panel
+    finally:
+        panel.end()
+
+
+def largest_torque(visitor: Visitor) -> float:
+    """Return the largest torque that the live page says, N·m."""
+    said = re.findall(r"([−-]?\d+\.\d+)\s*N·m", visitor.text)
+    return max((abs(float(each.replace("−", "-"))) for each in said), default=0.0)
+
+
+def photographed(visitor: Visitor, light: Path) -> Iterator[Path]:
+    """Keep what a page shows, in both looks."""
+    light.parent.mkdir(parents=True, exist_ok=True)
+    for look, path in (("light", light), ("dark", light.with_stem(f"{light.stem}-dark"))):
+        visitor.driver.execute_script(
+            "document.documentElement.dataset.theme = arguments[0];"
+            "document.activeElement.blur(); window.scrollTo(0, 0)",
+            look,
+        )
+        time.sleep(1.0)  # charts are painted again
+        visitor.driver.save_screenshot(str(path))
+        yield path
