@@ -1,10 +1,12 @@
 """Times in the records that can't be right: clocks that ran backwards, expired standards."""
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Collection, Iterator
 from datetime import UTC, date, datetime
 from typing import TYPE_CHECKING
 
 from sqlalchemy import select
+from sqlalchemy.orm import aliased
 
 from torquebench.records.database import Database
 from torquebench.records.entries import RunSummary
@@ -13,7 +15,15 @@ from torquebench.records.schema import CalibrationRow, LinkRow, ReportRow, RunEn
 if TYPE_CHECKING:
     from torquebench.records.registry import Registry
 
-__all__ = ["clock_behind", "expired_on", "expired_standard", "time_remarks", "times_of_run"]
+__all__ = [
+    "clock_behind",
+    "doubts_of_calibrations",
+    "doubts_of_runs",
+    "expired_on",
+    "expired_standard",
+    "time_remarks",
+    "times_of_run",
+]
 
 TOLERANCE_S = 2.0
 """How far a computer's clock is put back when it is compared with a time server, s."""
@@ -23,9 +33,65 @@ SERVER_TOLERANCE_S = 60.0
 
 def time_remarks(registry: Database) -> Iterator[str]:
     """Yield what is impossible or doubtful in the times of the records, each in one sentence."""
-    yield from _ends_before_beginnings(registry)
+    for _, said in _ends_before_beginnings(registry):
+        yield said
     yield from _entries_before_earlier_ones(registry)
-    yield from _expired_standards(registry)
+    for _, said in _expired_standards(registry):
+        yield said
+
+
+def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return what is impossible in the times of some runs, of those where something is.
+
+    Parameters
+    ----------
+    registry : Registry
+    run_ids : collection of str
+    """
+    found: defaultdict[str, list[str]] = defaultdict(list)
+    for run_id, said in _ends_before_beginnings(registry, run_ids):
+        found[run_id].append(said)
+    query = (
+        select(RunRow.id, RunEndRow.id, RunRow.run_id)
+        .outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
+        .where(RunRow.run_id.in_(run_ids))
+    )
+    with registry.session() as session:
+        rows = session.execute(query).all()
+    begun = {begin: run_id for begin, _, run_id in rows}
+    ended = {end: run_id for _, end, run_id in rows}
+    for table, names in ((RunRow.__tablename__, begun), (RunEndRow.__tablename__, ended)):
+        for key, said in _entries_back(registry, table, names):
+            found[names[key]].append(said)
+    return {run_id: tuple(said) for run_id, said in found.items()}
+
+
+def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int, tuple[str, ...]]:
+    """Return what is impossible or doubtful in the times of some calibrations.
+
+    The standard had expired, the clock ran backwards, or the run ended before it began.
+
+    Parameters
+    ----------
+    registry : Registry
+    ids : collection of int
+        Numbers of calibrations.
+    """
+    found: defaultdict[int, list[str]] = defaultdict(list)
+    for number, said in _expired_standards(registry, ids):
+        found[number].append(said)
+    for number, said in _entries_back(registry, CalibrationRow.__tablename__, ids):
+        found[number].append(said)
+    query = (
+        select(CalibrationRow.id, RunRow.run_id)
+        .join(RunRow, CalibrationRow.run_key == RunRow.id)
+        .where(CalibrationRow.id.in_(ids))
+    )
+    with registry.session() as session:
+        runs = {run_id: number for number, run_id in session.execute(query)}
+    for run_id, said_of_run in doubts_of_runs(registry, runs).items():
+        found[runs[run_id]] += said_of_run
+    return {number: tuple(said) for number, said in found.items()}
 
 
 def clock_behind(registry: Database, now: datetime | None = None) -> str:
@@ -96,16 +162,21 @@ def _end_before_beginning(run_id: str, started: datetime, finished: datetime) ->
     )
 
 
-def _ends_before_beginnings(registry: Database) -> Iterator[str]:
+def _ends_before_beginnings(
+    registry: Database, run_ids: Collection[str] | None = None
+) -> Iterator[tuple[str, str]]:
+    """Yield runs that ended before they began, all or some, and what to say of them."""
     query = (
         select(RunRow.run_id, RunRow.started, RunEndRow.finished)
         .join(RunEndRow, RunEndRow.run_key == RunRow.id)
         .where(RunEndRow.finished < RunRow.started)
         .order_by(RunRow.id)
     )
+    if run_ids is not None:
+        query = query.where(RunRow.run_id.in_(run_ids))
     with registry.session() as session:
         for run_id, started, finished in session.execute(query):
-            yield _end_before_beginning(run_id, started, finished)
+            yield run_id, _end_before_beginning(run_id, started, finished)
 
 
 def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
@@ -121,15 +192,45 @@ def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
             if latest is not None:
                 back_s = (latest - recorded).total_seconds()
                 if back_s > tolerance_s:
-                    yield (
-                        f"entry {sequence} ({table} {key}) was recorded {_duration(back_s)} "
-                        f"before the entry before it: the clock ran backwards"
-                    )
+                    yield _recorded_back(sequence, table, key, back_s)
             latest = recorded
 
 
-def _expired_standards(registry: Database) -> Iterator[str]:
+def _recorded_back(sequence: int, table: str, key: int, back_s: float) -> str:
+    return (
+        f"entry {sequence} ({table} {key}) was recorded {_duration(back_s)} before the entry "
+        "before it: the clock ran backwards"
+    )
+
+
+def _entries_back(
+    registry: Database, table: str, keys: Collection[int]
+) -> Iterator[tuple[int, str]]:
+    """Yield those of some rows that were recorded before the entry before them."""
+    before, tolerance_s = aliased(LinkRow), _tolerance_s(registry)
+    query = (
+        select(LinkRow.sequence, LinkRow.key, LinkRow.recorded, before.recorded)
+        .join(before, before.sequence == LinkRow.sequence - 1)
+        .where(LinkRow.table == table, LinkRow.key.in_(keys))
+        .order_by(LinkRow.sequence)
+    )
+    with registry.session() as session:
+        for sequence, key, recorded, earlier in session.execute(query):
+            try:
+                passed = datetime.fromisoformat(recorded) - datetime.fromisoformat(earlier)
+            except ValueError:  # the chain itself was touched: `records verify` says so
+                continue
+            if -passed.total_seconds() > tolerance_s:
+                yield key, _recorded_back(sequence, table, key, -passed.total_seconds())
+
+
+def _expired_standards(
+    registry: Database, ids: Collection[int] | None = None
+) -> Iterator[tuple[int, str]]:
+    """Yield calibrations, all or some, against a standard that had expired; what to say of it."""
     query = select(CalibrationRow).where(CalibrationRow.standard_key.is_not(None))
+    if ids is not None:
+        query = query.where(CalibrationRow.id.in_(ids))
     with registry.session() as session:
         reports: dict[int, list[ReportRow]] = {}
         for report in session.scalars(select(ReportRow).order_by(ReportRow.id)):
@@ -141,11 +242,12 @@ def _expired_standards(registry: Database) -> Iterator[str]:
                 if each.performed is None or each.performed <= row.performed.date()
             ]
             if known and expired_on(row.performed.date(), known[-1].due):
-                serial = row.standard.serial if row.standard is not None else ""
-                yield (
-                    f"calibration-{row.id} was made on {row.performed:%Y-%m-%d} against {serial}, "
-                    f"whose certificate {known[-1].number} had expired on {known[-1].due}"
+                day, serial = row.performed.date(), row.standard.serial if row.standard else ""
+                said = (
+                    f"calibration-{row.id} was made on {day} against {serial}, whose certificate "
+                    f"{known[-1].number} had expired on {known[-1].due}"
                 )
+                yield row.id, said
 
 
 def _tolerance_s(registry: Database) -> float:

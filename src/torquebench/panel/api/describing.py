@@ -73,7 +73,7 @@ WORDS = {
     "languages": "Of the certificate.",
     "low": "Lowest value within each row, by signal.",
     "measured_by": "Who measured it.",
-    "doubts": "What would make the result doubtful: an expired standard, a wrong clock.",
+    "doubts": "What makes it doubtful: an expired standard, a wrong clock, impossible times.",
     "metrics": "How well it fits, as it was when it was fitted.",
     "model_id": "Number of a registered model.",
     "model_ids": "Numbers of the models by their names.",

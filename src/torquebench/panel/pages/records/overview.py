@@ -21,7 +21,7 @@ from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
-from torquebench.panel.pages.records.run import RunPanel, run_title
+from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
 from torquebench.panel.pages.records.table_import import TableEntry
 from torquebench.panel.pages.visitor import Visitor
 
@@ -83,6 +83,7 @@ class _Runs:
                 asked = self._search.value or self._kind.value or self._status.value
                 empty(text("records.nothing_found" if asked else "records.no_runs"))
                 return
+            doubt_notes(text, (*page.doubts, *(each for run in page.runs for each in run.doubts)))
             rows = [
                 (
                     f"{run.started:%Y-%m-%d %H:%M}",
@@ -165,6 +166,7 @@ class _Calibrations:
                 empty(text("records.no_calibrations"), "tune")
                 return
             words("p", text("records.compare_explained"), "muted")
+            doubt_notes(text, (doubt for each in found for doubt in each.doubts))
             rows = [
                 (
                     str(each.calibration_id),
@@ -201,7 +203,8 @@ class _Calibrations:
         self._show()
         self._compare()
         if self._chosen:
-            to_the_top()
+            with self._list:  # the pressed row isn't there any more
+                to_the_top()
 
     def _compare(self) -> None:
         text, records = self._text, self._visitor.service.records

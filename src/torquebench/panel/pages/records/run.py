@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -18,7 +18,7 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
 
-__all__ = ["RunPanel", "run_title"]
+__all__ = ["RunPanel", "doubt_notes", "run_title"]
 
 SHOWN_ROWS = 12
 POINTS = 1000
@@ -32,6 +32,15 @@ def run_title(text: Text, kind: str) -> str:
         return text.maybe(f"run_kind.{kind}", kind)
     title = TESTS[name].title
     return text.core(f"{title}, short test" if kind.endswith("-short") else title)
+
+
+def doubt_notes(text: Text, doubts: Iterable[str], most: int = 5) -> None:
+    """Say what is doubtful about records, each once."""
+    said = list(dict.fromkeys(doubts))
+    for each in said[:most]:
+        note(text.core(each), "warn", title=text("records.doubtful"))
+    if len(said) > most:
+        words("p", text("records.more_doubts", count=len(said) - most), "muted")
 
 
 class RunPanel:
@@ -71,6 +80,7 @@ class RunPanel:
                 note("; ".join(detail.changes), "bad", title=text("run.changed"))
             elif detail.run.finished is not None:
                 note(text("run.intact"), "good")
+            doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
             self._samples()
             for part in detail.tables:

@@ -26,7 +26,7 @@ from torquebench.panel.service.jobs.results import (
 )
 from torquebench.panel.service.jobs.runner import JobRunner
 from torquebench.panel.service.jobs.values import JobResult, JobView
-from torquebench.records import Registry, RunFolder
+from torquebench.records import ModelEntry, Registry, RunFolder
 from torquebench.reports.certificate import run_data
 from torquebench.station import Station
 
@@ -110,7 +110,7 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
         name = _name(loaded[key].model)
         name = f"{name} {model.model_id}" if name in numbers else name
         numbers[name] = model.model_id
-        fitted.append(_fitted(name, loaded[key]))
+        fitted.append(_fitted(name, loaded[key], model))
     measured = calibration_result(entry, data, fitted, numbers)
     verifications = [
         (found, key)
@@ -141,7 +141,7 @@ def _name(model: CompensationModel) -> str:
     return model.kind if degree is None else f"{model.kind}-{degree}"
 
 
-def _fitted(name: str, chain: MeasuringChain) -> FittedModel:
+def _fitted(name: str, chain: MeasuringChain, entry: ModelEntry) -> FittedModel:
     model = chain.model
     title = model_title(model.kind, model.kind_parameters)
     choice = None
@@ -153,4 +153,13 @@ def _fitted(name: str, chain: MeasuringChain) -> FittedModel:
             if key not in CHOSEN_ELSEWHERE and value != own[key]
         }
         choice = ModelChoice(model.kind, asked)
-    return FittedModel(name, title, model, 0.0, (), chain.stored, choice=choice)
+    return FittedModel(
+        name,
+        title,
+        model,
+        0.0,
+        (),
+        chain.stored,
+        contradictions=entry.contradictions,
+        choice=choice,
+    )

@@ -39,6 +39,11 @@ from torquebench.records import (
 )
 from torquebench.records.column_words import short_names
 from torquebench.records.stream_export import STREAM_ENDINGS, Stream, StreamFormat, export_streams
+from torquebench.records.time_check import (
+    clock_behind,
+    doubts_of_calibrations,
+    doubts_of_runs,
+)
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
@@ -111,8 +116,12 @@ class RecordQueries:
             counted = select(func.count()).select_from(query.order_by(None).subquery())
             total = int(session.scalar(counted) or 0)
             found = [row.run_id for row in session.execute(query.limit(limit).offset(offset))]
-        runs = tuple(RunView.of(self._registry.run(run_id)) for run_id in found)
-        return RunPage(runs, total, offset)
+        doubts = doubts_of_runs(self._registry, found)
+        runs = tuple(
+            RunView.of(self._registry.run(run_id), doubts.get(run_id, ())) for run_id in found
+        )
+        behind = clock_behind(self._registry)
+        return RunPage(runs, total, offset, (behind,) if behind else ())
 
     def run(self, run_id: str, *, check: bool = True) -> RunDetail:
         """Return everything about one run.
@@ -142,7 +151,7 @@ class RecordQueries:
         if check and summary.finished is not None:
             changes = folder_changes(summary.folder, summary.manifest_sha256)
         return RunDetail(
-            RunView.of(summary),
+            RunView.of(summary, doubts_of_runs(self._registry, [run_id]).get(run_id, ())),
             metadata,
             folder.results if folder.sealed else None,
             tuple(_tables(folder)),
@@ -235,7 +244,9 @@ class RecordQueries:
     ) -> list[CalibrationView]:
         """Return calibrations, the newest first."""
         found = self._registry.calibrations(transducer_serial, limit=min(max(limit, 1), MOST_ROWS))
-        return [CalibrationView.of(entry) for entry in found]
+        numbers = [entry.calibration_id for entry in found]
+        doubts = doubts_of_calibrations(self._registry, numbers)
+        return [CalibrationView.of(each, doubts.get(each.calibration_id, ())) for each in found]
 
     def calibration(self, calibration_id: int) -> CalibrationDetail:
         """Return a calibration with everything that came of it.
@@ -256,8 +267,9 @@ class RecordQueries:
             for model in self.models(entry.transducer_serial)
             if model.calibration_id == calibration_id
         )
+        doubts = doubts_of_calibrations(self._registry, [calibration_id])
         return CalibrationDetail(
-            CalibrationView.of(entry),
+            CalibrationView.of(entry, doubts.get(calibration_id, ())),
             models,
             tuple(
                 found for model in models for found in self._registry.verifications(model.model_id)

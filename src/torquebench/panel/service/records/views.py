@@ -31,7 +31,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RunView:
-    """One line of the list of runs."""
+    """One line of the list of runs; `doubts` says what is impossible in its times."""
 
     run_id: str
     kind: str
@@ -45,9 +45,10 @@ class RunView:
     profile: str
     bench: str
     software_version: str
+    doubts: tuple[str, ...]
 
     @classmethod
-    def of(cls, run: RunSummary) -> RunView:
+    def of(cls, run: RunSummary, doubts: tuple[str, ...] = ()) -> RunView:
         """Leave out where the run's files lie."""
         return cls(
             run_id=run.run_id,
@@ -62,16 +63,18 @@ class RunView:
             profile=run.profile_name,
             bench=run.bench,
             software_version=run.software_version,
+            doubts=doubts,
         )
 
 
 @dataclass(frozen=True)
 class RunPage:
-    """A part of the list of runs, and how many there are in all."""
+    """A part of the list of runs, and how many there are in all; `doubts` says a clock is wrong."""
 
     runs: tuple[RunView, ...]
     total: int
     offset: int
+    doubts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,7 @@ class ModelView:
 
 @dataclass(frozen=True)
 class CalibrationView:
-    """One line of the list of calibrations."""
+    """One line of the list of calibrations; `doubts` names an expired standard, wrong times."""
 
     calibration_id: int
     run_id: str | None
@@ -168,9 +171,10 @@ class CalibrationView:
     range_nm: float
     simulated: bool
     summary: Mapping[str, Any]
+    doubts: tuple[str, ...]
 
     @classmethod
-    def of(cls, entry: CalibrationEntry) -> CalibrationView:
+    def of(cls, entry: CalibrationEntry, doubts: tuple[str, ...] = ()) -> CalibrationView:
         """Leave out hashes and files."""
         return cls(
             calibration_id=entry.calibration_id,
@@ -186,6 +190,7 @@ class CalibrationView:
             range_nm=entry.range_nm,
             simulated=entry.simulated,
             summary=dict(entry.summary),
+            doubts=doubts,
         )
 
 
