@@ -7,6 +7,7 @@ sockets      every kind of wrong answer and disobedience of every instrument ove
 real         the same in real time
 phases       a kill, a full disk, a lost database while a calibration is measured, sealed, fitted,
              registered and certified
+postgresql   a registry in PostgreSQL restarts for 2 s at every phase, where it is installed
 undisturbed  nothing is broken, in real time over sockets, for ``--minutes`` (none by default)
 
 After each one both drives have to be off or an alarm has to stay that says so, the alarm or error
@@ -39,6 +40,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests import postgresql_server
 
 from benchmarks.fault_bench import KINDS, FaultyBench, Kind, on_thread
 from benchmarks.fault_judging import (
@@ -69,7 +71,7 @@ from torquebench.station import Station, recover_unfinished
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 FULL = 300
-QUICK_WIRE, QUICK_REAL, QUICK_PHASES = 3, 1, 2
+QUICK_WIRE, QUICK_REAL, QUICK_PHASES, QUICK_RESTARTS = 3, 1, 2, 1
 AT_ONCE = 3
 """Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
 TRIES = 5
@@ -400,14 +402,19 @@ class Part:
 def _parts() -> dict[str, Part]:
     from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
     from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
+    from benchmarks.restarts import RESTARTS, numbered_restart
 
     wires = len(wire_faults())
-    return {
+    parts = {
         "simulated": Part("simulated bench", numbered, FULL, len(KINDS)),
         "phases": Part("phases of a calibration", numbered_phase, PHASE_FAULTS, QUICK_PHASES),
         "sockets": Part("simulated instruments over sockets", numbered_wire, wires, QUICK_WIRE),
         "real": Part("the same in real time", numbered_real, wires, QUICK_REAL, alone=True),
     }
+    if postgresql_server.binaries() is not None:
+        title = "PostgreSQL restarts"
+        parts["postgresql"] = Part(title, numbered_restart, RESTARTS, QUICK_RESTARTS)
+    return parts
 
 
 def parsed(parts: Collection[str]) -> argparse.Namespace:

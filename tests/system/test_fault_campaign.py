@@ -84,7 +84,7 @@ def test_a_sample_of_the_campaign_leaves_nothing_wrong(
     ]
     assert len(file.read_text().splitlines()) == len(kinds)
     told = section({"simulated bench": outcomes}, "a machine.")
-    assert "| together | 10 | 10 |" in told
+    assert "| together | 10 | 10 | 10 | 0 | 0 | 0 | 0 | 0 |" in told
     assert "faults survived 10 of 10" in "\n".join(summary(outcomes, "here"))
 
 

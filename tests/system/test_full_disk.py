@@ -16,7 +16,7 @@ SCRIPT = """
     import bluesky.plan_stubs as bps
     import bluesky.preprocessors as bpp
     from torquebench.bench.description import BenchDescription, default_bench
-    from torquebench.errors import RecordError
+    from torquebench.errors import TorquebenchError
     from torquebench.station import Station
 
     changed = default_bench().model_dump() | {"recording": {"edges": True}}
@@ -40,9 +40,9 @@ SCRIPT = """
     with Station.open(description, sys.argv[1], real_time=sys.argv[2] == "real") as station:
         try:
             station.run(bpp.run_wrapper(plan(station.devices)), kind="full-disk")
-        except RecordError as error:
+        except TorquebenchError as error:
             message = str(error)
-        safe = station.supervisor.wait_safe(10.0)
+        safe = station.supervisor.wait_safe(100.0)
         state = station.drivers.drives["output"].state()
         resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
         alarm = station.supervisor.alarm.kind.value
@@ -51,17 +51,34 @@ SCRIPT = """
 """
 
 
-@pytest.mark.parametrize("pace", ["fast", "real"])
-def test_a_full_disk_is_an_alarm_and_a_safe_stop_without_a_gap(tmp_path: Path, pace: str) -> None:
+TRIES = 4
+STARVED = ("acquisition stalled", "heartbeat missing", "drive fault")
+"""Alarms that a computer gives in real time which is taken away for longer than they allow."""
+
+
+def filled(data: Path, pace: str) -> tuple[str, bool, bool, float, str, str]:
     child = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(SCRIPT), str(tmp_path), pace],
+        [sys.executable, "-c", textwrap.dedent(SCRIPT), str(data), pace],
         capture_output=True,
         text=True,
         check=False,
-        timeout=200,
+        timeout=600,
     )
     assert child.returncode == 0, child.stderr
-    message, safe, enabled, torque_nm, alarm, folder = json.loads(child.stdout.splitlines()[-1])
+    found: tuple[str, bool, bool, float, str, str] = tuple(
+        json.loads(child.stdout.splitlines()[-1])
+    )
+    return found
+
+
+@pytest.mark.timeout(2400)
+@pytest.mark.parametrize("pace", ["fast", "real"])
+def test_a_full_disk_is_an_alarm_and_a_safe_stop_without_a_gap(tmp_path: Path, pace: str) -> None:
+    for attempt in range(TRIES if pace == "real" else 1):
+        message, safe, enabled, torque_nm, alarm, folder = filled(tmp_path / str(attempt), pace)
+        assert (safe, enabled, torque_nm) == (True, False, 0.0)
+        if alarm not in STARVED:  # else a busy computer has stopped it before its disk was full
+            break
     assert "can't be written" in message
     assert "make room on the disk" in message
     assert (safe, enabled, torque_nm, alarm) == (True, False, 0.0, "journal failed")
