@@ -29,11 +29,12 @@ def binaries() -> Path | None:
 class Server:
     """A server on a socket in a folder of its own, which can be stopped and started again."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, durable: bool = False) -> None:
         found = binaries()
         assert found is not None, "PostgreSQL isn't installed (Debian package: postgresql)"
         self.socket = folder / f".s.PGSQL.{PORT}"
         self._folder, self._data, self._bin = folder, folder / "data", found
+        self._durable = durable
         self._identity: dict[str, object] = {}
         if os.geteuid() == 0:  # the server refuses to run as root
             self._identity = {"user": "postgres", "group": "postgres", "extra_groups": []}
@@ -50,7 +51,9 @@ class Server:
     def start(self) -> None:
         """Start the server and wait until it answers."""
         serve = [self._bin / "postgres", "-D", self._data, "-k", self._folder, "-p", str(PORT)]
-        serve += ["-c", "listen_addresses=", "-c", "fsync=off", "-c", "full_page_writes=off"]
+        serve += ["-c", "listen_addresses="]
+        if not self._durable:
+            serve += ["-c", "fsync=off", "-c", "full_page_writes=off"]
         with (self._folder / "log").open("ab") as log:
             self._process = subprocess.Popen(  # type: ignore[call-overload]
                 serve, cwd=self._folder, stdout=log, stderr=log, **self._identity
@@ -70,11 +73,11 @@ class Server:
 
 
 @contextmanager
-def restartable() -> Iterator[Server]:
-    """Run a server in a folder of its own, and yield it."""
+def restartable(*, durable: bool = False) -> Iterator[Server]:
+    """Run a server in a folder of its own, and yield it; one that isn't durable is faster."""
     folder = Path(tempfile.mkdtemp(prefix="torquebench-postgresql-"))
     try:
-        found = Server(folder)
+        found = Server(folder, durable=durable)
         found.start()
         try:
             yield found

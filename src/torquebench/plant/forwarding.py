@@ -20,7 +20,7 @@ from torquebench.atomic_write import atomic_write
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.plant.database import PlantDatabase
-from torquebench.plant.facts import RunFacts, facts_of, points_table
+from torquebench.plant.facts import facts_of, points_table
 from torquebench.plant.folders import FolderStore
 from torquebench.records import Registry, RunFolder, UnavailableError, json_text
 from torquebench.records.chain import ChainHead
@@ -123,27 +123,11 @@ class BenchLink(PlantDatabase):
             )
             return [(row.run_id, row.manifest_sha256) for row in rows]
 
-    def arrived(
-        self, run_id: str, manifest: str, pushed: Any, points: str, facts: RunFacts
-    ) -> None:
-        """Say that a folder has arrived, and what it says."""
-        query = text(
-            "SELECT plant.arrived(:run, :manifest, :url, :points, :size, "
-            "CAST(:left AS text[]), CAST(:facts AS json))"
-        )
+    def arrived(self, pushed: list[dict[str, Any]]) -> int:
+        """Say which folders have arrived, and what they say; return how many were new."""
+        query = text("SELECT plant.arrived(CAST(:pushed AS json))")
         with self.transaction() as connection:
-            connection.execute(
-                query,
-                {
-                    "run": run_id,
-                    "manifest": manifest,
-                    "url": pushed.url,
-                    "points": points or None,
-                    "size": pushed.size,
-                    "left": list(pushed.left_out),
-                    "facts": json_text(facts.plain()),
-                },
-            )
+            return int(connection.scalar(query, {"pushed": json_text(pushed)}) or 0)
 
     def withdrawals(self) -> list[tuple[str, str, str]]:
         """Return runs of this bench that the plant withdrew and the bench doesn't know of."""
@@ -273,7 +257,19 @@ def _send_folders(
                 done.problems.append(problem)
                 told(problem)
                 continue
-            link.arrived(run_id, manifest, pushed, points_url, facts_of(results))
+            link.arrived(
+                [
+                    {
+                        "run_id": run_id,
+                        "manifest_sha256": manifest,
+                        "url": pushed.url,
+                        "points_url": points_url or None,
+                        "bytes": pushed.size,
+                        "left_out": pushed.left_out,
+                        "facts": facts_of(results).plain(),
+                    }
+                ]
+            )
             done.folders += 1
             done.size += pushed.size
             progress.advance()

@@ -13,7 +13,7 @@ BENCH_FUNCTIONS = (
     "append(json)",
     "my_missing_folders(integer)",
     "my_withdrawals()",
-    "arrived(text, text, text, text, bigint, text[], json)",
+    "arrived(json)",
 )
 """What a bench's role may call."""
 
@@ -102,9 +102,12 @@ CREATE FUNCTION plant.note_rows(bench integer, after bigint) RETURNS void
 LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
 DECLARE
   source text;
+  sources text[];
+  known record;
 BEGIN
-  FOR source IN SELECT DISTINCT l."table" FROM plant.links l
-      WHERE l.bench_key = bench AND l.sequence > after LOOP
+  SELECT array_agg(DISTINCT l."table") INTO sources FROM plant.links l
+    WHERE l.bench_key = bench AND l.sequence > after;
+  FOREACH source IN ARRAY coalesce(sources, '{}') LOOP
     IF source = ANY({mirrored}) THEN
       EXECUTE format('INSERT INTO plant.%1$I SELECT row_of.* FROM plant.links l, '
         'LATERAL jsonb_populate_record(NULL::plant.%1$I, plant.as_json(l.content) '
@@ -113,21 +116,26 @@ BEGIN
         USING bench, after;
     END IF;
   END LOOP;
-  INSERT INTO plant.runs (bench_key, id, run_id, kind, started, side, operator, simulated,
-      profile_name, profile_sha256, software_version)
-    SELECT bench, each.id, each.run_id, each.kind, each.started, each.side, each.operator,
-      each.simulated, each.profile_name, each.profile_sha256, each.software_version
-    FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
+  WITH begun AS (
+    SELECT each.* FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
       id bigint, run_id text, kind text, started timestamptz, side text, operator text,
       simulated boolean, profile_name text, profile_sha256 text, software_version text)
-    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'runs';
-  UPDATE plant.runs r SET end_id = each.id, finished = each.finished, status = each.status,
-      reason = each.reason, manifest_sha256 = each.manifest_sha256
-    FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'runs'),
+  ended AS (
+    SELECT each.* FROM plant.links l, LATERAL jsonb_to_record(plant.as_json(l.content)) AS each(
       id bigint, run_key bigint, finished timestamptz, status text, reason text,
       manifest_sha256 text)
-    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'
-      AND r.bench_key = bench AND r.id = each.run_key;
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'),
+  added AS (
+    INSERT INTO plant.runs (bench_key, id, run_id, kind, started, side, operator, simulated,
+        profile_name, profile_sha256, software_version, end_id, finished, status, reason,
+        manifest_sha256)
+      SELECT bench, begun.*, ended.id, ended.finished, coalesce(ended.status, 'running'),
+        coalesce(ended.reason, ''), ended.manifest_sha256
+      FROM begun LEFT JOIN ended ON ended.run_key = begun.id)
+  UPDATE plant.runs r SET end_id = ended.id, finished = ended.finished, status = ended.status,
+      reason = ended.reason, manifest_sha256 = ended.manifest_sha256
+    FROM ended WHERE r.bench_key = bench AND r.id = ended.run_key;
   -- A run that its bench has discarded is withdrawn wherever the same sealed folder is known.
   INSERT INTO plant.withdrawals (bench_key, run_id, manifest_sha256, withdrawn, withdrawn_by,
       reason)
@@ -138,44 +146,54 @@ BEGIN
     WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'amendments'
       AND each.subject = 'run_ends' AND each.changes ->> 'status' = 'discarded'
       AND r.bench_key = bench AND r.end_id = each.subject_key;
-  PERFORM plant.mark_withdrawn(bench, after);
-  INSERT INTO plant.batches (serial, batch, recorded)
-    SELECT DISTINCT ON (e.serial) e.serial, d.details ->> 'batch', d.recorded
-    FROM plant.links l JOIN plant.equipment_descriptions d ON d.bench_key = bench AND d.id = l.key
-    JOIN plant.equipment e ON e.bench_key = bench AND e.id = d.equipment_key
-    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'equipment_descriptions'
-      AND e.kind = 'reducer' AND d.details ? 'batch'
-    ORDER BY e.serial, d.recorded DESC
-  ON CONFLICT (serial) DO UPDATE SET batch = excluded.batch, recorded = excluded.recorded
-    WHERE excluded.recorded > plant.batches.recorded;
-  UPDATE plant.runs r SET batch = known.batch FROM plant.batches known
-    WHERE known.serial = r.serial AND r.batch <> known.batch AND known.serial IN (
-      SELECT e.serial FROM plant.links l
-      JOIN plant.equipment_descriptions d ON d.bench_key = bench AND d.id = l.key
-      JOIN plant.equipment e ON e.bench_key = bench AND e.id = d.equipment_key
-      WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'equipment_descriptions');
+  IF sources && ARRAY['run_ends', 'amendments'] THEN
+    PERFORM plant.mark_withdrawn(bench, after);
+  END IF;
+  IF 'equipment_descriptions' = ANY(sources) THEN
+    FOR known IN
+      INSERT INTO plant.batches (serial, batch, recorded)
+        SELECT DISTINCT ON (e.serial) e.serial, d.details ->> 'batch', d.recorded
+        FROM plant.links l
+        JOIN plant.equipment_descriptions d ON d.bench_key = bench AND d.id = l.key
+        JOIN plant.equipment e ON e.bench_key = bench AND e.id = d.equipment_key
+        WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'equipment_descriptions'
+          AND e.kind = 'reducer' AND d.details ? 'batch'
+        ORDER BY e.serial, d.recorded DESC
+      ON CONFLICT (serial) DO UPDATE SET batch = excluded.batch, recorded = excluded.recorded
+        WHERE excluded.recorded > plant.batches.recorded
+      RETURNING serial, batch
+    LOOP
+      UPDATE plant.runs r SET batch = known.batch
+        WHERE r.serial = known.serial AND r.batch <> known.batch;
+    END LOOP;
+  END IF;
 END $$
 """
 
 # A sealed folder is known by the hash of its manifest, whichever bench's registry holds the run.
 _MARK_WITHDRAWN = """
 CREATE FUNCTION plant.mark_withdrawn(bench integer, after bigint) RETURNS void
-LANGUAGE sql SET search_path = plant, pg_temp AS $$
-  UPDATE plant.runs r SET withdrawn = w.withdrawn, withdrawn_by = w.withdrawn_by,
-      withdrawn_reason = w.reason
-    FROM plant.links l, plant.withdrawals w
+LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
+DECLARE
+  said record;
+BEGIN
+  FOR said IN
+    SELECT w.* FROM plant.links l
+      JOIN plant.runs r ON r.bench_key = bench AND r.end_id = l.key
+      JOIN plant.withdrawals w ON w.manifest_sha256 = r.manifest_sha256
     WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'
-      AND r.bench_key = bench AND r.end_id = l.key AND r.withdrawn IS NULL
-      AND w.manifest_sha256 = r.manifest_sha256;
-  UPDATE plant.runs r SET withdrawn = w.withdrawn, withdrawn_by = w.withdrawn_by,
-      withdrawn_reason = w.reason
-    FROM plant.links l
+    UNION
+    SELECT w.* FROM plant.links l
       JOIN plant.amendments a ON a.bench_key = bench AND a.id = l.key AND a.subject = 'run_ends'
-      JOIN plant.runs own ON own.bench_key = bench AND own.end_id = a.subject_key
-      JOIN plant.withdrawals w ON w.bench_key = bench AND w.run_id = own.run_id
+      JOIN plant.runs r ON r.bench_key = bench AND r.end_id = a.subject_key
+      JOIN plant.withdrawals w ON w.bench_key = bench AND w.run_id = r.run_id
     WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'amendments'
-      AND r.withdrawn IS NULL AND r.manifest_sha256 = own.manifest_sha256
-$$
+  LOOP
+    UPDATE plant.runs r SET withdrawn = said.withdrawn, withdrawn_by = said.withdrawn_by,
+        withdrawn_reason = said.reason
+      WHERE r.withdrawn IS NULL AND r.manifest_sha256 = said.manifest_sha256;
+  END LOOP;
+END $$
 """
 
 _WITHDRAW = """
@@ -222,38 +240,58 @@ $$
 """
 
 _ARRIVED = """
-CREATE FUNCTION plant.arrived(run text, manifest text, url text, points_url text, bytes bigint,
-  left_out text[], facts json) RETURNS boolean
+CREATE FUNCTION plant.arrived(pushed json) RETURNS bigint
 LANGUAGE plpgsql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
 DECLARE
   mine integer;
   root text;
+  wrong text;
+  added bigint;
 BEGIN
-  SELECT m.bench_key, m.folders INTO mine, root FROM plant.my_bench() m;
-  IF mine IS NULL OR NOT EXISTS (SELECT 1 FROM plant.runs r WHERE r.bench_key = mine
-      AND r.run_id = arrived.run AND r.manifest_sha256 = arrived.manifest) THEN
-    RAISE EXCEPTION 'run % with this manifest isn''t in the chain of %', arrived.run, session_user
+  SELECT m.bench_key, rtrim(m.folders, '/') || '/' || m.bench_key || '-' INTO mine, root
+    FROM plant.my_bench() m;
+  IF mine IS NULL THEN
+    RAISE EXCEPTION '% is no bench of this plant', session_user USING ERRCODE = 'TB001';
+  END IF;
+  SELECT each.run_id INTO wrong FROM json_to_recordset(pushed) AS each(
+      run_id text, manifest_sha256 text, url text, points_url text)
+    LEFT JOIN plant.runs r ON r.bench_key = mine AND r.run_id = each.run_id
+      AND r.manifest_sha256 = each.manifest_sha256
+    WHERE r.id IS NULL LIMIT 1;
+  IF FOUND THEN
+    RAISE EXCEPTION 'run % with this manifest isn''t in the chain of %', wrong, session_user
       USING ERRCODE = 'TB003';
   END IF;
-  IF NOT starts_with(arrived.url, rtrim(root, '/') || '/' || mine || '-') THEN
-    RAISE EXCEPTION 'folder % lies outside those of bench %', arrived.url, mine
-      USING ERRCODE = 'TB003';
+  SELECT each.url INTO wrong FROM json_to_recordset(pushed) AS each(url text, points_url text)
+    WHERE NOT starts_with(each.url, root) OR NOT starts_with(coalesce(each.points_url, root), root)
+    LIMIT 1;
+  IF FOUND THEN
+    RAISE EXCEPTION 'folder % lies outside those of bench %', wrong, mine USING ERRCODE = 'TB003';
   END IF;
-  INSERT INTO plant.folders VALUES (mine, arrived.run, arrived.manifest, arrived.url,
-    arrived.points_url, arrived.bytes, arrived.left_out, now()) ON CONFLICT DO NOTHING;
-  IF NOT FOUND THEN
-    RETURN false;
-  END IF;
-  UPDATE plant.runs r SET specimen_type = coalesce(facts ->> 'specimen_type', ''),
-      serial = coalesce(facts ->> 'serial', ''),
+  CREATE TEMP TABLE IF NOT EXISTS arriving (run_id text, facts json) ON COMMIT DROP;
+  DELETE FROM pg_temp.arriving;
+  WITH noted AS (
+    INSERT INTO plant.folders
+      SELECT mine, each.run_id, each.manifest_sha256, each.url, each.points_url, each.bytes,
+        each.left_out, now()
+      FROM json_to_recordset(pushed) AS each(run_id text, manifest_sha256 text, url text,
+        points_url text, bytes bigint, left_out text[]) ON CONFLICT DO NOTHING
+      RETURNING folders.run_id)
+  INSERT INTO pg_temp.arriving SELECT each.run_id, each.facts
+    FROM json_to_recordset(pushed) AS each(run_id text, facts json) JOIN noted USING (run_id);
+  GET DIAGNOSTICS added = ROW_COUNT;
+  UPDATE plant.runs r SET specimen_type = coalesce(a.facts ->> 'specimen_type', ''),
+      serial = coalesce(a.facts ->> 'serial', ''),
       batch = coalesce((SELECT b.batch FROM plant.batches b
-        WHERE b.serial = facts ->> 'serial'), '')
-    WHERE r.bench_key = mine AND r.run_id = arrived.run;
+        WHERE b.serial = a.facts ->> 'serial'), '')
+    FROM pg_temp.arriving a WHERE r.bench_key = mine AND r.run_id = a.run_id
+      AND a.facts ->> 'specimen_type' <> '';
   INSERT INTO plant.results
-    SELECT mine, arrived.run, each.* FROM json_to_recordset(facts -> 'quantities') AS each(
-      quantity text, title text, value double precision, expanded_uncertainty double precision,
-      unit text, "limit" text, verdict text);
-  RETURN true;
+    SELECT mine, a.run_id, each.* FROM pg_temp.arriving a, LATERAL
+      json_to_recordset(a.facts -> 'quantities') AS each(
+        quantity text, title text, value double precision, expanded_uncertainty double precision,
+        unit text, "limit" text, verdict text);
+  RETURN added;
 END $$
 """
 

@@ -198,12 +198,23 @@ def test_a_bench_can_add_its_own_rows_only(plant: Plant, tmp_path: Path) -> None
             with pytest.raises(RecordError, match="permission denied"), link.transaction() as it:
                 it.execute(text(statement))
         assert link.missing_folders() == []
-        arrived = text(
-            "SELECT plant.arrived('20260105T000000Z-test-hysteresis-0000', :m, 'file:///x', NULL, "
-            "1, '{}', '{}')"
-        )
-        with pytest.raises(RecordError, match="isn't in the chain"), link.transaction() as it:
-            it.execute(arrived, {"m": "0" * 64})
+        stolen = {
+            "run_id": "20260105T000000Z-test-hysteresis-0000",
+            "manifest_sha256": "0" * 64,
+            "url": f"{plant.folders_url}/1-Bench-1/x",
+            "bytes": 1,
+            "left_out": [],
+            "facts": {"quantities": []},
+        }
+        with pytest.raises(RecordError, match="isn't in the chain"):
+            link.arrived([stolen])
+        sent(filled(tmp_path / "own"), url)
+        with Registry.open(tmp_path / "own") as registry:
+            known = registry.run(str(stolen["run_id"])).manifest_sha256
+        for outside in ("2-Bench-2/x", "x", "11-Bench/x"):
+            elsewhere = {**stolen, "manifest_sha256": known}
+            with pytest.raises(RecordError, match="lies outside"):
+                link.arrived([{**elsewhere, "url": f"{plant.folders_url}/{outside}"}])
     with pytest.raises(RecordError, match="never changed"), plant.transaction() as connection:
         connection.execute(text("UPDATE plant.links SET content = ''"))
 

@@ -1,0 +1,283 @@
+"""What a plant's registry keeps up with: a simulated fleet in PostgreSQL, sent, asked, refitted.
+
+python -m benchmarks.plant [RUNS] [--write]
+
+With --write the tables in docs/benchmarks.md are written. A PostgreSQL server of its own is
+started from Debian's package, as it comes (fsync on).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from sqlalchemy import text
+from tests import postgresql_server
+
+from benchmarks.fleet import OPERATORS, TYPES, FleetBench, calibration_points
+from torquebench.bench import default_bench
+from torquebench.calibration.profile import load_profile
+from torquebench.errors import RecordError
+from torquebench.plant import (
+    FolderStore,
+    Plant,
+    SpecimenFilter,
+    charts,
+    drift_of_kind,
+    forward,
+    reevaluate,
+)
+from torquebench.plant.forwarding import BenchLink
+from torquebench.records import REGISTERS, Registry, RunFolder, RunSummary
+
+SEED = 20261122
+BENCHES = 500
+LINKS = 5000
+QUERIES = 300
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
+GROWTH_PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "plants-that-grow.md"
+
+
+def percentile(seconds: list[float]) -> float:
+    """Return what 95 % stay below, in ms."""
+    return 1e3 * float(np.percentile(seconds, 95))
+
+
+@contextmanager
+def clocked(taken: list[float]) -> Iterator[None]:
+    """Note how long something takes, s."""
+    begin = time.perf_counter()
+    yield
+    taken.append(time.perf_counter() - begin)
+
+
+def load(plant: Plant, store: FolderStore, benches: list[FleetBench]) -> tuple[int, float]:
+    """Send the chains of benches, each by its own role; return entries, and seconds."""
+    entries, spent = 0, 0.0
+    for bench in benches:
+        number, url = plant.register_bench(bench.name, bench.place)
+        root = f"{store.url}/{number}-bench"
+        links, arrived = bench.records(root)
+        bench.write_points(store, root)
+        begin = time.perf_counter()
+        with BenchLink(url) as link:
+            for k in range(0, len(links), LINKS):
+                link.append(links[k : k + LINKS])
+            link.arrived(arrived)
+        spent += time.perf_counter() - begin
+        entries += len(links)
+    with plant.transaction() as connection:
+        connection.execute(text("ANALYZE"))
+    return entries, spent
+
+
+def lists(plant: Plant, benches: int) -> list[float]:
+    """Return how long the newest 100 runs of one filter and of two took, s."""
+    random, taken = np.random.default_rng(1), []
+    newest = plant.runs(50)
+    kinds = ("test-hysteresis", "test-no-load", "check-output", "verify-output", "calibrate-output")
+    for k in range(QUERIES):
+        some = newest[int(random.integers(len(newest)))]
+        filters: dict[str, Any] = {
+            "bench_key": int(random.integers(1, benches + 1)),
+            "kind": str(random.choice(kinds)),
+            "status": str(random.choice(["completed", "failed"])),
+            "specimen_type": str(random.choice(TYPES)),
+            "serial": some.serial or "S-000-00002",
+            "operator": str(random.choice(OPERATORS)),
+            "withdrawn": bool(random.integers(2)),
+            "simulated": bool(random.integers(2)),
+        }
+        names = random.choice(list(filters), size=k % 3, replace=False)
+        with clocked(taken):
+            plant.runs(100, **{str(name): filters[str(name)] for name in names})
+    return taken
+
+
+def withdrawals(plant: Plant) -> list[float]:
+    """Return how long withdrawing a run took, s."""
+    taken: list[float] = []
+    for run in plant.runs(60, withdrawn=False)[::2]:
+        with clocked(taken):
+            plant.withdraw(run, by="benchmark", reason="measured")
+    return taken
+
+
+def size_gb(plant: Plant) -> float:
+    """Return the size of the database."""
+    with plant.transaction() as connection:
+        return (
+            float(connection.scalar(text("SELECT pg_database_size(current_database())")) or 0) / 1e9
+        )
+
+
+def grow(server: postgresql_server.Server, place: Path, runs: int) -> list[dict[str, Any]]:
+    """Measure at every power of ten up to a number of runs."""
+    rows = []
+    url = postgresql_server.create_database(server.socket, "fleet")
+    with Plant.create(url, f"file://{place}/share") as plant:
+        store = FolderStore(plant.folders_url)
+        per_bench, known = runs // BENCHES, 0
+        for stage in (runs // 100, runs // 10, runs):
+            benches = [
+                FleetBench(SEED, number, per_bench)
+                for number in range(known, max(stage // per_bench, 1))
+            ]
+            entries, seconds = load(plant, store, benches)
+            known += len(benches)
+            count = known * per_bench
+            memory = psutil.Process().memory_info().rss / 1e6
+            row = {
+                "runs": count,
+                "benches": known,
+                "entries_a_second": entries / seconds,
+                "newest_100_ms": percentile(lists(plant, known)),
+                "withdraw_ms": percentile(withdrawals(plant)),
+                "memory_mb": memory,
+            }
+            taken: list[float] = []
+            with clocked(taken):
+                found = drift_of_kind(plant, "T40B")
+            files = len(set(zip(found.columns["serial"], found.columns["when"], strict=True)))
+            row |= {"files": files, "drift_s": taken[-1]}
+            row["drift_percent_a_year"] = found.facts.get("span drift, % a year")
+            with clocked(taken):
+                specimens = len(charts(plant, SpecimenFilter("RV-40E", "backlash")))
+            row |= {"specimens": specimens, "charts_s": taken[-1], "size_gb": size_gb(plant)}
+            print(json.dumps(row), flush=True)
+            rows.append(row)
+        state = plant.benches()[0]
+        checked, wrong = plant.verify_chain(state)
+        assert wrong == [], wrong
+        print(f"chain of bench 1: {checked} entries as they were entered", flush=True)
+    return rows
+
+
+def day_without_link(server: postgresql_server.Server, place: Path) -> dict[str, Any]:
+    """Let benches record for 24 h without the server, then send; count what is lost or twice."""
+    url = postgresql_server.create_database(server.socket, "day")
+    with Plant.create(url, f"file://{place}/day") as plant:
+        urls = [plant.register_bench("Bench")[1] for _ in range(3)]
+    server.stop()
+    refused, runs = 0, 144
+    for number, link in enumerate(urls):
+        with Registry.open(place / f"bench-{number}") as registry:
+            for k in range(runs):
+                started = datetime(2026, 1, 5, tzinfo=UTC) + timedelta(minutes=10 * k)
+                run_id = f"{started:%Y%m%dT%H%M%SZ}-calibrate-output-{k:04x}"
+                folder = RunFolder.create(
+                    registry.root / "runs",
+                    {"simulated": True},
+                    kind="calibrate-output",
+                    run_id=run_id,
+                )
+                registry.add_run(
+                    RunSummary(run_id, "calibrate-output", started, True, "0.2.0", folder.path)
+                )
+                folder.write_results(calibration_points(0.1, f"T-{number}", k))
+                registry.finish_run(folder.seal(), started + timedelta(minutes=8))
+                if k % 48 == 0:
+                    try:
+                        forward(registry, link)
+                    except RecordError:
+                        refused += 1
+    server.start()
+    begin, lost, twice = time.perf_counter(), 0, 0
+    with Plant.open(url) as plant:
+        for number, link in enumerate(urls):
+            with Registry.open(place / f"bench-{number}") as registry:
+                done = forward(registry, link)
+                assert done.head == registry.head()
+        seconds = time.perf_counter() - begin
+        listed = [(run.bench_key, run.run_id) for run in plant.runs(10_000)]
+        twice = len(listed) - len(set(listed))
+        arrived = 0
+        for state in plant.benches():
+            assert plant.verify_chain(state)[1] == []
+            assert plant.verify_folders(state.number) == []
+            arrived += state.folders
+        lost = runs * len(urls) - arrived
+    return {
+        "benches": len(urls),
+        "runs": runs * len(urls),
+        "refused": refused,
+        "seconds": seconds,
+        "lost": lost,
+        "twice": twice,
+    }
+
+
+def refits(server: postgresql_server.Server, place: Path, count: int) -> dict[str, Any]:
+    """Refit calibrations on one process and on two."""
+    url = postgresql_server.create_database(server.socket, "refits")
+    metadata = {
+        "bench": default_bench().model_dump(mode="json"),
+        "simulated": True,
+        REGISTERS: {"models": [{"name": "radial-basis"}], "active": None},
+    }
+    profile = load_profile("rapid-in-situ").model_dump(mode="json")
+    with (
+        Plant.create(url, f"file://{place}/refits") as plant,
+        Registry.open(place / "refits-bench") as registry,
+    ):
+        for k in range(count):
+            run_id = f"calibrate-{k:05}"
+            folder = RunFolder.create(
+                registry.root / "runs", metadata, kind="calibrate-output", run_id=run_id
+            )
+            folder("start", {"uid": run_id, "time": 0.0, "profile": {"settings": profile}})
+            started = datetime(2026, 1, 5, tzinfo=UTC) + timedelta(hours=k)
+            registry.add_run(
+                RunSummary(run_id, "calibrate-output", started, True, "0.2.0", folder.path)
+            )
+            folder.write_results(calibration_points(0.1, "T-1", k))
+            registry.finish_run(folder.seal(), started)
+        _, link = plant.register_bench("Bench")
+        assert forward(registry, link).problems == []
+        found: dict[str, Any] = {"calibrations": count}
+        memory = []
+        for workers in (1, 2):
+            begin = time.perf_counter()
+            done = reevaluate(plant, "processes", workers=workers, label=f"{workers} processes")
+            found[f"seconds_{workers}"] = time.perf_counter() - begin
+            assert (done.done, done.problems) == (count, 0), done
+            memory.append(psutil.Process().memory_info().rss / 1e6)
+        with plant.transaction() as connection:
+            query = text(
+                'SELECT count(DISTINCT "values") - count(DISTINCT run_id) FROM plant.reevaluations'
+            )
+            found["different"] = int(connection.scalar(query) or 0)
+        found["ratio"] = found["seconds_1"] / found["seconds_2"]
+        found["memory_mb"] = memory
+    return found
+
+
+def main() -> None:
+    """Measure, and write the tables where that is wanted."""
+    numbers = [int(each) for each in sys.argv[1:] if each.isdecimal()]
+    runs = numbers[0] if numbers else 1_000_000
+    with (
+        tempfile.TemporaryDirectory(prefix="torquebench-plant-") as folder,
+        postgresql_server.restartable(durable=True) as server,
+    ):
+        place = Path(folder)
+        parts = [each for each in sys.argv[1:] if each in ("day", "refits", "grow")]
+        if not parts or "day" in parts:
+            print("24 h without a link:", json.dumps(day_without_link(server, place)), flush=True)
+        if not parts or "refits" in parts:
+            print("refits:", json.dumps(refits(server, place, min(runs // 100, 1000))), flush=True)
+        if not parts or "grow" in parts:
+            grow(server, place, runs)
+
+
+if __name__ == "__main__":
+    main()
