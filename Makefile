@@ -3,10 +3,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint types contracts docs pictures tests other-processor clean clean-kernels
+.PHONY: run plant test lint types contracts docs pictures tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
+
+# Three simulated benches and a plant: the link is cut, and nothing is lost. Needs PostgreSQL
+# (Debian: apt install postgresql).
+plant: $(VENV)/.installed-plant
+	$(BIN)/python -m examples.plant_demonstration
 
 test: lint types contracts docs tests other-processor
 
@@ -51,6 +56,10 @@ $(VENV)/.installed: $(BIN)/python pyproject.toml constraints.txt
 $(VENV)/.installed-test: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[test]'
 	touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-plant: $(BIN)/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[panel,plant]'
+	touch $@
 
 # Numba's cache looks at a kernel's own file only: after a change to a function that a kernel in
 # another file calls, `make clean-kernels`.
