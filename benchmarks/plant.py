@@ -1,9 +1,8 @@
 """What a plant's registry keeps up with: a simulated fleet in PostgreSQL, sent, asked, refitted.
 
-python -m benchmarks.plant [RUNS] [--write]
+python -m benchmarks.plant [RUNS] [grow] [day] [refits]
 
-With --write the tables in docs/benchmarks.md are written. A PostgreSQL server of its own is
-started from Debian's package, as it comes (fsync on).
+A PostgreSQL server of its own is started from Debian's package, as it comes (fsync on).
 """
 
 from __future__ import annotations
@@ -43,8 +42,6 @@ SEED = 20261122
 BENCHES = 500
 LINKS = 5000
 QUERIES = 300
-PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
-GROWTH_PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "plants-that-grow.md"
 
 
 def percentile(seconds: list[float]) -> float:
@@ -82,7 +79,8 @@ def load(plant: Plant, store: FolderStore, benches: list[FleetBench]) -> tuple[i
 
 def lists(plant: Plant, benches: int) -> list[float]:
     """Return how long the newest 100 runs of one filter and of two took, s."""
-    random, taken = np.random.default_rng(1), []
+    random = np.random.default_rng(1)
+    taken: list[float] = []
     newest = plant.runs(50)
     kinds = ("test-hysteresis", "test-no-load", "check-output", "verify-output", "calibrate-output")
     for k in range(QUERIES):
