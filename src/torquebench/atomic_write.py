@@ -37,7 +37,7 @@ _MOST_LINKS = 40
 _DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
-def atomic_write(path: Path, content: str | bytes) -> None:
+def atomic_write(path: Path, content: str | bytes, *, private: bool = False) -> None:
     """Write a file so that it holds either its old content or all of the new one.
 
     Parameters
@@ -47,6 +47,8 @@ def atomic_write(path: Path, content: str | bytes) -> None:
         and ``-`` is standard output.
     content : str or bytes
         Text is written as UTF-8 with the line ends that it has.
+    private : bool
+        Whether a new file is its owner's alone.
 
     Raises
     ------
@@ -55,12 +57,12 @@ def atomic_write(path: Path, content: str | bytes) -> None:
     RecordError
         Where the disk is full or fails.
     """
-    with atomic_file(path) as file:
+    with atomic_file(path, private=private) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
-def atomic_file(path: Path) -> Iterator[IO[bytes]]:
+def atomic_file(path: Path, *, private: bool = False) -> Iterator[IO[bytes]]:
     """Yield a binary file whose content replaces that of a path when the block ends without error.
 
     Parameters and errors are those of `atomic_write`. What is written to a device, a pipe or
@@ -75,7 +77,7 @@ def atomic_file(path: Path) -> Iterator[IO[bytes]]:
             with target.open("wb") as file:
                 yield file
         else:
-            with _replacing(target) as part, part.open("r+b") as file:
+            with _replacing(target, private=private) as part, part.open("r+b") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
@@ -188,12 +190,11 @@ def _stream(descriptor: int) -> Iterator[IO[bytes]]:
 
 
 @contextlib.contextmanager
-def _replacing(target: Path, ending: str = "") -> Iterator[Path]:
+def _replacing(target: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
     """Yield an empty file beside a target; it takes the target's place and its permissions."""
     part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
     try:
-        # A new file is no more open than its folder.
-        part.touch(target.parent.stat().st_mode & 0o666, exist_ok=False)
+        part.touch(0o600 if private else 0o666, exist_ok=False)
         yield part
         if target.exists():
             part.chmod(stat.S_IMODE(target.stat().st_mode))

@@ -305,6 +305,32 @@ def test_a_button_that_needs_the_server_says_when_it_is_not_ready(person: Visito
     person.sees("F8: stop the bench")
 
 
+def test_notices_are_switched_on_and_tell_of_an_alarm(person: Visitor) -> None:
+    driver = person.driver
+    granted = {"permissions": ["notifications"], "origin": person.panel.url}
+    driver.execute_cdp_cmd("Browser.grantPermissions", granted)
+    person.open("/alarms")
+    body = driver.find_element(By.TAG_NAME, "body")
+    body.send_keys("?")
+    person.sees("F8: stop the bench")
+    person.sees("?: this menu")
+    person.press("On")
+    pressed = "return document.querySelector('[data-notices=on]')?.ariaPressed"
+    person.wait(lambda: driver.execute_script(pressed) == "true", "notices that are on")
+    person.press("Close")
+    body.send_keys(Keys.F8)
+    told = "return window.torquebench.noticed"
+    person.wait(lambda: len(driver.execute_script(told)) == 1, "one notice")
+    assert "stop" in driver.execute_script(told)[0].lower()
+    assert driver.execute_script("return Notification.permission") == "granted"
+    person.press("Acknowledge")
+    driver.execute_script("localStorage.setItem('torquebench-notices', 'off')")
+    body.send_keys(Keys.F8)
+    person.sees("Acknowledge")
+    assert len(driver.execute_script(told)) == 1
+    person.press("Acknowledge")
+
+
 def test_two_people_one_commands_and_the_other_watches(person: Visitor, stranger: Visitor) -> None:
     person.open("/calibrate")
     person.press("Take command")

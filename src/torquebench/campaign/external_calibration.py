@@ -164,7 +164,7 @@ def register_table(
         if stored is not None and model is not None:
             path = registry.root / "models" / f"{folder.run_id}-{stored.kind}.json"
             private_folder(path.parent)
-            atomic_write(path, model.read_bytes())
+            atomic_write(path, model.read_bytes(), private=True)
             kept = registry.add_model(entry, kind=stored.kind, file=path, side=data.side)
     return RegisteredTable(folder.run_id, entry, kept)
 

@@ -473,11 +473,15 @@ def store_model(
     effects: Sequence[Effect] = (),
     contradictions: Sequence[Contradiction] = (),
     accepted: str = "",
+    *,
+    private: bool = False,
 ) -> StoredModel:
-    """Write the model file of `described_model`."""
-    private_folder(path.parent)
+    """Write the model file of `described_model`; a private one is its owner's alone."""
+    if private:
+        private_folder(path.parent)
+    path.parent.mkdir(parents=True, exist_ok=True)
     stored = described_model(model, data, metrics, effects, contradictions, accepted)
-    save_model(path, stored)
+    save_model(path, stored, private=private)
     return stored
 
 

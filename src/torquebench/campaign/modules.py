@@ -106,7 +106,15 @@ def register_calibration(
             return _registered(registry, registry.calibration(before))
         for item in fitted:
             path, metrics = files[item.name]
-            store_model(path, item.model, result.data, metrics, item.effects, item.contradictions)
+            store_model(
+                path,
+                item.model,
+                result.data,
+                metrics,
+                item.effects,
+                item.contradictions,
+                private=True,
+            )
         entry = registry.add_calibration(
             result.data,
             performed=performed,

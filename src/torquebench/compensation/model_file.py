@@ -121,7 +121,7 @@ class StoredModel:
             )
 
 
-def save_model(path: str | Path, stored: StoredModel) -> Path:
+def save_model(path: str | Path, stored: StoredModel, *, private: bool = False) -> Path:
     """Write a model file; the old file stays whole until the new one is complete.
 
     Parameters
@@ -130,6 +130,8 @@ def save_model(path: str | Path, stored: StoredModel) -> Path:
         Where to; an existing file is replaced.
     stored : StoredModel
         Fitted model with its provenance.
+    private : bool
+        Whether a new file is its owner's alone.
 
     Returns
     -------
@@ -144,7 +146,7 @@ def save_model(path: str | Path, stored: StoredModel) -> Path:
     content = _content(stored)
     document = {**content, "checksum": _checksum(content)}
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    atomic_write(target, text.encode("utf-8"))
+    atomic_write(target, text.encode("utf-8"), private=private)
     return target
 
 

@@ -157,7 +157,7 @@ class RunWriter:
         }
         self._lines = 0
         try:
-            atomic_write(path / _METADATA, _checked_json(content))
+            atomic_write(path / _METADATA, _checked_json(content), private=True)
             sync_folder(path.parent)
             self._events = create_private(path / _EVENTS)
             self._copies = create_private(path / _COPIES)
@@ -273,7 +273,7 @@ class RunWriter:
             raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
         with self._lock:
             self._require_open()
-            atomic_write(self.path / name, text)
+            atomic_write(self.path / name, text, private=True)
         return self.path / name
 
     def seal(self, status: RunStatus = "completed", reason: str = "") -> RunFolder:
@@ -565,7 +565,7 @@ class RunFolder:
         if read.damages:
             damaged += _kept_aside(self.path / _EVENTS)
         if documents != _content(self.path / _EVENTS):
-            atomic_write(self.path / _EVENTS, documents)
+            atomic_write(self.path / _EVENTS, documents, private=True)
         for leftover in self.path.glob(".*.part"):
             leftover.unlink()
         last = max((line.number for line in read.lines), default=0)
@@ -592,7 +592,7 @@ class RunFolder:
         except RecordError:
             damaged += _kept_aside(self.path / EDGE_STREAM, move=True)
         report = replace(report, damaged_files=tuple(damaged))
-        atomic_write(self.path / _RECOVERY, json_text(report, indent=2) + "\n")
+        atomic_write(self.path / _RECOVERY, json_text(report, indent=2) + "\n", private=True)
         if (self.path / _RESULTS).exists() and not report.damages:
             _seal(self.path, "completed", "")
         else:
@@ -610,7 +610,7 @@ class RunFolder:
             yield _METADATA
             return
         yield from _kept_aside(path)
-        atomic_write(path, _checked_json(content))
+        atomic_write(path, _checked_json(content), private=True)
 
 
 def _append(file: Any, line: bytes) -> None:
@@ -631,7 +631,7 @@ def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
     if move:
         path.replace(kept)
     elif not kept.exists():
-        atomic_write(kept, path.read_bytes())
+        atomic_write(kept, path.read_bytes(), private=True)
     yield path.name
 
 
@@ -678,4 +678,4 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         "software_version": torquebench.__version__,
         "files": files,
     }
-    atomic_write(folder / MANIFEST, json_text(manifest, indent=2) + "\n")
+    atomic_write(folder / MANIFEST, json_text(manifest, indent=2) + "\n", private=True)

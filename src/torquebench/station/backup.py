@@ -122,7 +122,7 @@ def back_up(data: Path, target: Path, progress: Callable[[str], None] = lambda _
         "chain_end": str(backup.head),
         "software_version": __version__,
     }
-    atomic_write(target / BACKUP_FILE, json.dumps(said, indent=2) + "\n")
+    atomic_write(target / BACKUP_FILE, json.dumps(said, indent=2) + "\n", private=True)
     return backup
 
 
@@ -297,7 +297,7 @@ def _copy_audit(source: Path, target: Path) -> None:
         content = (source / AUDIT_FILE).read_bytes() if (source / AUDIT_FILE).exists() else b""
         if files_aside(source) == before:
             break
-    atomic_write(target / AUDIT_FILE, content[: content.rfind(b"\n") + 1])
+    atomic_write(target / AUDIT_FILE, content[: content.rfind(b"\n") + 1], private=True)
 
 
 def _outside(registry: Registry, data: Path) -> set[str]:

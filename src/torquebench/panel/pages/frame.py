@@ -119,7 +119,14 @@ class _Frame:
                 self._take = button(text("frame.take_command"), self._take_command, "quiet small")
                 self._give = button(text("frame.give_command"), self._give_command, "quiet small")
             menu = Menu(self.visitor, self._take_command, self._give_command)
-            opener = box("button", "control quiet", type="button", aria_label=text("frame.menu"))
+            opener = box(
+                "button",
+                "control quiet",
+                type="button",
+                aria_label=text("frame.menu"),
+                aria_keyshortcuts="?",
+                data_menu="1",
+            )
             with opener:
                 icon("menu")
             on_press(opener, menu.open)
@@ -148,6 +155,7 @@ class _Frame:
         """Make the places for what must not be overlooked, above the page's own content."""
         words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
         words("div", "", "note warn", id="press-result", role="alert", hidden="hidden")
+        self._notice = words("div", "", id="notice", hidden="hidden")
         self._alarm = box("div", "alarm-strip", role="alert")
         with self._alarm:
             icon("warning")
@@ -172,6 +180,7 @@ class _Frame:
             ui.navigate.to(f"/sign-in?reason=expired&next={self._path}")
             return
         self._job.refresh()
+        self._notify()
         self._presence.set_visibility(service.presence_wanted and commands)
         if service.presence_wanted and commands:
             left = math.ceil(service.presence_left_s)
@@ -208,6 +217,22 @@ class _Frame:
         if snapshot.connection != "live":
             said = f"frame.connection_{snapshot.connection}"
             self._lost.set_text(text(said, problem=text.core(snapshot.connection_problem)))
+
+    def _notify(self) -> None:
+        """Tell the browser which alarm and which end of an own job are the newest."""
+        service, text = self.visitor.service, self.text
+        alarm = max(service.alarms(standing=True), key=lambda each: each.number, default=None)
+        jobs = (each for each in service.jobs.recent() if not each.open)
+        job = next((each for each in jobs if each.started_by == self.visitor.looker.label), None)
+        news: dict[str, tuple[str, str]] = {}
+        if alarm is not None:
+            title = text.maybe(f"alarm.{alarm.kind.replace(' ', '_')}", alarm.kind)
+            news["alarm"] = (alarm.alarm_id, f"{title}: {text.core(alarm.found)}")
+        if job is not None:
+            title = text.maybe(f"job.{job.kind}", job.title)
+            state = text(f"job.state_{job.state}")
+            news["job"] = (job.job_id, text("job.ended", title=title, state=state))
+        self._notice.set_text(json.dumps(news))
 
     def _present(self) -> None:
         visitor = self.visitor

@@ -68,9 +68,20 @@ class Menu:
                         data_value=value,
                         aria_pressed="true" if value == (visitor.look or "auto") else "false",
                     )
+            words("h3", text("menu.notices"))
+            words("p", text("menu.notices_explained"), "muted small")
+            with box("div", "line"):
+                for value in ("on", "off"):
+                    words(
+                        "button",
+                        text(f"menu.notices_{value}"),
+                        "control",
+                        type="button",
+                        data_notices=value,
+                    )
             words("h3", text("menu.shortcuts"))
             with box("ul"):
-                for key in ("key_stop", "key_pages", "key_tab"):
+                for key in ("key_stop", "key_pages", "key_help", "key_tab"):
                     words("li", text(f"menu.{key}"))
             with box("div", "line end"):
                 button(text("frame.close"), dialog.close, "quiet")

@@ -124,6 +124,61 @@
     }
   });
 
+  // "?" shows the menu, with all keys, unless somebody types.
+  document.addEventListener("keydown", (event) => {
+    const typing = event.target.closest?.("input, textarea, select, [contenteditable]");
+    if (event.key !== "?" || typing || document.querySelector(".sheet")) return;
+    event.preventDefault();
+    document.querySelector("[data-menu]")?.click();
+  });
+
+  // Notices: a sound and the browser's own notification for a new alarm and the end of an own job.
+  // Of several pages of one browser only the first tells; what was there before is old news.
+  const NOTICES = "torquebench-notices", NOTICED = "torquebench-noticed";
+  const noticing = () => localStorage.getItem(NOTICES) === "on";
+  statistics.noticed = [];
+  function sound(urgent) {
+    const audio = new AudioContext();
+    const tone = audio.createOscillator(), volume = audio.createGain();
+    tone.frequency.value = urgent ? 880 : 523;
+    volume.gain.setValueAtTime(0.2, audio.currentTime);
+    volume.gain.exponentialRampToValueAtTime(0.001, audio.currentTime + (urgent ? 1.2 : 0.5));
+    tone.connect(volume).connect(audio.destination);
+    tone.start();
+    tone.stop(audio.currentTime + 1.3);
+    tone.onended = () => audio.close();
+  }
+  function notice(kind, text) {
+    statistics.noticed.push(text);
+    sound(kind === "alarm");
+    if (window.Notification?.permission === "granted") {
+      new Notification("torquebench", { body: text, tag: kind, requireInteraction: kind === "alarm" });
+    }
+  }
+  setInterval(() => {
+    for (const button of document.querySelectorAll("[data-notices]")) {
+      button.setAttribute("aria-pressed", String((button.dataset.notices === "on") === noticing()));
+    }
+    const found = document.getElementById("notice")?.textContent;
+    if (!found) return;
+    const news = JSON.parse(found);
+    const known = JSON.parse(localStorage.getItem(NOTICED) ?? "null");
+    const ids = { ...known };
+    for (const kind of ["alarm", "job"]) {
+      const [id, text] = news[kind] ?? [];
+      if (!id || known?.[kind] === id) continue;
+      ids[kind] = id;
+      if (known && noticing()) notice(kind, text);
+    }
+    if (JSON.stringify(ids) !== JSON.stringify(known)) localStorage.setItem(NOTICED, JSON.stringify(ids));
+  }, 500);
+  document.addEventListener("click", (event) => {
+    const chosen = event.target.closest?.("[data-notices]");
+    if (!chosen) return;
+    localStorage.setItem(NOTICES, chosen.dataset.notices);
+    if (chosen.dataset.notices === "on") window.Notification?.requestPermission?.();
+  });
+
   // A press of a button that needs the server shows at once, is done or refused, and never both
   // late and unseen: while the page isn't connected such buttons say so, and a press does nothing.
   const UNHEARD = "torquebench-unheard";

@@ -96,7 +96,7 @@ def issue_certificate(
             )
     _set_aside(archive)
     private_folder(archive)
-    _write(archive, contents)
+    _write(archive, contents, private=True)
     entry = CertificateEntry.of_record(
         json.loads(record.to_json()),
         {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()},
@@ -123,10 +123,10 @@ def _set_aside(archive: Path) -> None:
         archive.rename(archive.with_name(f"{archive.name}{UNREGISTERED}{secrets.token_hex(4)}"))
 
 
-def _write(folder: Path, contents: Mapping[str, bytes]) -> None:
+def _write(folder: Path, contents: Mapping[str, bytes], *, private: bool = False) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in contents.items():
-        atomic_write(folder / name, content)
+        atomic_write(folder / name, content, private=private)
 
 
 def unregistered_certificates(registry: Registry) -> tuple[Path, ...]:

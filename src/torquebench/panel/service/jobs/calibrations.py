@@ -375,7 +375,7 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     metrics = fit_metrics(item, data)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     path = station.data_dir / "models" / f"{entry.run_id}-{item.name}-{stamp}.json"
-    store_model(path, item.model, data, metrics, item.effects, item.contradictions)
+    store_model(path, item.model, data, metrics, item.effects, item.contradictions, private=True)
     model = station.registry.add_model(
         entry,
         kind=item.model.kind,
