@@ -2,6 +2,7 @@
 
 import json
 import re
+from html import unescape
 from pathlib import Path
 
 from tests.system.command_line import run, widest_line
@@ -24,14 +25,40 @@ def test_rising_only_halves_the_staircase(tmp_path: Path) -> None:
     assert "points down" not in result.stdout
 
 
-def test_the_network_is_calibrated_with_its_parameters(tmp_path: Path) -> None:
+def test_parameters_of_the_network_and_the_mounting_are_kept(
+    tmp_path: Path,
+) -> None:
     command = ("calibrate", "output", "--rising-only", "--step-percent", 20, "--data", "data")
     parameters = ("--parameter", "epochs=120", "--parameter", "start=small-uniform")
     alone = run(*command, *parameters, cwd=tmp_path)
     assert alone.returncode == 2
     assert "--model" in alone.stderr
-    made = run(*command, "--model", "published-network", *parameters, cwd=tmp_path)
+    wrong = run(*command, "--mounting", "coaxiality_mm=-1", cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert "coaxiality_mm" in wrong.stderr
+    mounted = ("coaxiality_mm=0.041", "clamp_pressure_bar=160", "duration_min=25")
+    lubricated = ("lubricant=grease 2", "lubricant_hours=12")
+    made = run(
+        *(*command, "--model", "published-network", *parameters, "--report", "r.html"),
+        *(part for each in (*mounted, *lubricated) for part in ("--mounting", each)),
+        cwd=tmp_path,
+    )
     assert made.returncode == 0, made.stderr
+    assert "more than 0.03 mm" in made.stderr
+    stated = ("0.041 mm (> 0.03 mm)", "160 bar", "25 min", "grease 2, 12 h")
+    report = (tmp_path / "r.html").read_text()
+    assert "Loading accuracy" in report
+    policy = tmp_path / "data" / "laboratory.toml"
+    policy.write_text('[policy]\nunreviewed = "state"\n')
+    certified = run(
+        *("certificate", "latest", "--authorised-by", "Ana", "--out", "out", "--data", "data"),
+        cwd=tmp_path,
+    )
+    assert certified.returncode == 0, certified.stderr
+    (certificate,) = (tmp_path / "out").glob("*.json")
+    for words in stated:
+        assert words in unescape(report), words
+        assert words in certificate.read_text(), words
     (file,) = (tmp_path / "data" / "models").iterdir()
     parameters = json.loads(file.read_text())["model"]["parameters"]
     assert (parameters["epochs"], parameters["start"]) == (120, "small-uniform")

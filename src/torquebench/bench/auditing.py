@@ -16,15 +16,24 @@ from torquebench.bench.drivers.base import (
     Drive,
     DriverSet,
     DriveState,
+    GuideRail,
     Identity,
     Mode,
     ModeConverter,
+    RailPosition,
     Side,
 )
 from torquebench.bench.safety.alarms import Alarm
 from torquebench.errors import InterlockError
 
-__all__ = ["AuditedClamp", "AuditedDrive", "AuditedModes", "CommandGate", "audited"]
+__all__ = [
+    "AuditedClamp",
+    "AuditedDrive",
+    "AuditedModes",
+    "AuditedRail",
+    "CommandGate",
+    "audited",
+]
 
 Commander = Literal["procedure", "supervisor", "doctor"]
 
@@ -197,6 +206,29 @@ class AuditedClamp:
         return self._clamp.clamped()
 
 
+class AuditedRail:
+    """A guide rail whose commands are in the audit log."""
+
+    def __init__(self, rail: GuideRail, log: AuditLog) -> None:
+        self._rail = rail
+        self._log = log
+
+    def move(self, position: RailPosition) -> None:
+        """Move to "end" or "away"."""
+        _logged(
+            self._log,
+            "guide rail",
+            "move",
+            lambda: self._rail.move(position),
+            "procedure",
+            position=position,
+        )
+
+    def position(self) -> RailPosition:
+        """Ask where it is."""
+        return self._rail.position()
+
+
 def audited(
     drivers: DriverSet, log: AuditLog, by: Commander, gate: CommandGate, ramp_s: float
 ) -> DriverSet:
@@ -220,6 +252,7 @@ def audited(
         },
         modes=AuditedModes(drivers.modes, log),
         clamp=AuditedClamp(drivers.clamp, log),
+        rail=None if drivers.rail is None else AuditedRail(drivers.rail, log),
     )
 
 

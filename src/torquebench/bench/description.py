@@ -22,8 +22,10 @@ __all__ = [
     "CounterDescription",
     "DriveDescription",
     "EncoderDescription",
+    "GuideRailDescription",
     "LimitsDescription",
     "ModuleDescription",
+    "PowerSupplyDescription",
     "RecordingDescription",
     "SafetyDescription",
     "StandardDescription",
@@ -128,6 +130,26 @@ class EncoderDescription(_Section):
     counts_per_revolution: Annotated[int, Field(ge=16, le=2**31, description="counts")]
     accuracy_arcsec: Annotated[float, Field(ge=0, le=36000, description="arcsec")] | None = None
     certificate: str | None = None
+
+
+class GuideRailDescription(_Section):
+    """The rail that carries the input module: drawn back to mount, at its end to measure.
+
+    With a section `[driver.guide_rail]` it is moved and watched; without one it is moved by hand.
+    """
+
+    serial: Text
+    model: Text = "unknown"
+    travel_mm: Annotated[float, Field(gt=0, le=1e5, description="mm")] | None = None
+
+
+class PowerSupplyDescription(_Section):
+    """What feeds the drives; with a section `[driver.power_supply]` its contact is watched."""
+
+    serial: Text
+    model: Text = "unknown"
+    voltage_v: Annotated[float, Field(gt=0, le=1e5, description="V")] | None = None
+    power_kw: Annotated[float, Field(gt=0, le=1e4, description="kW")] | None = None
 
 
 class LimitsDescription(_Section):
@@ -319,6 +341,8 @@ class BenchDescription(_Section):
     safety: SafetyDescription = SafetyDescription()
     recording: RecordingDescription = RecordingDescription()
     conditions: ConditionsDescription = ConditionsDescription()
+    guide_rail: GuideRailDescription | None = None
+    power_supply: PowerSupplyDescription | None = None
 
     def counter_nm(self, side: Side) -> float:
         """Return the standard uncertainty by counting in one window, N·m (arXiv:1506.05009)."""
@@ -376,6 +400,9 @@ class BenchDescription(_Section):
     def serials(self) -> dict[str, str]:
         """Every serial number by its key."""
         found: dict[str, str] = {"counter": self.counter.serial}
+        for name, part in (("guide_rail", self.guide_rail), ("power_supply", self.power_supply)):
+            if part is not None:
+                found[name] = part.serial
         for side in ("input", "output"):
             module: ModuleDescription = getattr(self, side)
             found[f"{side}.transducer"] = module.transducer.serial

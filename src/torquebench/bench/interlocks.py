@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.roles import MODES, MOUNTINGS, SIDES, Mode, Mounting, Side, torque_channel
+from torquebench.bench.roles import (
+    MODES,
+    MOUNTINGS,
+    RAIL_TARGETS,
+    SIDES,
+    Mode,
+    Mounting,
+    RailPosition,
+    Side,
+    torque_channel,
+)
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.alarms import Alarm
 from torquebench.bench.safety.limits import SideLimits
@@ -32,6 +42,7 @@ __all__ = [
     "check_mode_change",
     "check_mounting",
     "check_procedure",
+    "check_rail",
     "check_seating",
     "check_speed",
     "check_torque",
@@ -45,6 +56,11 @@ _NEEDED: dict[ProcedureKind, Mounting] = {
     "calibration": "calibrator",
     "verification": "verification_standard",
     "reducer_test": "reducer",
+}
+_RAIL_WORDS: dict[RailPosition, str] = {
+    "end": "at its end position",
+    "away": "drawn back",
+    "between": "between its positions",
 }
 _ROUNDING = 1e-9
 """Share of a speed limit by which a speed may exceed it through its conversion from rpm."""
@@ -84,8 +100,22 @@ class BenchState(Protocol):
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""
 
+    def rail(self) -> RailPosition:
+        """Position of the guide rail; "end" where the bench has none."""
+
+    def supplied(self) -> bool:
+        """Whether the drives' supply is on; true where nothing watches it."""
+
     def absent_s(self) -> float:
         """For how long nobody has confirmed to be there; 0 while somebody is."""
+
+
+def _always_at_end() -> RailPosition:
+    return "end"
+
+
+def _always_on() -> bool:
+    return True
 
 
 class PresentState:
@@ -106,6 +136,9 @@ class PresentState:
         self.limits = supervisor.limits_of
         self.absent_s = supervisor.heartbeats.absent_s
         self.speed_rad_s = acquisition.speed_rad_s
+        rail, supply = drivers.rail, drivers.supply
+        self.rail = _always_at_end if rail is None else rail.position
+        self.supplied = _always_on if supply is None else supply.supplies
         self._supervisor = supervisor
         self._commands = commands
         self._acquisition = acquisition
@@ -166,6 +199,12 @@ def check_speed(state: BenchState, side: Side, speed_rad_s: float) -> None:
 def check_enable(state: BenchState, side: Side) -> None:
     """Refuse to enable a drive with an alarm latched, nobody there, or no torque signal."""
     _check_no_alarm(state, f"enable the {side} drive")
+    if not state.supplied():
+        raise InterlockError(
+            f"enabling the {side} drive with its supply off",
+            "the power supply on",
+            "switch the power supply on",
+        )
     if state.absent_s() > 0.0:
         raise InterlockError(
             f"enabling the {side} drive with nobody at the bench",
@@ -273,9 +312,33 @@ def check_clamp(state: BenchState, clamped: bool) -> None:
             "the calibrator, the verification standard or a reducer",
             "mount it first",
         )
+    if clamped and state.rail() != "end":
+        raise InterlockError(
+            f"closing the clamp with the guide rail {_RAIL_WORDS[state.rail()]}",
+            "the guide rail at its end position",
+            "move the input module to the end of the rail first",
+        )
     if not clamped and state.clamped():
         for side in SIDES:
             check_unloaded(state, side, "open the clamp")
+
+
+def check_rail(state: BenchState, position: RailPosition) -> None:
+    """Move the rail only with the clamp open, the drives off, no load and both sides at rest."""
+    if position not in RAIL_TARGETS:
+        raise InputError(f"guide rail to {position!r}", ", ".join(RAIL_TARGETS))
+    if state.clamped():
+        raise InterlockError(
+            "moving the guide rail with the clamp closed", "an open clamp", "open the clamp"
+        )
+    for side in SIDES:
+        if state.enabled(side):
+            raise InterlockError(
+                f"moving the guide rail with the {side} drive on",
+                "both drives off",
+                "take the power off the drives",
+            )
+        check_unloaded(state, side, "move the guide rail")
 
 
 def check_mounting(state: BenchState, mounting: Mounting) -> None:

@@ -9,9 +9,11 @@ __all__ = [
     "CHANNELS",
     "MODES",
     "MOUNTINGS",
+    "RAIL_TARGETS",
     "SIDES",
     "Mode",
     "Mounting",
+    "RailPosition",
     "Seating",
     "Side",
     "reference_channel",
@@ -21,10 +23,13 @@ __all__ = [
 Side = Literal["input", "output"]
 Mode = Literal["free", "driven", "locked"]
 Mounting = Literal["calibrator", "verification_standard", "reducer", "nothing"]
+RailPosition = Literal["end", "away", "between"]
+"""Of the guide rail: at its end position, drawn back to mount, or on its way."""
 
 SIDES: tuple[Side, Side] = ("input", "output")
 MODES: tuple[Mode, ...] = ("free", "driven", "locked")
 MOUNTINGS: tuple[Mounting, ...] = ("calibrator", "verification_standard", "reducer", "nothing")
+RAIL_TARGETS: tuple[RailPosition, ...] = ("end", "away")
 CHANNELS = ("input_torque", "output_torque", "input_reference", "output_reference")
 
 

@@ -184,9 +184,15 @@ class CalibrationData:
 
         None where the table doesn't say what was asked for.
         """
+        error = self.loading_error_percent
+        return None if error is None else float(np.max(np.abs(error)))
+
+    @property
+    def loading_error_percent(self) -> NDArray[np.float64] | None:
+        """Standard minus what was asked for at every point, % of range; None where unknown."""
         if self.nominal_nm is None:
             return None
-        return float(100.0 * np.max(np.abs(self.standard_nm - self.nominal_nm)) / self.range_nm)
+        return 100.0 * (self.standard_nm - self.nominal_nm) / self.range_nm
 
     def readings(self) -> Readings:
         """Return the points as readings of a measuring chain.

@@ -13,6 +13,7 @@ from typing import Any, Generic, Literal, TypeVar
 import numpy as np
 
 from torquebench.bench.drivers.base import Side
+from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import BenchError
@@ -41,6 +42,7 @@ __all__ = [
     "measure_check",
     "measure_friction",
     "measure_verification",
+    "mounted_as",
     "operator_name",
     "rehearse_calibration",
 ]
@@ -215,6 +217,19 @@ def acting_as(name: str) -> Iterator[None]:
         _acting.reset(before)
 
 
+_mounting: ContextVar[MountingRecord | None] = ContextVar("torquebench_mounting", default=None)
+
+
+@contextlib.contextmanager
+def mounted_as(record: MountingRecord | None) -> Iterator[None]:
+    """Let every run of this thread keep what was found at the mounting, until the block ends."""
+    before = _mounting.set(record)
+    try:
+        yield
+    finally:
+        _mounting.reset(before)
+
+
 def operator_name() -> str:
     """Return who works here: whom `acting_as` names, `$TORQUEBENCH_OPERATOR`, or the account."""
     named = _acting.get() or os.environ.get("TORQUEBENCH_OPERATOR")
@@ -275,6 +290,9 @@ def measure(
             progress.advance(step.done - done)
             done = step.done
 
+    found = _mounting.get()
+    if found is not None and found.entered():
+        metadata = {**metadata, **found.metadata()}
     record = station.run(plan(), kind=kind, metadata=metadata, progress=watch, on_pause=on_pause)
     if record.exit_status != "success":
         raise RunAbortedError(record)

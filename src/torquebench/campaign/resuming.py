@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from torquebench.bench.drivers.base import Side
+from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile, Step
 from torquebench.campaign.measuring import Measured, OnPause, measure_calibration
 from torquebench.campaign.progress import NO_PROGRESS, Progress
@@ -289,6 +290,7 @@ def resume_calibration(
     _check_clause(interrupted, moment)
     _check_bench(station, interrupted)
     gap_s = max((moment - interrupted.interrupted).total_seconds(), 1.0)
+    mounted = MountingRecord.of_run(interrupted.known)
     resumption = Resumption(
         interrupted.remaining,
         _shifted(interrupted.kept, station.clock.now() - gap_s),
@@ -304,6 +306,7 @@ def resume_calibration(
             "points_of_earlier_runs": len(interrupted.kept),
             "points_measured_again": interrupted.repeated,
             "damaged_points": [describe_step(step) for step in interrupted.damaged],
+            **({} if mounted is None else mounted.metadata()),
             **(metadata or {}),
         },
         progress=progress,

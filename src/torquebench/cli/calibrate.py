@@ -12,6 +12,7 @@ from torquebench.cli.calibrating import run_calibrations
 from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import answer, out, say
 from torquebench.cli.model_parameters import ParameterOption, model_parameters
+from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -90,6 +91,7 @@ def calibrate(
         str | None, typer.Option(help="Kind of model; without it the recommended one.")
     ] = None,
     parameter: ParameterOption = None,
+    mounting: MountingOption = None,
     data: DataOption = DEFAULT_DATA,
     dry_run: Annotated[
         bool,
@@ -123,15 +125,16 @@ def calibrate(
     from torquebench.calibration import load_profile
 
     if resume is not None:
-        resume_run(
-            resume,
-            side.chosen if side else (),
-            bench,
-            _choice(model, parameter),
-            data,
-            real_time,
-            yes,
-        )
+        with recorded(mounting_record(mounting)):
+            resume_run(
+                resume,
+                side.chosen if side else (),
+                bench,
+                _choice(model, parameter),
+                data,
+                real_time,
+                yes,
+            )
         return
     if side is None:
         raise InputError("no module to calibrate", "input, output or both", "name it")
@@ -151,22 +154,23 @@ def calibrate(
             "a profile of steps",
             "give rapid-in-situ, adaptive, staircase, reversing, small-torques or an own one",
         )
-    choice = _choice(model, parameter)
+    choice, found = _choice(model, parameter), mounting_record(mounting)
     check_reports(report or [])
     if dry_run:
         _dry_run(description, side.chosen, chosen)
         return
     confirm_start(description, side.value, chosen, yes)
-    run_calibrations(
-        description,
-        side.chosen,
-        chosen,
-        choice,
-        data,
-        real_time=real_time,
-        yes=yes,
-        reports=report or (),
-    )
+    with recorded(found):
+        run_calibrations(
+            description,
+            side.chosen,
+            chosen,
+            choice,
+            data,
+            real_time=real_time,
+            yes=yes,
+            reports=report or (),
+        )
 
 
 def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> float:

@@ -37,6 +37,8 @@ ROLES = (
     "temperature",
     "modes",
     "clamp",
+    "guide_rail",
+    "power_supply",
 )
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
+from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import RealTimeOption, bench_description, check_output
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
+    from torquebench.bench.mounting_record import MountingRecord
     from torquebench.papers.tables import BenchTables, PapersSettings
     from torquebench.reducers import CertifiedFriction
     from torquebench.reports.page import Page
@@ -62,6 +66,7 @@ def papers(
         Path | None,
         typer.Option(help="Folder of the records; without it those of simulated runs are dropped."),
     ] = None,
+    mounting: MountingOption = None,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
     ] = False,
@@ -82,10 +87,13 @@ def papers(
         check_output(path)
     if bench is not None and data is not None:
         raise InputError("--bench and --data", "one of both", "measure, or take what was measured")
-    if data is not None and (save is not None or reducer is not None):
+    if data is not None and (save is not None or reducer is not None or mounting):
         raise InputError(
-            "--data beside what is for a measurement", "--data alone", "leave --save, --reducer out"
+            "--data beside what is for a measurement",
+            "--data alone",
+            "leave --save, --reducer, --mounting out",
         )
+    entered = mounting_record(mounting)
     certified = _certified(reducer)
     if data is not None:
         from torquebench.papers.tables import read_tables
@@ -93,9 +101,13 @@ def papers(
         tables = [read_tables(data)]
     else:
         description = bench_description(bench)
-        tables = _measured(
-            description, bench, 1 if quick else seeds, quick, certified, records, yes, real_time
+        measure = partial(
+            _on_bench, certified=certified, mounted=entered, real_time=real_time, yes=yes
         )
+        with recorded(entered):
+            tables = _measured(
+                description, bench, 1 if quick else seeds, quick, records, yes, measure
+            )
     if save is not None:
         from torquebench.papers.tables import write_tables
 
@@ -126,10 +138,9 @@ def _measured(
     bench: Path | None,
     seeds: int,
     quick: bool,
-    certified: tuple[CertifiedFriction, ...],
     records: Path | None,
     yes: bool,
-    real_time: bool,
+    measure: Callable[[BenchDescription, PapersSettings, Path], BenchTables],
 ) -> list[BenchTables]:
     import dataclasses
     import tempfile
@@ -144,15 +155,16 @@ def _measured(
         with simulators_running(description, bench) as started:
             if started:
                 note("simulators started for this page; they end with it")
-            return [_on_bench(description, settings, certified, records or RECORDS, real_time, yes)]
+            return [measure(description, settings, records or RECORDS)]
     tables = []
     for number in range(1, seeds + 1):
-        chosen = dataclasses.replace(settings, seed=number, others=settings.others and number == 1)
+        chosen = dataclasses.replace(settings, seed=number)
+        if number > 1:
+            chosen = dataclasses.replace(chosen, others=False, reducer_test="")
         with tempfile.TemporaryDirectory(prefix="torquebench-papers-") as scratch:
             folder = Path(scratch) if records is None else records / f"seed-{number}"
             note(f"simulated bench {number} of {seeds}")
-            described = seeded(description, number)
-            tables.append(_on_bench(described, chosen, certified, folder, real_time, yes))
+            tables.append(measure(seeded(description, number), chosen, folder))
     return tables
 
 
@@ -166,8 +178,10 @@ def _confirm(description: BenchDescription, yes: bool) -> None:
 def _on_bench(
     description: BenchDescription,
     settings: PapersSettings,
-    certified: tuple[CertifiedFriction, ...],
     records: Path,
+    *,
+    certified: tuple[CertifiedFriction, ...],
+    mounted: MountingRecord | None,
     real_time: bool,
     yes: bool,
 ) -> BenchTables:
@@ -195,7 +209,7 @@ def _on_bench(
                 interrupts.watching(),
                 answering(prompts, progress, yes=yes),
             ):
-                return measure_tables(station, settings, certified, progress)
+                return measure_tables(station, settings, certified, progress, mounted)
         except RunAbortedError as aborted:
             raise interrupts.reported(aborted) from None
 

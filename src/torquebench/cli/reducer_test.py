@@ -15,6 +15,7 @@ from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.cli.confirming import confirm_test
 from torquebench.cli.console import answer, note, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
@@ -150,6 +151,7 @@ def _command(name: str) -> Callable[..., None]:
         positions: PositionsOption = None,
         dry_run: DryRunOption = False,
         report: ReportOption = None,
+        mounting: MountingOption = None,
         bench: BenchOption = None,
         data: DataOption = DEFAULT_DATA,
         yes: YesOption = False,
@@ -164,12 +166,14 @@ def _command(name: str) -> Callable[..., None]:
         settings = _settings(short, twist, no_twist, tare, repeats)
         settings = settings.with_loops(loops, positions)
         wanted = _Wanted(name, kind, settings, serial, accepted)
+        entered = mounting_record(mounting)
         check_reports(report or [])
         if dry_run:
             _dry_run(described, wanted)
             return
         confirm_test(described, kind, yes)
-        record = _run(described, wanted, data, yes=yes, real_time=real_time)
+        with recorded(entered):
+            record = _run(described, wanted, data, yes=yes, real_time=real_time)
         _finish(record, report or [])
 
     return command

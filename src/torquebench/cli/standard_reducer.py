@@ -10,6 +10,7 @@ import typer
 from torquebench.cli.confirming import confirm_test
 from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
@@ -55,6 +56,7 @@ def standard_reducer(
         list[Path] | None,
         typer.Option("--report", help="Write a report with a figure (.html or .pdf). Repeat it."),
     ] = None,
+    mounting: MountingOption = None,
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
     yes: Annotated[
@@ -72,13 +74,14 @@ def standard_reducer(
     """
     check_reports(report or [])
     described = bench_description(bench)
-    kind = _kind(reducer, described)
+    kind, entered = _kind(reducer, described), mounting_record(mounting)
     accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
     if kind is not None:
         confirm_test(described, kind, yes)
-    found = _measured(
-        described, kind, tolerance, repeats, both_directions, data, accepted, yes, real_time
-    )
+    with recorded(entered):
+        found = _measured(
+            described, kind, tolerance, repeats, both_directions, data, accepted, yes, real_time
+        )
     _print(found)
     if report:
         from torquebench.reports.page_pdf import write_report

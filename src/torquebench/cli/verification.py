@@ -11,6 +11,7 @@ import typer
 from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import answer, note, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -72,6 +73,7 @@ def verification(
         list[Path] | None,
         typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
     ] = None,
+    mounting: MountingOption = None,
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
     yes: Annotated[
@@ -86,6 +88,7 @@ def verification(
     first model exceeds the tolerance.
     """
     check_reports(report or [])
+    entered = mounting_record(mounting)
     description = bench_description(bench)
     data_directory(data)
     side: Side = "input" if module is Module.input else "output"
@@ -95,9 +98,10 @@ def verification(
         groups=groups, points=points, same_points=same_points or None
     )
     confirm_start(description, side, profile, yes)
-    measured, result, run_id, titles, chains = _measured(
-        description, side, profile, models, seed, data, yes=yes, real_time=real_time
-    )
+    with recorded(entered):
+        measured, result, run_id, titles, chains = _measured(
+            description, side, profile, models, seed, data, yes=yes, real_time=real_time
+        )
     kept = _print(result, titles, tolerance)
     say(f"Run: {run_id}")
     answer(
@@ -111,6 +115,7 @@ def verification(
         run=run_id,
     )
     if report:
+        from torquebench.bench.mounting_record import mounting_facts
         from torquebench.reports.page_pdf import write_report
         from torquebench.reports.verification_report import Verified, verification_page
 
@@ -125,6 +130,7 @@ def verification(
             ("Record", run_id),
             ("Transducer", measured.transducer_serial),
             ("Groups", "the same torques" if same_points else "each its own torques"),
+            *mounting_facts(entered),
         )
         page = verification_page(measured, verified, facts, tolerance)
         for path in report:

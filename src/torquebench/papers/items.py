@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-__all__ = ["ITEMS", "Answer", "Item", "Verdict"]
+__all__ = ["HARDWARE", "ITEMS", "LOADING", "SUB_SYSTEMS", "Answer", "Item", "Verdict"]
 
 Verdict = Literal["met", "not met", "partly", "shown", "not measured", "missing"]
 
@@ -67,13 +67,14 @@ _ITEMS = (
         "Modes and mounting",
         "each side free, driven or locked; hydraulic clamp; coaxiality within 0.03 mm [J]; "
         "mounting on horizontal benches takes over an hour",
-        "torquebench test",
+        "torquebench calibrate --mounting",
     ),
     Item(
         3,
         "Hardware",
         "T40B transducers 0-50 and 0-2000 N·m, 0.1 %; PXIe-7961; servo SMS15-42P2C; torque motor "
         "MDD310 (Modrol); acquisition 0.1 %; loading 0.1 % of range",
+        "torquebench calibrate --report",
     ),
     Item(
         4,
@@ -171,7 +172,7 @@ _ITEMS = (
         "torquebench panel",
     ),
     Item(19, "Static and dynamic", "“static and dynamic measurements”", "torquebench measure"),
-    Item(20, "Next steps", "[J]: speed, lubrication, temperature"),
+    Item(20, "Next steps", "[J]: speed, lubrication, temperature", "torquebench turn"),
     Item(
         21,
         "Purpose",
@@ -181,3 +182,27 @@ _ITEMS = (
 )
 ITEMS: Mapping[int, Item] = MappingProxyType({item.number: item for item in _ITEMS})
 """All items, by number, in the papers' order."""
+
+SUB_SYSTEMS = (
+    "power supply",
+    "guide rail",
+    "input module",
+    "tested assembly",
+    "output module",
+    "work bench",
+)
+"""The papers' six."""
+LOADING = "0.1 % of range"
+HARDWARE: Mapping[str, str] = MappingProxyType(
+    {
+        "transducer, input": "T40B, 0-50 N·m, 0.1 %",
+        "transducer, output": "T40B, 0-2000 N·m, 0.1 %",
+        "acquisition": "PXIe-7961, 0.1 %",
+        "drive, input": "servo SMS15-42P2C",
+        "drive, output": "torque motor MDD310 (Modrol)",
+        "standard": "0.002 %",
+        "guide rail": "not published",
+        "power supply": "not published",
+    }
+)
+"""What the papers name, by the keys of `facts.bench_facts`."""

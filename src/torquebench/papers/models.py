@@ -14,17 +14,24 @@ from numpy.typing import NDArray
 from torquebench.calibration import CalibrationData, VerificationResult, verify
 from torquebench.campaign.fitting import feature_columns
 from torquebench.chain import Readings, Torque
-from torquebench.compensation import MODELS, CompensationModel, features
+from torquebench.compensation import (
+    MODELS,
+    CompensationModel,
+    PublishedNetworkModel,
+    features,
+)
 from torquebench.papers.tables import ModuleTables
 
 __all__ = [
     "BP_DIRECT",
     "BP_RESIDUAL",
     "CHOICES",
+    "NODE_EPOCHS",
     "POLYNOMIAL",
     "RECOMMENDED_NAME",
     "Choice",
     "FittedModule",
+    "NodeTrial",
     "PapersModel",
     "fit_module",
 ]
@@ -108,6 +115,44 @@ class PapersModel:
         return Torque(self.torque_nm(readings.reading_nm, known), ())
 
 
+@dataclass(frozen=True)
+class NodeTrial:
+    """The network with a number of hidden nodes.
+
+    Attributes
+    ----------
+    hidden : int
+    rms_nm : float
+        Root mean square of its residuals, N·m.
+    fresh_nm : float or None
+        Its largest error on fresh readings, N·m.
+    """
+
+    hidden: int
+    rms_nm: float
+    fresh_nm: float | None
+
+
+NODES = (5, 10, 20, 50, 80)
+NODE_EPOCHS = 10_000
+
+
+def node_trials(tables: ModuleTables) -> tuple[NodeTrial, ...]:
+    """Train the network of [J] with several numbers of hidden nodes on the rising points."""
+    data, fresh = tables.rising, tables.verification
+    found = []
+    for hidden in NODES:
+        parameters = {**CHOICES[BP_RESIDUAL].parameters, "epochs": NODE_EPOCHS, "hidden": hidden}
+        model = PublishedNetworkModel(range_nm=data.range_nm, **parameters)
+        model.fit(data.features(1), data.standard_nm)
+        worst = None
+        if fresh is not None:
+            error = model.predict(fresh.features(1)) - fresh.standard_nm
+            worst = float(np.max(np.abs(error)))
+        found.append(NodeTrial(hidden, model.training_rms_nm_, worst))
+    return tuple(found)
+
+
 @dataclass(frozen=True, eq=False)
 class FittedModule:
     """A module with its models and what they do on fresh points.
@@ -119,12 +164,15 @@ class FittedModule:
         By the names of `CHOICES`.
     same, others : VerificationResult or None
         Groups at the same torques, and at others.
+    nodes : tuple of NodeTrial
+        The network with several numbers of hidden nodes.
     """
 
     tables: ModuleTables
     models: Mapping[str, PapersModel]
     same: VerificationResult | None
     others: VerificationResult | None
+    nodes: tuple[NodeTrial, ...] = ()
 
     @property
     def verified(self) -> VerificationResult | None:
@@ -139,7 +187,9 @@ class FittedModule:
         return torque - data.standard_nm
 
 
-def fit_module(tables: ModuleTables, names: tuple[str, ...] = tuple(CHOICES)) -> FittedModule:
+def fit_module(
+    tables: ModuleTables, names: tuple[str, ...] = tuple(CHOICES), *, trials: bool = False
+) -> FittedModule:
     """Fit models to a module's calibration and verify them.
 
     Parameters
@@ -147,6 +197,8 @@ def fit_module(tables: ModuleTables, names: tuple[str, ...] = tuple(CHOICES)) ->
     tables : ModuleTables
     names : tuple of str
         Of `CHOICES`.
+    trials : bool
+        Whether to try numbers of hidden nodes as well.
     """
     models = {}
     for name in names:
@@ -160,4 +212,10 @@ def fit_module(tables: ModuleTables, names: tuple[str, ...] = tuple(CHOICES)) ->
     def verified(data: CalibrationData | None) -> VerificationResult | None:
         return None if data is None else verify(data, models)
 
-    return FittedModule(tables, models, verified(tables.same_points), verified(tables.other_points))
+    return FittedModule(
+        tables,
+        models,
+        verified(tables.same_points),
+        verified(tables.other_points),
+        node_trials(tables) if trials else (),
+    )

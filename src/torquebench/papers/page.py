@@ -11,7 +11,8 @@ from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData
 from torquebench.compensation import PublishedNetworkModel
 from torquebench.figures import Curve
-from torquebench.papers.items import ITEMS, Answer, Verdict
+from torquebench.papers.facts import MOUNTING
+from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS, Answer, Verdict
 from torquebench.papers.mechanics import (
     DESIGNS,
     Blocks,
@@ -24,13 +25,15 @@ from torquebench.papers.models import (
     BP_DIRECT,
     BP_RESIDUAL,
     CHOICES,
+    NODE_EPOCHS,
     POLYNOMIAL,
     RECOMMENDED_NAME,
     FittedModule,
 )
 from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, Row
 from torquebench.papers.tables import BenchTables, FrictionTable
-from torquebench.reducers import CertifiedFriction, check_friction
+from torquebench.reducers import CertifiedFriction, FrictionCheck, check_friction
+from torquebench.reports.calibration_report import loading_figures
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
@@ -44,6 +47,7 @@ from torquebench.reports.verification_report import (
     spread_percent,
     verification_tables,
 )
+from torquebench.uncertainty import stated
 
 __all__ = ["BenchResult", "alone_row", "friction_blocks", "in_place_page", "papers_page"]
 
@@ -94,7 +98,7 @@ def papers_page(
         15: _study(study, seeds),
         16: _alone(benches),
         17: _standard_reducer(benches),
-        **_interface_items(),
+        **_interface_items(benches),
     }
     simulated = first.tables.simulated
     heading = "The two source papers, item by item"
@@ -142,73 +146,90 @@ def _summary(items: Items, benches: Sequence[BenchResult]) -> Section:
 
 
 def _bench_items(bench: BenchResult) -> Items:
-    modules = bench.modules
+    facts = bench.tables.facts
+    described = [name for name in SUB_SYSTEMS if facts.get(name)]
     systems = Table(
         ("sub-system", "here"),
-        [
-            ["power supply", "not described yet"],
-            ["guide rail", "not described yet"],
-            ["input module", "described: transducer, drive, encoder, limits, modes"],
-            ["tested assembly", "described: clamp, mounting, reducer"],
-            ["output module", "described: transducer, drive, encoder, limits, modes"],
-            ["work bench", "described: name, temperatures"],
-        ],
+        [[name, facts.get(name, "not in the bench description")] for name in SUB_SYSTEMS],
         words=True,
     )
-    modes = Facts(
-        (
-            ("Modes", "free, driven, locked on each side, with interlocks"),
-            ("Clamp", "hydraulic, closed before torque is applied"),
-            (
-                "Record of a mounting",
-                "coaxiality, clamp pressure and time to mount aren't recorded yet",
-            ),
-        )
-    )
-    rows = [
-        ["transducers", "T40B, 0-50 and 0-2000 N·m, 0.1 %", _ranges(modules)],
-        ["acquisition", "PXIe-7961, 0.1 %", "edges of all channels by one clock"],
-        ["input drive", "servo SMS15-42P2C", "as the bench description names it"],
-        ["output drive", "torque motor MDD310 (Modrol)", "as the bench description names it"],
-    ]
-    loading = []
-    for side, module in modules.items():
-        worst = module.tables.calibration.loading_accuracy_percent
-        if worst is not None:
-            rows.append([f"loading, {side}", "0.1 % of range", f"{number(worst)} % of range"])
-            loading.append(worst)
-    ours = "loading within " + number(max(loading)) + " % of range" if loading else "no targets"
+    missing = [name for name in SUB_SYSTEMS if name not in described]
     return {
-        1: (Answer("four of six described", "partly", "rail and supply are missing"), [systems]),
-        2: (
+        1: (
             Answer(
-                "modes and clamp with interlocks",
-                "partly",
-                "the record of a mounting has no coaxiality yet",
+                f"{len(described)} of {len(SUB_SYSTEMS)} described",
+                "met" if not missing else "partly",
+                "rail and supply are devices with interlocks"
+                if not missing
+                else ", ".join(missing) + " missing from the description or the tables",
             ),
-            [modes],
+            [systems],
         ),
-        3: (
-            Answer(
-                ours,
-                "met" if loading and max(loading) <= LIMIT_PERCENT else "partly",
-                "a FlexRIO card streams edges or frequency into a driver plugin or into files",
-            ),
-            [
-                Table(
-                    ("hardware", "the papers", "this bench"),
-                    rows,
-                    "Loading: largest difference of the standard from the torque that was asked "
-                    "for, over all steps of the calibration.",
-                    words=True,
-                )
-            ],
-        ),
+        2: _mounting(facts),
+        3: _hardware(bench),
     }
 
 
-def _ranges(modules: Mapping[Side, FittedModule]) -> str:
-    return " and ".join(f"±{each.tables.calibration.range_nm:g} N·m" for each in modules.values())
+def _mounting(facts: Mapping[str, str]) -> tuple[Answer, Blocks]:
+    found = {
+        name.removeprefix(MOUNTING): value
+        for name, value in facts.items()
+        if name.startswith(MOUNTING)
+    }
+    coaxiality = found.get("Coaxiality found")
+    block = Facts(
+        (
+            ("Modes", "free, driven, locked on each side, with interlocks"),
+            ("Clamp", "hydraulic; closed before torque is applied, opened only without load"),
+            *found.items(),
+        )
+    )
+    if coaxiality is None:
+        answer = Answer(
+            "modes and clamp with interlocks",
+            "partly",
+            "nobody entered what was found at the mounting (--mounting)",
+        )
+    else:
+        kept = "≤" in coaxiality
+        answer = Answer(
+            f"coaxiality {coaxiality}",
+            "met" if kept else "not met",
+            "the record of the mounting, which the certificate states"
+            if kept
+            else "the axes are further apart than the limit",
+        )
+    return answer, [block]
+
+
+def _hardware(bench: BenchResult) -> tuple[Answer, Blocks]:
+    facts = bench.tables.facts
+    rows = [
+        [name, theirs, facts.get(name, "not in the tables")] for name, theirs in HARDWARE.items()
+    ]
+    worst: list[float] = []
+    figures: Blocks = []
+    for side, module in bench.modules.items():
+        data = module.tables.calibration
+        accuracy = data.loading_accuracy_percent
+        if accuracy is not None:
+            worst.append(accuracy)
+            rows.append([f"loading, {side}", LOADING, f"{number(accuracy)} % of range"])
+            figures += loading_figures(data)
+    table = Table(
+        ("hardware", "the papers", "this bench"),
+        rows,
+        "Loading: largest difference of the standard from the torque that was asked for, over all "
+        "steps of the calibration; the figures show every step, input module first.",
+        words=True,
+    )
+    ours = f"loading within {number(max(worst))} % of range" if worst else "no targets recorded"
+    return Answer(
+        ours,
+        "partly" if not worst else "met" if max(worst) <= LIMIT_PERCENT else "not met",
+        "their FlexRIO card (PXIe-7961) would stream edges or frequency into a driver plugin or "
+        "into files",
+    ), [table, *figures]
 
 
 # -- items 4 to 7 -----------------------------------------------------------------------------
@@ -237,23 +258,78 @@ def _calibration_items(bench: BenchResult) -> Items:
         f"{count} rising points of the {side} module" for side, count in points.items()
     )
     return {
-        8: (
-            Answer(
-                "calibrator with its own certificate, errors corrected at its points",
-                "shown",
-                "certificates are read from CSV; the simulated calibrator has 50 points",
-            ),
-            [],
-        ),
+        8: _calibrator(bench),
         9: (Answer(steps, "shown", "0.5 s a step, mean of the settled part"), staircase),
         10: trained,
         11: (
             Answer(_polynomial_words(bench), "shown", "fitted to the same rising points"),
-            [],
+            _polynomials(bench),
         ),
         12: (Answer(_raw_words(bench), "shown", ""), curves),
         13: (answers, before_after),
     }
+
+
+def _calibrator(bench: BenchResult) -> tuple[Answer, Blocks]:
+    panels, words = [], []
+    for side, module in bench.modules.items():
+        found = module.tables.certificate
+        if found is None:
+            continue
+        points = int(np.sum(found.torque_nm > 0.0))
+        stated_nm = float(np.max(found.expanded_uncertainty_nm))
+        words.append(f"{side}: {points} points in each direction, U up to {number(stated_nm)} N·m")
+        upper, lower = found.error_nm + stated_nm, found.error_nm - stated_nm
+        panels.append(
+            Panel(
+                [
+                    Curve("error", found.torque_nm, found.error_nm),
+                    Curve("error + U", found.torque_nm, upper, raw=True),
+                    Curve("error - U", found.torque_nm, lower, raw=True),
+                ],
+                "torque in N·m",
+                "error in N·m",
+                title=f"calibrator, {side} side",
+            )
+        )
+    if not panels:
+        return Answer("no certificate of the calibrator", "not measured", "give its CSV file"), []
+    figure = Figure(
+        panels_figure(panels, columns=2),
+        "Errors of the calibrator at its certified points, corrected in every calibration.",
+    )
+    return Answer("; ".join(words), "met", "two outputs, errors corrected between points"), [figure]
+
+
+def _polynomials(bench: BenchResult) -> Blocks:
+    panels, rows = [], []
+    for side, module in bench.modules.items():
+        data = module.tables.rising
+        grid = np.linspace(data.reading_nm.min(), data.reading_nm.max(), 200)
+        torque = module.models[POLYNOMIAL].torque_nm(grid, np.ones(grid.size))
+        order = np.argsort(data.reading_nm)
+        points = data.additional_torque_nm[order]
+        panels.append(
+            Panel(
+                [
+                    Curve("points", data.reading_nm[order], points, raw=True),
+                    Curve("polynomial, degree 2", grid, torque - grid),
+                ],
+                "reading in N·m",
+                "additional torque in N·m",
+                title=f"{side} module",
+            )
+        )
+        c2, c1, c0 = np.polyfit(grid / data.range_nm, torque, 2)
+        rows.append([side, *(number(value, 5) for value in (c0, c1, c2))])
+    return [
+        Figure(panels_figure(panels, columns=2), "The polynomial through the rising points."),
+        Table(
+            ("module", "c0, N·m", "c1, N·m", "c2, N·m"),
+            rows,
+            "Torque = c0 + c1 x + c2 x², x: reading by range.",
+        ),
+    ]
 
 
 def _raw_words(bench: BenchResult) -> str:
@@ -374,7 +450,23 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
         "RMS of residuals after 50 000 epochs: " + "; ".join(words),
         "partly",
         "the mapping of [J] trains well, that of [M] doesn't by gradient descent; see item 15",
-    ), [parameters, figure]
+    ), [parameters, figure, *_nodes(bench)]
+
+
+def _nodes(bench: BenchResult) -> Blocks:
+    """Return how many nodes the network needs on this bench, for both modules."""
+    rows = []
+    for side, module in bench.modules.items():
+        for found in module.nodes:
+            fresh = "–" if found.fresh_nm is None else number(found.fresh_nm)
+            rows.append([side, str(found.hidden), number(found.rms_nm), fresh])
+    return [
+        Table(
+            ("module", "hidden nodes", "RMS of residuals, N·m", "worst of fresh readings, N·m"),
+            rows,
+            f"Trials of the number of nodes: additional torque, small start, {NODE_EPOCHS} epochs.",
+        )
+    ]
 
 
 _SHOWN: tuple[tuple[str, Side], ...] = (
@@ -663,21 +755,7 @@ def friction_blocks(
         Of that model.
     """
     range_nm = module.tables.calibration.range_nm
-    certified = _certified(friction)
-    branch = friction.branch.astype(np.float64)
-    checks = {
-        each: check_friction(
-            friction.speed_rpm,
-            module.models[each].torque_nm(friction.reading_nm, branch)
-            if each
-            else friction.reading_nm,
-            friction.repeat,
-            certified,
-            range_nm,
-            LIMIT_PERCENT,
-        )
-        for each in ("", BP_RESIDUAL, name)
-    }
+    checks = {each: _friction_check(friction, module, each) for each in ("", BP_RESIDUAL, name)}
     title = module.models[name].choice.title
     titles = ("raw reading", module.models[BP_RESIDUAL].choice.title, title)
     verdicts = [
@@ -709,6 +787,18 @@ def friction_blocks(
             "Largest over all speeds.",
         ),
     ]
+
+
+def _friction_check(friction: FrictionTable, module: FittedModule, name: str) -> FrictionCheck:
+    """Return the check by a model's torques; of the raw reading where the name is empty."""
+    branch = friction.branch.astype(np.float64)
+    torque = friction.reading_nm
+    if name:
+        torque = module.models[name].torque_nm(friction.reading_nm, branch)
+    range_nm = module.tables.calibration.range_nm
+    return check_friction(
+        friction.speed_rpm, torque, friction.repeat, _certified(friction), range_nm, LIMIT_PERCENT
+    )
 
 
 def _certified(friction: FrictionTable) -> tuple[CertifiedFriction, ...]:
@@ -746,39 +836,154 @@ def _standard_reducer(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
 # -- items 18 to 21 ---------------------------------------------------------------------------
 
 
-def _interface_items() -> Items:
+def _interface_items(benches: Sequence[BenchResult]) -> Items:
+    first = benches[0]
+    interface = Table(
+        ("their interface", "panel: page", "API"),
+        [list(row) for row in INTERFACE],
+        words=True,
+    )
     return {
         18: (
             Answer(
-                "panel and API: loading, acquisition, compensation, display, parameters, status, "
-                "faults, operation",
-                "partly",
-                "parameters and curve of the network's training aren't in the panel yet",
+                "panel and API: loading, acquisition, training, compensation, display, "
+                "parameters, status, faults, operation",
+                "met",
+                "the network's parameters, target error and training curve are in the wizard",
             ),
-            [],
+            [interface],
         ),
-        19: (
-            Answer(
-                "live torque with U; calibration in rest",
-                "partly",
-                "dynamics of the shaft aren't identified by this page",
-            ),
-            [],
-        ),
-        20: (
-            Answer(
-                "U widens with temperature and speed",
-                "partly",
-                "lubrication isn't recorded yet",
-            ),
-            [],
-        ),
-        21: (
-            Answer(
-                "stiffness, backlash, lost motion, transmission error, efficiency, friction",
-                "shown",
-                "by torquebench test full, with U and verdicts",
-            ),
-            [],
-        ),
+        19: _dynamic(first),
+        20: _factors(first),
+        21: _purpose(first),
     }
+
+
+INTERFACE = (
+    ("loading", "Calibrate: steps, rising only, largest torque", "start/calibrate"),
+    ("acquisition", "Live", "readings, stream"),
+    ("training", "Calibrate, models: parameters, target error, curve", "start/fit"),
+    ("compensation", "Calibrate, sign off: the model in use", "activation of a model"),
+    ("display", "Live: torque with U, speed, angle, efficiency", "readings, stream"),
+    ("parameters", "Settings: bench, profiles, reducers", "settings"),
+    ("status", "every page: connection, who commands, job", "bench, jobs"),
+    ("faults", "Alarms", "alarms"),
+    ("operation", "start, pause, abort, stop; roles", "jobs, stop"),
+)
+
+
+def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
+    """Return how the same calibration does in rest and while it turns."""
+    rows, worst = [], []
+    for side, fitted in bench.modules.items():
+        data = fitted.tables.verification
+        if data is None:
+            continue
+        error = 100.0 * np.abs(fitted.errors_nm(data, RECOMMENDED_NAME)) / data.range_nm
+        rows.append([f"{side}, in rest", f"{len(data)} readings", number(float(np.max(error)))])
+        worst.append(float(np.max(error)))
+    friction, module = bench.tables.friction, bench.modules.get("input")
+    turning: Blocks = []
+    if friction is not None and module is not None:
+        points = _friction_check(friction, module, RECOMMENDED_NAME).points
+        speeds = [point.speed_rpm for point in points]
+        errors = [point.error_percent for point in points]
+        rows.append(
+            [
+                f"input, turning at {min(speeds):g} to {max(speeds):g} rpm",
+                f"{len(speeds)} speeds",
+                number(max(errors)),
+            ]
+        )
+        worst.append(max(errors))
+        panel = Panel(
+            [Curve("", np.array(speeds), np.array(errors))],
+            "input speed in rpm",
+            "error in % FS",
+            markers=True,
+        )
+        turning = [
+            Figure(
+                panels_figure([panel], height=2.0),
+                "Error while turning: standard reducer, calibration in rest.",
+            )
+        ]
+    if not rows:
+        return Answer("no verification", "not measured"), []
+    table = Table(
+        ("module", "measured", "worst error, % FS"),
+        rows,
+        "Compensated by the recommended model. Quick torques: evaluate dynamics identifies the "
+        "chain's resonance from steps, sines and ramps, apply --dynamics undoes it.",
+        words=True,
+    )
+    met = max(worst) <= LIMIT_PERCENT and bool(turning)
+    return Answer(
+        f"worst error in rest and turning {number(max(worst))} % FS",
+        "met" if met else "partly",
+        "against 0.1 % FS; changing torque is identified by evaluate dynamics",
+    ), [table, *turning]
+
+
+def _factors(bench: BenchResult) -> tuple[Answer, Blocks]:
+    lubrication = bench.tables.facts.get(f"{MOUNTING}Lubrication", "")
+    table = Table(
+        ("factor", "recorded", "identified and counted in U"),
+        [
+            [
+                "speed",
+                "with every reading; item 17 drives it",
+                "zero and drag over speed: turn empty, fit --empty",
+            ],
+            [
+                "lubrication",
+                f"record of the mounting: {lubrication or 'not entered'}",
+                "drag and running-in: turn empty; type, amount and hours stand in its record",
+            ],
+            [
+                "temperature",
+                "probes with every point",
+                "zero and span over temperature: fit --empty",
+            ],
+        ],
+        words=True,
+    )
+    return Answer(
+        "speed, lubrication and temperature are recorded; what isn't measured widens U",
+        "met" if lubrication else "partly",
+        "" if lubrication else "nobody entered the lubrication (--mounting)",
+    ), [table]
+
+
+def _purpose(bench: BenchResult) -> tuple[Answer, Blocks]:
+    found = bench.tables.reducer
+    if not found:
+        return Answer(
+            "torsional rigidity, transmission error, backlash, lost motion, efficiency, friction",
+            "shown",
+            "measured by torquebench test full, with U and verdicts",
+        ), [Table(("quantity", "command"), [list(row) for row in PURPOSE], words=True)]
+    rows = [
+        [each.test, each.quantity, *stated(each.value, each.expanded_uncertainty), each.unit]
+        for each in found
+        if "order " not in each.quantity
+    ]
+    return Answer(
+        f"{len(rows)} quantities of the mounted reducer, each with U",
+        "shown",
+        "a first look without warming up; torquebench test full takes all points",
+    ), [
+        Table(
+            ("test", "quantity", "value", "U (k = 2)", "unit"),
+            rows,
+            "First look at the mounted reducer, torques without compensation.",
+            words=True,
+        )
+    ]
+
+
+PURPOSE = (
+    ("torsional rigidity, backlash, lost motion", "torquebench test hysteresis"),
+    ("transmission error", "torquebench test transmission-error"),
+    ("efficiency", "torquebench test efficiency"),
+)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.channels import certificates
 from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.calibration.profile import Profile
 from torquebench.campaign.measuring import (
@@ -20,11 +23,18 @@ from torquebench.campaign.measuring import (
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
 from torquebench.errors import InputError
+from torquebench.papers.facts import (
+    bench_facts,
+    read_facts,
+    read_rows,
+    write_facts,
+    write_rows,
+)
 from torquebench.procedures import FrictionSettings
 from torquebench.records.table_files import read_table
 from torquebench.records.table_formats import ENDINGS, READ
 from torquebench.records.tables import read_calibration_csv, write_calibration_csv
-from torquebench.reducers import CertifiedFriction
+from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
 
 __all__ = [
@@ -32,6 +42,7 @@ __all__ = [
     "FrictionTable",
     "ModuleTables",
     "PapersSettings",
+    "ReducerValue",
     "measure_module",
     "measure_tables",
     "read_tables",
@@ -54,12 +65,15 @@ class ModuleTables:
         Groups against the verification standard: all at the same torques, each at its own.
     alone : CalibrationData or None
         The transducer by itself.
+    certificate : ReferenceCertificate or None
+        Of the calibrator on this side.
     """
 
     calibration: CalibrationData
     same_points: CalibrationData | None = None
     other_points: CalibrationData | None = None
     alone: CalibrationData | None = None
+    certificate: ReferenceCertificate | None = None
 
     @property
     def rising(self) -> CalibrationData:
@@ -94,6 +108,23 @@ class FrictionTable:
 
 
 @dataclass(frozen=True)
+class ReducerValue:
+    """One quantity of a reducer test, as its report states it.
+
+    Attributes
+    ----------
+    test, quantity, unit : str
+    value, expanded_uncertainty : float
+    """
+
+    test: str
+    quantity: str
+    value: float
+    expanded_uncertainty: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class BenchTables:
     """Everything that was measured on one bench.
 
@@ -104,12 +135,18 @@ class BenchTables:
     simulated : bool
     modules : mapping of side to ModuleTables
     friction : FrictionTable or None
+    facts : mapping of str to str
+        Of `facts.bench_facts`.
+    reducer : tuple of ReducerValue
+        What a first look at the mounted reducer found.
     """
 
     name: str
     simulated: bool
     modules: Mapping[Side, ModuleTables]
     friction: FrictionTable | None = None
+    facts: Mapping[str, str] = field(default_factory=dict)
+    reducer: tuple[ReducerValue, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -124,6 +161,9 @@ class PapersSettings:
     friction : FrictionSettings or None
     seed : int
         Draws the points of the verifications.
+    reducer_test : str
+        Which test of `campaign.reducers` takes a first look at the simulated reducer; empty for
+        none. On a real bench it is `torquebench test`, with the reducer's description.
     """
 
     calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
@@ -133,16 +173,18 @@ class PapersSettings:
         default_factory=lambda: FrictionSettings(SPEEDS_RPM, counter_clockwise=False)
     )
     seed: int = 1
+    reducer_test: str = "full"
 
     @classmethod
     def quick(cls, seed: int = 1) -> PapersSettings:
         """Return settings for a look: few points, groups and speeds."""
         return cls(
-            calibration=load_profile("rapid-in-situ").with_options(step_percent=10.0),
+            calibration=load_profile("rapid-in-situ").with_options(step_percent=20.0),
             verification=load_profile("verification").with_options(groups=2, points=8),
             others=False,
             friction=FrictionSettings((100.0, 1200.0), repeats=2, counter_clockwise=False),
             seed=seed,
+            reducer_test="starting",
         )
 
 
@@ -151,6 +193,7 @@ def measure_tables(
     settings: PapersSettings,
     certified: tuple[CertifiedFriction, ...] = (),
     progress: Progress = NO_PROGRESS,
+    mounted: MountingRecord | None = None,
 ) -> BenchTables:
     """Measure both modules against calibrator and standard, and the standard reducer's friction.
 
@@ -164,6 +207,8 @@ def measure_tables(
         Of the standard reducer that will be mounted; without it, what the bench brings along.
         Without either, no friction is measured.
     progress : Progress
+    mounted : MountingRecord, optional
+        What was found at the mounting.
 
     Raises
     ------
@@ -186,6 +231,7 @@ def measure_tables(
             parts[0].result.data,
             parts[1].result.data if settings.others else None,
             _alone(station, side, calibrations[side].result.data),
+            certificates(station.description, station.drivers, "calibrator").get(side),
         )
     certified = certified or station.drivers.reducer_certificate
     friction = None
@@ -196,7 +242,37 @@ def measure_tables(
     if description.simulated:
         drawn = description.simulation
         name += f", preset {drawn.get('preset', 'nominal')}, seed {drawn.get('seed', 1)}"
-    return BenchTables(name, description.simulated, modules, friction)
+    return BenchTables(
+        name,
+        description.simulated,
+        modules,
+        friction,
+        bench_facts(station, mounted),
+        _reducer(station, settings.reducer_test, progress),
+    )
+
+
+def _reducer(station: Station, test: str, progress: Progress) -> tuple[ReducerValue, ...]:
+    if not test or station.drivers.truth is None:
+        return ()
+    from torquebench.campaign.reducers.settings import ReducerTestSettings
+    from torquebench.campaign.reducers.tests import run_reducer_test
+
+    held = str(station.description.simulation.get("reducer", "standard"))
+    record = run_reducer_test(
+        station, test, load_reducer(held), ReducerTestSettings.short(), progress=progress
+    )
+    return tuple(
+        ReducerValue(
+            outcome.title,
+            each.title,
+            float(each.value),
+            float(each.expanded_uncertainty),
+            each.unit,
+        )
+        for outcome in record.outcomes
+        for each in outcome.quantities
+    )
 
 
 def measure_module(
@@ -264,6 +340,17 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
                 path = folder / f"{kind}-{side}.csv"
                 write_calibration_csv(path, data, remarks)
                 written.append(path)
+        if module.certificate is not None:
+            columns = [getattr(module.certificate, name) for name in _CERTIFICATE]
+            rows = zip(*(column.tolist() for column in columns), strict=True)
+            path = folder / f"certificate-{side}.csv"
+            written.append(write_rows(path, [_CERTIFICATE, *rows]))
+    if tables.facts:
+        written.append(write_facts(folder, tables.facts))
+    if tables.reducer:
+        header = [each.name for each in fields(ReducerValue)]
+        values = [[getattr(each, name) for name in header] for each in tables.reducer]
+        written.append(write_rows(folder / REDUCER, [header, *values]))
     if tables.friction is not None:
         path = folder / "friction-standard-reducer.csv"
         path.write_text(_friction_csv(tables), encoding="utf-8")
@@ -271,6 +358,8 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
     return written
 
 
+_CERTIFICATE = ("torque_nm", "error_nm", "expanded_uncertainty_nm")
+REDUCER = "reducer.csv"
 _FRICTION = ("speed_rpm", "reading_nm", "repeat", "branch", "known_nm", "known_u_nm")
 
 
@@ -289,9 +378,9 @@ def read_tables(folder: Path) -> BenchTables:
 
     `calibration-SIDE.csv` (or another format, see `read_table`) is needed of one side at least;
     `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read
-    where they are.
-    Columns are those of `fit`, the friction's `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and
-    `known_u_nm`.
+    where they are. So are `certificate-SIDE.csv` (of the calibrator), `reducer.csv` (quantities of
+    a test) and `bench.csv` (what the bench consists of). Columns are those of `fit`, the friction's
+    `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and `known_u_nm`.
 
     Raises
     ------
@@ -309,7 +398,8 @@ def read_tables(folder: Path) -> BenchTables:
             if (path := _table_file(folder, f"{kind}-{side}")) is not None
         }
         if "calibration" in found:
-            modules[side] = ModuleTables(**found)
+            certificate = _read_certificate(folder / f"certificate-{side}.csv")
+            modules[side] = ModuleTables(**found, certificate=certificate)
         elif found:
             raise InputError(
                 f"{folder}: tables of the {side} module without calibration-{side}",
@@ -327,7 +417,35 @@ def read_tables(folder: Path) -> BenchTables:
         friction, name = _read_friction(path)
         names.append(name)
     simulated = any(module.calibration.simulated for module in modules.values())
-    return BenchTables(_bench_name(folder) or folder.name, simulated, modules, friction)
+    return BenchTables(
+        _bench_name(folder) or folder.name,
+        simulated,
+        modules,
+        friction,
+        read_facts(folder),
+        tuple(
+            _reducer_value(folder / REDUCER, row)
+            for row in read_rows(folder / REDUCER, len(fields(ReducerValue)))
+        ),
+    )
+
+
+def _reducer_value(path: Path, row: Sequence[str]) -> ReducerValue:
+    test, quantity, *stated, unit = row
+    value, uncertainty = _numbers(path, stated)
+    return ReducerValue(test, quantity, value, uncertainty, unit)
+
+
+def _numbers(path: Path, cells: Iterable[str]) -> list[float]:
+    try:
+        return [float(cell) for cell in cells]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}", "numbers with a decimal point") from error
+
+
+def _read_certificate(path: Path) -> ReferenceCertificate | None:
+    rows = [_numbers(path, row) for row in read_rows(path, len(_CERTIFICATE))]
+    return ReferenceCertificate(*np.array(rows).T) if rows else None
 
 
 def _table_file(folder: Path, stem: str) -> Path | None:
@@ -335,7 +453,7 @@ def _table_file(folder: Path, stem: str) -> Path | None:
 
 
 def _bench_name(folder: Path) -> str:
-    for path in sorted(folder.glob("*.csv")):
+    for path in sorted(folder.glob("calibration-*.csv")):
         if name := read_table(path).remarks.get("bench"):
             return name
     return ""

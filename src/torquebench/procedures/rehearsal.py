@@ -20,11 +20,12 @@ from torquebench.bench.interlocks import (
     check_mode_change,
     check_mounting,
     check_procedure,
+    check_rail,
     check_seating,
     check_speed,
     check_torque,
 )
-from torquebench.bench.roles import SIDES, Mode, Mounting, Seating, Side
+from torquebench.bench.roles import SIDES, Mode, Mounting, RailPosition, Seating, Side
 from torquebench.errors import InterlockError, LimitError
 from torquebench.procedures.setup import Plan, ProcedureGate
 from torquebench.units import RPM_PER_RAD_S
@@ -123,6 +124,7 @@ class _Books:
         self.limits = present.limits
         self.standard = present.mounted()
         self.closed = present.clamped()
+        self.rail_at = present.rail()
         drives = devices.context.drivers.drives
         self.sides: dict[Side, _SideState] = {
             side: _SideState(present.mode(side), drives[side].state().enabled) for side in SIDES
@@ -133,6 +135,12 @@ class _Books:
 
     def clamped(self) -> bool:
         return self.closed
+
+    def rail(self) -> RailPosition:
+        return self.rail_at
+
+    def supplied(self) -> bool:
+        return True
 
     def mode(self, side: Side) -> Mode:
         return self.sides[side].mode
@@ -180,6 +188,7 @@ class _Stage:
         self._stream = ""
         self._setters: dict[int, tuple[str, Callable[[Any], None]]] = {
             id(devices.clamp): ("clamp", self._clamp),
+            id(devices.rail): ("guide rail", self._move_rail),
             id(devices.mounting): ("mounting", self._mount),
             id(devices.seat): ("seat", self._seat),
             id(devices.point): ("point", self._mark),
@@ -187,6 +196,7 @@ class _Stage:
         self._readings: dict[int, Callable[[], object]] = {
             id(devices.mounting.mounted): self.books.mounted,
             id(devices.clamp.clamped): self.books.clamped,
+            id(devices.rail.position): self.books.rail,
         }
         for side in SIDES:
             self._connect(side)
@@ -302,6 +312,10 @@ class _Stage:
         if value != self.books.standard:
             check_mounting(self.books, value)
             self.books.standard = value
+
+    def _move_rail(self, value: RailPosition) -> None:
+        check_rail(self.books, value)
+        self.books.rail_at = value
 
     def _seat(self, _value: Seating) -> None:
         check_seating(self.books)

@@ -88,11 +88,28 @@ def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
     mounted = yield from bps.rd(devices.mounting.mounted)
     if mounted != setup.mounting:
         yield from bps.mv(devices.clamp, False)
-        yield from bps.mv(devices.mounting, setup.mounting)
+        yield from mount(devices, setup.mounting)
+    yield from rail_to_end(devices)
     yield from bps.mv(devices.clamp, True)
     yield from bps.abs_set(ProcedureGate(devices), setup.kind, wait=True)
     yield from set_mode(devices, other_side(setup.side), setup.opposite)
     yield from set_mode(devices, setup.side, "driven")
+
+
+def mount(devices: BenchDevices, mounting: Mounting) -> Plan[None]:
+    """Have something mounted: the guide rail is drawn back for it, where the bench moves one."""
+    if devices.context.drivers.rail is not None:
+        yield from bps.mv(devices.rail, "away")
+    yield from bps.mv(devices.mounting, mounting)
+
+
+def rail_to_end(devices: BenchDevices) -> Plan[None]:
+    """Bring the input module to where it is clamped, unless it is there."""
+    if devices.context.drivers.rail is None:
+        return
+    position = yield from bps.rd(devices.rail.position)
+    if position != "end":
+        yield from bps.mv(devices.rail, "end")
 
 
 def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from torquebench.calibration import summarise_errors
+from torquebench.bench.mounting_record import MountingRecord, mounting_facts
+from torquebench.calibration import CalibrationData, summarise_errors
 from torquebench.campaign.finishing import FinishedCalibration
 from torquebench.campaign.fitting import feature_columns
 from torquebench.campaign.results import FitResult
@@ -17,7 +18,10 @@ from torquebench.reports.errors_table import number
 from torquebench.reports.fit_report import fit_page
 from torquebench.reports.page import Facts, Figure, Page, Section
 
-__all__ = ["calibration_page"]
+__all__ = ["calibration_page", "loading_figures"]
+
+LOADING_LIMIT_PERCENT = 0.1
+"""Loading accuracy of the source papers, % of range."""
 
 
 def calibration_page(finished: FinishedCalibration) -> Page:
@@ -80,7 +84,8 @@ def _loading(finished: FinishedCalibration) -> Section:
                 "torque that was asked for",
             )
         )
-    blocks: list[Facts | Figure] = [Facts(tuple(facts))]
+    facts += mounting_facts(MountingRecord.of_run(finished.measured.record.metadata))
+    blocks: list[Facts | Figure] = [Facts(tuple(facts)), *loading_figures(data)]
     if data.time_s is not None:
         blocks.append(
             Figure(
@@ -94,3 +99,24 @@ def _loading(finished: FinishedCalibration) -> Section:
             )
         )
     return Section("Loading", "", tuple(blocks))
+
+
+def loading_figures(data: CalibrationData) -> list[Figure]:
+    """Return how far each step was from the torque that was asked for; empty where nobody asked."""
+    error = data.loading_error_percent
+    if error is None:
+        return []
+    panel = Panel(
+        [Curve("", np.arange(1.0, error.size + 1.0), error)],
+        "step",
+        "loading error in % of range",
+        markers=True,
+        limits=(-LOADING_LIMIT_PERCENT, LOADING_LIMIT_PERCENT),
+    )
+    return [
+        Figure(
+            panels_figure([panel], height=2.0),
+            "Loading: standard minus the torque that was asked for, at every step. "
+            f"Dashed: ±{LOADING_LIMIT_PERCENT:g} % of range.",
+        )
+    ]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from torquebench.bench.mounting_record import MountingRecord, mounting_facts
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.results import (
     SHORT_TEST,
@@ -62,6 +63,9 @@ def _summary(record: ReducerTestRecord) -> Section:
             ("Operator", record.operator),
             ("Duration", f"{record.bench_seconds:.0f} s of bench time"),
             ("Software", f"torquebench {record.software_version}"),
+            *mounting_facts(
+                MountingRecord.of_run(record.outcomes[-1].run.metadata) if record.outcomes else None
+            ),
             ("Verdict", _verdict(record)),
         )
     )

@@ -7,9 +7,10 @@ Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do
 `{"do": "truth", "side": "output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s`
 to `stop_s` of the client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}`
 (noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator),
-`{"do": "encoder_certificates"}`, `{"do": "reducer_certificate"}`, `{"do": "drive_log", "side":
-"output"}` (what that drive was told
-and did, with its set points then, in the plant's time). Every answer is an object, with `error`
+`{"do": "encoder_certificates"}`, `{"do": "reducer_certificate"}`, `{"do": "mounting"}` (what a
+person would enter of it), `{"do": "supply", "on": false}` (of the drives), `{"do": "drive_log",
+"side": "output"}` (what that drive was told and did, with its set points then, in the plant's
+time). Every answer is an object, with `error`
 where the request can't be done.
 """
 
@@ -66,6 +67,8 @@ class ControlServer(LineServer):
             "encoder_certificates": self._encoder_certificates,
             "reducer_certificate": self._reducer_certificate,
             "drive_log": self._drive_log,
+            "supply": self._supply,
+            "mounting": self._mounting,
         }
         super().__init__(WireFaults("control", random.Random(0)), host, port)
 
@@ -107,6 +110,8 @@ class ControlServer(LineServer):
             "time": self._plant.time,
             "mounted": bench.mounted(),
             "clamped": bench.clamped(),
+            "rail": bench.position(),
+            "supplied": bench.supplies(),
             "modes": {side: bench.mode(side) for side in SIDES},
             "drives": drives,
             "endpoints": list(self._misbehaviour.endpoints),
@@ -115,6 +120,14 @@ class ControlServer(LineServer):
     def _drive_log(self, request: Mapping[str, Any]) -> dict[str, Any]:
         log = self._plant.bench.drives[request["side"]].log
         return {"time_s": self._plant.now_s, "events": [event._asdict() for event in log]}
+
+    def _mounting(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        del request
+        return dict(self._plant.bench.mounting())
+
+    def _supply(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        self._plant.bench.switch_supply(bool(request["on"]))
+        return {"on": self._plant.bench.supplies()}
 
     def _mount(self, request: Mapping[str, Any]) -> dict[str, Any]:
         self._plant.bench.mount(request["mounting"])

@@ -277,11 +277,12 @@ class ReadoutImage(Image):
 
 
 class DigitalImage(Image):
-    """Mode conversion and clamp, which move at once."""
+    """Mode conversion, clamp and guide rail, which move at once, and the supply's contact."""
 
     def __init__(self, plant: Plant, faults: WireFaults) -> None:
         super().__init__(plant, faults, "digital module", "SIM-IO-1")
         self._coils = [0] * len(Coil)
+        self._coils[Coil.RAIL] = int(plant.bench.position() == "end")
 
     def coils(self) -> dict[int, int]:
         """Return what was commanded."""
@@ -298,6 +299,9 @@ class DigitalImage(Image):
         clamped = bench.clamped() != lying
         found[Contact.CLAMP_CLOSED] = found[Contact.CLAMP_PRESSURE] = int(clamped)
         found[Contact.CLAMP_OPEN] = int(not clamped)
+        at_end = (bench.position() == "end") != lying
+        found[Contact.RAIL_END], found[Contact.RAIL_AWAY] = int(at_end), int(not at_end)
+        found[Contact.SUPPLY_ON] = int(bench.supplies() != lying)
         return found
 
     def switched(self, address: int, values: list[int]) -> None:
@@ -317,6 +321,8 @@ class DigitalImage(Image):
             mode: Mode = "driven" if driven else "locked" if locked else "free"
             if (first in touched or first + 1 in touched) and bench.mode(side) != mode:
                 bench.set_mode(side, mode)
+        if Coil.RAIL in touched:
+            bench.move("end" if coils[Coil.RAIL] else "away")
         if Coil.CLAMP in touched and bench.clamped() != bool(coils[Coil.CLAMP]):
             try:
                 bench.set_clamped(bool(coils[Coil.CLAMP]))

@@ -29,6 +29,8 @@ ROLES = (
     "temperature",
     "modes",
     "clamp",
+    "guide_rail",
+    "power_supply",
 )
 
 
@@ -195,6 +197,8 @@ def _modbus(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[
         "angles": lambda faults: images.AnglesImage(plant, faults, section["registers"]),
         "modes": lambda faults: images.DigitalImage(plant, faults),
         "clamp": lambda faults: images.DigitalImage(plant, faults),
+        "guide_rail": lambda faults: images.DigitalImage(plant, faults),
+        "power_supply": lambda faults: images.DigitalImage(plant, faults),
     }
     unit, base = int(section.get("unit", 1)), int(section.get("base", 0))
 

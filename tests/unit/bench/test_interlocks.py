@@ -156,3 +156,33 @@ def test_the_mounted_standard_is_known_by_its_serial(bench: LowBench) -> None:
     assert interlocks.standard_serial(bench.state) == "SIM-CAL-1"
     bench.drivers.operator.mount("verification_standard")
     assert interlocks.standard_serial(bench.state) == "SIM-VER-1"
+
+
+def test_the_rail_moves_only_unloaded_and_unclamped(bench: LowBench) -> None:
+    ready(bench).commands.output.enabled = False
+    with pytest.raises(InterlockError, match="clamp closed"):
+        interlocks.check_rail(bench.state, "away")
+    bench.drivers.clamp.set_clamped(False)
+    interlocks.check_rail(bench.state, "away")
+    with pytest.raises(InputError, match="end, away"):
+        interlocks.check_rail(bench.state, "between")
+    bench.commands.output.enabled = True
+    with pytest.raises(InterlockError, match="output drive on"):
+        interlocks.check_rail(bench.state, "away")
+
+
+def test_nothing_is_clamped_with_the_rail_away_from_its_end(bench: LowBench) -> None:
+    ready(bench).drivers.clamp.set_clamped(False)
+    bench.drivers.rail.move("away")
+    with pytest.raises(InterlockError, match="drawn back"):
+        interlocks.check_clamp(bench.state, True)
+    bench.drivers.rail.move("end")
+    interlocks.check_clamp(bench.state, True)
+
+
+def test_no_drive_is_enabled_with_its_supply_off(bench: LowBench) -> None:
+    interlocks.check_enable(ready(bench).state, "output")
+    bench.drivers.supply.switch_supply(False)
+    assert not bench.drivers.drives["output"].state().enabled
+    with pytest.raises(InterlockError, match="supply off"):
+        interlocks.check_enable(bench.state, "output")

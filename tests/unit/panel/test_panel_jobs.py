@@ -208,8 +208,11 @@ def test_a_standard_reducer_checks_the_bench(service: BenchService) -> None:
         {**reducer, "name": "certified", "ratio": 80.0, "certified_friction": points},
         reason="its certificate",
     )
-    view = start(service, "standard-reducer", {"reducer": "certified", "repeats": 2})
+    found = {"coaxiality_mm": 0.02, "lubricant": "oil"}
+    request = {"reducer": "certified", "repeats": 2, "mounting": found}
+    view = start(service, "standard-reducer", request)
     assert view.result.verdict == "fail"
+    assert service.records.run(view.result.run_ids[0]).metadata["mounting_record"] == found
     found = view.result.details
     assert [point["speed_rpm"] for point in found["points"]] == [100.0, 200.0]
     assert found["error_percent_fs"] > 0.1 > found["repeatability_percent_fs"]

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
+from torquebench.bench.certificate import ReferenceCertificate
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.papers.tables import (
     BenchTables,
     FrictionTable,
     ModuleTables,
+    ReducerValue,
     read_tables,
     write_tables,
 )
@@ -31,7 +33,10 @@ def calibration(scale: float = 2000.0, groups: int = 1) -> CalibrationData:
 
 
 def tables() -> BenchTables:
-    module = ModuleTables(calibration(), calibration(groups=2), None, calibration())
+    certificate = ReferenceCertificate(
+        np.array([-2000.0, 0.0, 2000.0]), np.array([0.1, 0.0, -0.1]), np.full(3, 0.02)
+    )
+    module = ModuleTables(calibration(), calibration(groups=2), None, calibration(), certificate)
     speed = np.array([100.0, 200.0, 100.0, 200.0])
     friction = FrictionTable(
         speed,
@@ -41,7 +46,14 @@ def tables() -> BenchTables:
         0.3 + 1e-4 * speed,
         np.full(4, 0.005),
     )
-    return BenchTables("a bench", False, {"output": module}, friction)
+    return BenchTables(
+        "a bench",
+        False,
+        {"output": module},
+        friction,
+        {"guide rail": "linear, 600 mm"},
+        (ReducerValue("Starting torque", "starting torque, clockwise", 0.33, 0.26, "N·m"),),
+    )
 
 
 def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
@@ -50,6 +62,9 @@ def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
         "calibration-output.csv",
         "same-points-output.csv",
         "alone-output.csv",
+        "certificate-output.csv",
+        "bench.csv",
+        "reducer.csv",
         "friction-standard-reducer.csv",
     ]
     found = read_tables(tmp_path / "saved")
@@ -60,6 +75,9 @@ def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(
             getattr(module, name).reading_nm, getattr(expected, name).reading_nm
         )
+    assert module.certificate is not None
+    np.testing.assert_array_equal(module.certificate.error_nm, [0.1, 0.0, -0.1])
+    assert (found.facts, found.reducer) == (tables().facts, tables().reducer)
     assert found.friction is not None
     np.testing.assert_array_equal(found.friction.known_nm, tables().friction.known_nm)
 
@@ -93,6 +111,13 @@ def test_tdms_is_read_as_csv_is(tmp_path: Path) -> None:
                 "friction-standard-reducer.csv": "speed_rpm,reading_nm\n100,0.3\n",
             },
             "no column known_nm",
+        ),
+        (
+            {
+                "calibration-input.csv": "reading_nm,standard_nm\n1,1\n2,2\n3,3\n",
+                "bench.csv": "item,value\nguide rail\n",
+            },
+            "1 cells",
         ),
     ],
 )

@@ -138,6 +138,11 @@ def _ready(devices):
     yield from bps.mv(devices.output.drive.power, True)
 
 
+def _drawn_back(devices):
+    yield from bps.mv(devices.rail, "away")
+    yield from bps.mv(devices.mounting, "calibrator")
+
+
 def _loaded(devices):
     yield from _ready(devices)
     yield from bps.mv(devices.output.drive.torque, 100.0)
@@ -148,6 +153,9 @@ ORDERS = {
     "open the clamp, loaded": (_loaded, "clamp", False),
     "open the clamp that is open": (None, "clamp", False),
     "clamp nothing": (None, "clamp", True),
+    "the rail, clamped": (_ready, "rail", "away"),
+    "the rail at rest": (None, "rail", "away"),
+    "clamp with the rail drawn back": (_drawn_back, "clamp", True),
     "a mode, loaded": (_loaded, "output.mode", "free"),
     "a mode with its drive on": (_ready, "output.mode", "free"),
     "power off, loaded": (_loaded, "output.drive.power", False),

@@ -6,7 +6,13 @@ from ophyd_async.core import Device
 
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.drive import DriveDevice
-from torquebench.bench.devices.fixture import ClampDevice, ModeDevice, MountingDevice, SeatDevice
+from torquebench.bench.devices.fixture import (
+    ClampDevice,
+    GuideRailDevice,
+    ModeDevice,
+    MountingDevice,
+    SeatDevice,
+)
 from torquebench.bench.devices.labels import PointLabel
 from torquebench.bench.devices.recorder import Recorder
 from torquebench.bench.devices.sensors import Encoder, Reference, TemperatureProbes, Transducer
@@ -43,6 +49,7 @@ class BenchDevices(Device):
     reference : Reference
         The mounted calibrator or verification standard.
     clamp : ClampDevice
+    rail : GuideRailDevice
     mounting : MountingDevice
     seat : SeatDevice
     temperatures : TemperatureProbes
@@ -76,6 +83,7 @@ class BenchDevices(Device):
         self.output = Module(context, "output")
         self.reference = Reference(context)
         self.clamp = ClampDevice(context)
+        self.rail = GuideRailDevice(context)
         self.mounting = MountingDevice(context)
         self.seat = SeatDevice(context)
         self.temperatures = TemperatureProbes(context)

@@ -1,4 +1,4 @@
-"""What holds and configures the assembly: mode conversion, clamp, mounting."""
+"""What holds and configures the assembly: mode conversion, clamp, guide rail, mounting."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from torquebench.bench.interlocks import (
     check_clamp,
     check_mode_change,
     check_mounting,
+    check_rail,
     check_seating,
 )
-from torquebench.bench.roles import Mode, Mounting, Seating, Side
+from torquebench.bench.roles import Mode, Mounting, RailPosition, Seating, Side
+from torquebench.errors import InputError
 
-__all__ = ["ClampDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
+__all__ = ["ClampDevice", "GuideRailDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
 
 
 class ModeDevice(StandardReadable):
@@ -56,6 +58,30 @@ class ClampDevice(StandardReadable):
         context = self._context
         check_clamp(context.state, value)
         await context.call(context.drivers.clamp.set_clamped, value)
+
+
+class GuideRailDevice(StandardReadable):
+    """The guide rail of the input module: `set("end" | "away")`, only with the clamp open."""
+
+    def __init__(self, context: BenchContext) -> None:
+        self._context = context
+        with self.add_children_as_readables(StandardReadableFormat.UNCACHED_SIGNAL):
+            self.position, _ = soft_signal_r_and_setter(str, getter=context.state.rail)
+        super().__init__()
+
+    @AsyncStatus.wrap
+    async def set(self, value: RailPosition) -> None:
+        """Move the rail. Raises InterlockError under load, with a closed clamp or drives on."""
+        context = self._context
+        rail = context.drivers.rail
+        if rail is None:
+            raise InputError(
+                f"the guide rail of {context.description.name}",
+                "a bench with a section [driver.guide_rail]",
+                "move it by hand",
+            )
+        check_rail(context.state, value)
+        await context.call(rail.move, value)
 
 
 class MountingDevice(StandardReadable):

@@ -25,6 +25,7 @@ from torquebench.bench.roles import (
     SIDES,
     Mode,
     Mounting,
+    RailPosition,
     Seating,
     Side,
     reference_channel,
@@ -45,12 +46,15 @@ __all__ = [
     "Drive",
     "DriveState",
     "DriverSet",
+    "GuideRail",
     "Identified",
     "Identity",
     "Mode",
     "ModeConverter",
     "Mounting",
     "OperatorPrompts",
+    "PowerSupply",
+    "RailPosition",
     "ReferenceReadout",
     "ReferenceSamples",
     "Seating",
@@ -278,6 +282,25 @@ class Clamp(Protocol):
 
 
 @runtime_checkable
+class GuideRail(Protocol):
+    """The guide rail that carries the input module."""
+
+    def move(self, position: RailPosition) -> None:
+        """Move to "end" or "away" and return when it is there."""
+
+    def position(self) -> RailPosition:
+        """Ask where it is."""
+
+
+@runtime_checkable
+class PowerSupply(Protocol):
+    """What feeds the drives."""
+
+    def supplies(self) -> bool:
+        """Ask whether it is on."""
+
+
+@runtime_checkable
 class Temperature(Protocol):
     """The temperature probes."""
 
@@ -329,6 +352,9 @@ class TrueTorqueSource(Protocol):
         `alone`: with nothing between transducer and flange, as a laboratory calibrates it.
         """
 
+    def mounting(self) -> Mapping[str, float | str]:
+        """Return what a person would enter of a mounting: fields of `MountingRecord`."""
+
 
 @dataclass(frozen=True)
 class DriverSet:
@@ -342,6 +368,8 @@ class DriverSet:
     temperature: Temperature
     operator: OperatorPrompts
     reference: ReferenceReadout | None = None
+    rail: GuideRail | None = None
+    supply: PowerSupply | None = None
     truth: TrueTorqueSource | None = None
     certificates: Mapping[Mounting, Mapping[Side, ReferenceCertificate]] = field(
         default_factory=dict
@@ -364,7 +392,7 @@ class DriverSet:
         """Ask every instrument who it is."""
         drives = self.drives.values()
         parts: list[object] = [self.counter, *drives, self.reference]
-        parts += [self.modes, self.clamp, self.temperature]
+        parts += [self.modes, self.clamp, self.temperature, self.rail, self.supply]
         asked: list[Identity] = []
         for place, part in enumerate(parts):
             if isinstance(part, Identified) and not any(part is each for each in parts[:place]):

@@ -50,6 +50,8 @@ _ROLES: dict[str, tuple[Role, Side | None]] = {
     "temperature": ("temperature", None),
     "modes": ("modes", None),
     "clamp": ("clamp", None),
+    "guide_rail": ("rail", None),
+    "power_supply": ("supply", None),
 }
 
 
@@ -83,6 +85,8 @@ class InstrumentsOptions(BaseModel):
     temperature: Mapping[str, Any]
     reference: Mapping[str, Any] | None = None
     angles: Mapping[str, Any] | None = None
+    guide_rail: Mapping[str, Any] | None = None
+    power_supply: Mapping[str, Any] | None = None
     simulation: SimulationOptions | None = None
 
 
@@ -131,6 +135,8 @@ def open_instruments(description: BenchDescription) -> DriverSet:
             if control is None
             else SimulatedOperator(control),
             reference=None if options.reference is None else open_one("reference"),
+            rail=None if options.guide_rail is None else open_one("guide_rail"),
+            supply=None if options.power_supply is None else open_one("power_supply"),
             truth=None if control is None else SimulatedTruth(control),
             certificates={} if control is None else simulated_certificates(control),
             encoder_certificates={} if control is None else simulated_encoder_certificates(control),
@@ -171,7 +177,7 @@ def open_role(description: BenchDescription, key: str) -> Any:
     description : BenchDescription
     key : str
         Its section: "counter", "angles", "input_drive", "output_drive", "reference",
-        "temperature", "modes" or "clamp".
+        "temperature", "modes", "clamp", "guide_rail" or "power_supply".
 
     Raises
     ------

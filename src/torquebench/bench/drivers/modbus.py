@@ -25,7 +25,9 @@ from torquebench.bench.drivers.modbus_modules import (
     ModbusAngles,
     ModbusClamp,
     ModbusModes,
+    ModbusRail,
     ModbusReadout,
+    ModbusSupply,
     ModbusTemperature,
     TemperatureOptions,
 )
@@ -199,6 +201,15 @@ def _clamp(request: InstrumentRequest) -> ModbusClamp:
     return ModbusClamp(_link(request, options), options.travel_s)
 
 
+def _rail(request: InstrumentRequest) -> ModbusRail:
+    options: DigitalOptions = request.read(DigitalOptions)
+    return ModbusRail(_link(request, options), options.travel_s)
+
+
+def _supply(request: InstrumentRequest) -> ModbusSupply:
+    return ModbusSupply(_link(request, request.read(ModbusOptions)))
+
+
 def _angles(request: InstrumentRequest) -> ModbusAngles:
     options: AnglesOptions = request.read(AnglesOptions)
     described = request.description
@@ -215,6 +226,8 @@ PLUGIN = DriverPlugin(
         "reference": _readout,
         "modes": _modes,
         "clamp": _clamp,
+        "rail": _rail,
+        "supply": _supply,
         "angles": _angles,
     },
 )

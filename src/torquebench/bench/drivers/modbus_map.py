@@ -86,13 +86,14 @@ class DriveStatus(IntFlag):
 
 
 class Coil(IntEnum):
-    """Coils of the mode conversion and of the clamp; neither coil of a side: free."""
+    """Coils of the mode conversion, the clamp and the rail; neither coil of a side: free."""
 
     INPUT_DRIVEN = 0
     INPUT_LOCKED = 1
     OUTPUT_DRIVEN = 2
     OUTPUT_LOCKED = 3
     CLAMP = 4
+    RAIL = 5  # to its end position; off draws it back
 
 
 class Contact(IntEnum):
@@ -107,6 +108,9 @@ class Contact(IntEnum):
     CLAMP_CLOSED = 6
     CLAMP_PRESSURE = 7
     CLAMP_OPEN = 8
+    RAIL_END = 9
+    RAIL_AWAY = 10
+    SUPPLY_ON = 11
 
 
 IDENTITY = 900

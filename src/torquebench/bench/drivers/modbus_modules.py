@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from torquebench.bench.drivers import modbus_map as registers
-from torquebench.bench.drivers.base import Identity, Mode, ReferenceSamples, Side
+from torquebench.bench.drivers.base import Identity, Mode, RailPosition, ReferenceSamples, Side
 from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus_map import Coil, Contact
 from torquebench.bench.drivers.sample_clock import SampleClock
@@ -24,7 +24,9 @@ __all__ = [
     "ModbusAngles",
     "ModbusClamp",
     "ModbusModes",
+    "ModbusRail",
     "ModbusReadout",
+    "ModbusSupply",
     "ModbusTemperature",
     "TemperatureOptions",
 ]
@@ -239,6 +241,65 @@ class ModbusClamp:
                 f"{self._link.name} is open and closed", "one of them", "check its contacts"
             )
         return closed and pressure
+
+    def close(self) -> None:
+        """Release the module. A second call does nothing."""
+        self._link.close()
+
+
+class ModbusRail:
+    """The guide rail of the input module: one coil, a contact at each end."""
+
+    def __init__(self, link: ModbusLink, travel_s: float) -> None:
+        self._link = link
+        self._travel_s = travel_s
+
+    def identity(self) -> Identity:
+        """Ask the module who it is."""
+        return self._link.identity("guide_rail")
+
+    def move(self, position: RailPosition) -> None:
+        """Move to "end" or "away" and return when it is there; raises `BenchError` if not."""
+        self._link.switch(Coil.RAIL, [position == "end"])
+        _await(
+            lambda: self.position() == position,
+            self._travel_s,
+            f"{self._link.name} isn't at its position {position!r}",
+        )
+
+    def position(self) -> RailPosition:
+        """Ask where it is.
+
+        Raises
+        ------
+        BenchError
+            It says that it is at both ends at once.
+        """
+        at_end, away = self._link.contacts(Contact.RAIL_END, 2)
+        if at_end and away:
+            raise BenchError(
+                f"{self._link.name} is at both ends", "one of them", "check its contacts"
+            )
+        return "end" if at_end else "away" if away else "between"
+
+    def close(self) -> None:
+        """Release the module. A second call does nothing."""
+        self._link.close()
+
+
+class ModbusSupply:
+    """The drives' supply: one contact."""
+
+    def __init__(self, link: ModbusLink) -> None:
+        self._link = link
+
+    def identity(self) -> Identity:
+        """Ask the module who it is."""
+        return self._link.identity("power_supply")
+
+    def supplies(self) -> bool:
+        """Ask whether it is on."""
+        return bool(self._link.contacts(Contact.SUPPLY_ON, 1)[0])
 
     def close(self) -> None:
         """Release the module. A second call does nothing."""

@@ -37,7 +37,9 @@ __all__ = [
 ENTRY_POINTS = "torquebench.drivers"
 """Group of the entry points by which other packages add protocols."""
 
-Role = Literal["counter", "angles", "drive", "reference", "temperature", "modes", "clamp"]
+Role = Literal[
+    "counter", "angles", "drive", "reference", "temperature", "modes", "clamp", "rail", "supply"
+]
 
 _BUILT_IN = {
     "modbus": "torquebench.bench.drivers.modbus",

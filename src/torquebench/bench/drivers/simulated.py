@@ -27,6 +27,7 @@ from torquebench.bench.drivers.base import (
     Identity,
     Mode,
     Mounting,
+    RailPosition,
     Seating,
     Side,
     torque_channel,
@@ -56,6 +57,8 @@ TRUTH_RATE_HZ = 1000.0
 LOGGED = 1000
 CERTIFIED_FRICTION_U_NM = 0.005
 """Expanded uncertainty (k = 2) of the certified friction, N·m: 0.01 % of 50 N·m."""
+CLAMP_BAR = 100.0
+"""Pressure that the simulated clamp closes with, bar."""
 
 
 class SimulatedOptions(BaseModel):
@@ -181,6 +184,8 @@ class SimulatedBench:
         self._modes: dict[Side, Mode] = dict.fromkeys(SIDES, "free")
         self._clamped = False
         self._mounted: Mounting = "nothing"
+        self._rail: RailPosition = "end"
+        self._supplied = True
         self._temperatures: dict[str, float] = {}
         self._truth = SampleRing(columns=2, capacity=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
         self._closed = False
@@ -373,6 +378,25 @@ class SimulatedBench:
         """Whether the clamp is closed."""
         return self._clamped
 
+    def move(self, position: RailPosition) -> None:
+        """Move the guide rail, at once."""
+        self._rail = position
+
+    def position(self) -> RailPosition:
+        """Where the guide rail is."""
+        return self._rail
+
+    def supplies(self) -> bool:
+        """Whether the drives' supply is on."""
+        return self._supplied
+
+    def switch_supply(self, on: bool) -> None:
+        """Switch the supply; off takes the power off both drives."""
+        self._supplied = on
+        if not on:
+            for side in SIDES:
+                self._set_enabled(side, False)
+
     def temperatures(self) -> Mapping[str, float]:
         """All probes, °C."""
         return self._temperatures
@@ -418,6 +442,22 @@ class SimulatedBench:
         with self._lock:
             sweep = self._twin.static_sweep(side, true_torque_nm, alone=alone)
         return sweep.reading_nm, sweep.branch
+
+    def mounting(self) -> dict[str, float | str]:
+        """Return what a dial gauge and the clamp's gauge show; its operator mounts at once."""
+        drawn = self.options.parameters()
+        offsets = [
+            chain.coaxiality_error_m
+            for side in (drawn.input, drawn.output)
+            for chain in side.geometry
+        ]
+        return {
+            "coaxiality_mm": round(1e3 * max(offsets), 4),
+            "clamp_pressure_bar": CLAMP_BAR,
+            "duration_min": 0.0,
+            "lubricant": self.options.lubricant,
+            "lubricant_hours": self.options.lubricant_hours,
+        }
 
     def certificates(self) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
         """Certificate of the simulated calibrator."""
@@ -533,6 +573,8 @@ def open_simulated(description: BenchDescription) -> DriverSet:
         temperature=bench,
         operator=bench,
         reference=bench.readout,
+        rail=None if description.guide_rail is None else bench,
+        supply=None if description.power_supply is None else bench,
         truth=bench,
         certificates=bench.certificates(),
         encoder_certificates=bench.encoder_certificates(),

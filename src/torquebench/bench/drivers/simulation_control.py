@@ -101,6 +101,10 @@ class SimulatedTruth:
         reading = np.array(answer["reading_nm"], dtype=np.float64)
         return reading, np.array(answer["branch"], dtype=np.int8)
 
+    def mounting(self) -> dict[str, float | str]:
+        """Ask what a person would enter of a mounting."""
+        return self._control.ask("mounting")
+
 
 def simulated_certificates(
     control: SimulationControl,

@@ -22,7 +22,7 @@ from torquebench.procedures.reducers.setup import (
     speed_ramp,
     stamp,
 )
-from torquebench.procedures.setup import REST_S, Plan, power_off, set_mode, unloaded_after
+from torquebench.procedures.setup import REST_S, Plan, mount, power_off, set_mode, unloaded_after
 
 __all__ = ["EmptyRunSettings", "empty_run"]
 
@@ -132,7 +132,7 @@ def _with_nothing_mounted(devices: BenchDevices) -> Plan[None]:
     mounted = yield from bps.rd(devices.mounting.mounted)
     if mounted != "nothing":
         yield from bps.mv(devices.clamp, False)
-        yield from bps.mv(devices.mounting, "nothing")
+        yield from mount(devices, "nothing")
     for side in SIDES:
         yield from set_mode(devices, side, "driven")
 

@@ -29,6 +29,7 @@ from torquebench.procedures.reducers.setup import (
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
+    mount,
     other_side,
     power_off,
     power_on,
@@ -209,7 +210,7 @@ def turn_empty(
         mounted = yield from bps.rd(devices.mounting.mounted)
         if mounted != "nothing":
             yield from bps.mv(devices.clamp, False)
-            yield from bps.mv(devices.mounting, "nothing")
+            yield from mount(devices, "nothing")
         yield from set_mode(devices, other_side(side), "free")
         yield from set_mode(devices, side, "driven")
         yield from bpp.run_wrapper(measured(), md=metadata)

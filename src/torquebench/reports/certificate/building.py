@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench import __version__
+from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import (
     RAW,
+    CalibrationData,
     find_deviations,
     refuse_deviations,
 )
@@ -174,6 +176,7 @@ def build_record(
             "verify it, have it checked, put its model into use again, or have somebody else sign",
         )
     earlier = registry.certificates(calibration.calibration_id)
+    mounting = _mounting(source)
     return CertificateRecord(
         number=issue.number or _number(calibration, len(earlier)),
         languages=tuple(dict.fromkeys(issue.languages)),
@@ -212,7 +215,23 @@ def build_record(
         registry_head=str(registry.head()),
         supersedes=earlier[0].number if earlier else "",
         unreviewed=unreviewed,
+        loading_accuracy=_loading(data),
+        coaxiality=mounting.get("coaxiality", ""),
+        clamp_pressure=mounting.get("clamp_pressure", ""),
+        mounting_time=mounting.get("mounting_time", ""),
+        lubrication=mounting.get("lubrication", ""),
+        mounted_by=mounting.get("mounted_by", ""),
     )
+
+
+def _loading(data: CalibrationData) -> str:
+    percent = data.loading_accuracy_percent
+    return "" if percent is None else f"{percent:.2g} %"
+
+
+def _mounting(source: Source) -> dict[str, str]:
+    record = MountingRecord.of_run(source.folder.metadata)
+    return {} if record is None else record.stated()
 
 
 def _unreviewed(

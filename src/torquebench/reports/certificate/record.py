@@ -392,6 +392,10 @@ class CertificateRecord:
         End of the registry's chain when the certificate was issued.
     supersedes : str
         Number of the certificate that this one replaces.
+    coaxiality, clamp_pressure, mounting_time, lubrication, mounted_by : str
+        Of the record of the mounting; empty where nobody entered it.
+    loading_accuracy : str
+        Largest difference of the standard from the torque that was asked for.
     """
 
     number: str
@@ -428,6 +432,14 @@ class CertificateRecord:
     static: tuple[StaticTable, ...] = ()
     zero_hysteresis: ZeroHysteresisStatement | None = None
     unreviewed: tuple[str, ...] = ()
+    coaxiality: str = stated("Coaxiality found", "Gefundene Koaxialität", "实测同轴度", default="")
+    clamp_pressure: str = stated("Clamp pressure", "Spanndruck", "夹紧压力", default="")
+    mounting_time: str = stated("Time to mount", "Dauer des Einbaus", "安装用时", default="")
+    lubrication: str = stated("Lubrication", "Schmierung", "润滑", default="")
+    mounted_by: str = stated("Mounted by", "Eingebaut von", "安装人", default="")
+    loading_accuracy: str = stated(
+        "Loading accuracy", "Genauigkeit der Belastung", "加载精度", default=""
+    )
     format: int = field(default=RECORD_FORMAT)
 
     @property

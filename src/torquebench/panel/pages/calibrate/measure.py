@@ -16,6 +16,7 @@ from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, note, pairs, panel, tag, words
 from torquebench.panel.pages.calibrate.resume import interrupted_note
 from torquebench.panel.pages.job_panel import duration_words, problem_note
+from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.records.table_import import profile_titles
 from torquebench.panel.service import JobPreview
@@ -83,6 +84,7 @@ class PrepareStep:
                 )
                 kinds = {name: text.core(model_title(name)) for name in MODELS}
                 self._models = Choice(text("prepare.models"), kinds, MODELS[:2], several=True)
+                self._mounting = MountingForm(text)
                 self._clear = clear_choice(visitor)
             with panel(text("prepare.checks")), box("div", "stack"):
                 self._checks = box("ul", "stack")
@@ -119,6 +121,7 @@ class PrepareStep:
 
     def _request(self) -> dict[str, Any]:
         request: dict[str, Any] = {"side": self._side.value, "profile": self._profile.value}
+        request |= self._mounting.request()
         if self._step.value:
             request["step_percent"] = float(self._step.value)
         if self._up_to.value:

@@ -8,6 +8,7 @@ from typing import Any
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, panel, table, words
+from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
@@ -48,6 +49,7 @@ class StandardForm:
                 )
                 repeats = {each: each for each in ("2", "3", "5", "10")}
                 self._repeats = Field(text("standard.repeats"), "3", options=repeats)
+            self._mounting = MountingForm(text)
             self._clear = clear_choice(visitor)
             with box("div", "line"):
                 button(text("standard.start"), self._start, picture="play_arrow")
@@ -63,6 +65,7 @@ class StandardForm:
         request: dict[str, Any] = {
             "tolerance_percent_fs": tolerance,
             "repeats": int(self._repeats.value),
+            **self._mounting.request(),
         }
         if self._reducer.value:
             request["reducer"] = self._reducer.value

@@ -12,6 +12,7 @@ from torquebench.panel.components.elements import box, empty, panel, words
 from torquebench.panel.pages.calibrate.measure import preview_panel
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.job_panel import JobPanel, problem_note
+from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.results import comparison, outcomes
 from torquebench.panel.pages.reducer.standard import STANDARD, StandardForm, standard_result
@@ -67,6 +68,7 @@ class _ReducerPage:
                 self._quick = Choice(
                     text("reducer.extent"), quick, several=True, on_change=self._preview
                 )
+                self._mounting = MountingForm(text)
                 self._clear = clear_choice(visitor)
                 with box("div", "line"):
                     button(text("reducer.start"), self._start, "primary", picture="play_arrow")
@@ -80,6 +82,7 @@ class _ReducerPage:
             "serial": self._serial.value.strip(),
             "test": self._test.value,
             "quick": "quick" in self._quick.values,
+            **self._mounting.request(),
         }
         if self._clear is not None:
             request["bench_clear"] = "clear" in self._clear.values

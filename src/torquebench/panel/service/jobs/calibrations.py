@@ -76,7 +76,13 @@ from torquebench.panel.service.jobs.results import (
     models_of,
     verification_result,
 )
-from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
+from torquebench.panel.service.jobs.runner import (
+    JobContext,
+    JobKind,
+    JobRequest,
+    MountedRequest,
+    Workplace,
+)
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
@@ -127,7 +133,7 @@ NETWORK = "published-network"
 NO_PARAMETERS = NetworkParameters()
 
 
-class CalibrateRequest(JobRequest):
+class CalibrateRequest(MountedRequest):
     """Calibrate one module against the calibrator and fit models; none is activated.
 
     `bench_clear` has to be true on a real bench: whoever starts it confirms that it may be loaded.
@@ -144,7 +150,7 @@ class CalibrateRequest(JobRequest):
     bench_clear: Flag = False
 
 
-class ResumeRequest(JobRequest):
+class ResumeRequest(MountedRequest):
     """Go on with an interrupted calibration; side and profile are those of its run."""
 
     run_id: RunId
@@ -171,7 +177,7 @@ class FitRequest(JobRequest):
     rising_only: Flag = False
 
 
-class VerifyRequest(JobRequest):
+class VerifyRequest(MountedRequest):
     """Verify the models of a calibration at fresh points against the verification standard."""
 
     calibration_id: Identifier

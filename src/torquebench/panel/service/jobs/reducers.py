@@ -31,14 +31,14 @@ from torquebench.campaign.standard_reducer import (
 from torquebench.panel.service.fields import WHOLE, Flag, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, limits
 from torquebench.panel.service.jobs.results import as_details
-from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
+from torquebench.panel.service.jobs.runner import JobContext, JobKind, MountedRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import friction_sweep, rehearse
 
 __all__ = ["REDUCER_KINDS", "ReducerTestRequest", "StandardReducerRequest"]
 
 
-class ReducerTestRequest(JobRequest):
+class ReducerTestRequest(MountedRequest):
     """Put the mounted reducer to a test, or with "full" to all of them.
 
     `quick` takes fewer points: a look, no verdict for a data sheet. `repeats` is how often running
@@ -53,7 +53,7 @@ class ReducerTestRequest(JobRequest):
     bench_clear: Flag = False
 
 
-class StandardReducerRequest(JobRequest):
+class StandardReducerRequest(MountedRequest):
     """Check the bench from end to end: a standard reducer's certified friction against measured.
 
     Input driven in steps of speed, output free. `reducer` names a description with certified

@@ -11,8 +11,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from torquebench.bench.mounting_record import MountingRecord
 from torquebench.bench.prompts import PromptQueue
-from torquebench.campaign.measuring import RunAbortedError, acting_as
+from torquebench.campaign.measuring import RunAbortedError, acting_as, mounted_as
 from torquebench.errors import InputError
 from torquebench.panel.run_in_process import ProcessEndedError
 from torquebench.panel.service.access.actors import Actor, Role, require
@@ -34,7 +35,7 @@ from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.station import Station
 from torquebench.validation import validated
 
-__all__ = ["JobContext", "JobKind", "JobRequest", "JobRunner", "Workplace"]
+__all__ = ["JobContext", "JobKind", "JobRequest", "JobRunner", "MountedRequest", "Workplace"]
 
 KEPT = 20
 ABORT_LOOK_S = 0.1
@@ -44,6 +45,15 @@ class JobRequest(BaseModel):
     """What a job is asked for; every kind has its own fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class MountedRequest(JobRequest):
+    """What a job is asked for that works with something mounted.
+
+    `mounting` is what was found at the mounting, for the record, the report and the certificate.
+    """
+
+    mounting: MountingRecord = MountingRecord()
 
 
 @dataclass(frozen=True)
@@ -301,7 +311,8 @@ class JobRunner:
         state: JobState = "done"
         result = problem = None
         try:
-            with acting_as(job.actor.label):
+            mounting = getattr(request, "mounting", None)
+            with acting_as(job.actor.label), mounted_as(mounting):
                 result = kind.run(context, request)
             self._on_done(kind.name)
         except (RunAbortedError, ProcessEndedError) as error:

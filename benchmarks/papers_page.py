@@ -1,0 +1,119 @@
+"""The papers' page for the documentation: measured on simulated benches, written with its figures.
+
+``python -m benchmarks.papers_page --write`` does what ``torquebench papers`` does and writes
+docs/explanation/papers-item-by-item.md and docs/images/papers. ``--data FOLDER`` takes the tables
+that ``torquebench papers --save FOLDER`` wrote instead of measuring.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from torquebench.bench import default_bench
+from torquebench.papers.page import papers_page
+from torquebench.papers.run import page_study, results_of, seeded
+from torquebench.papers.tables import BenchTables, PapersSettings, measure_tables, read_tables
+from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.station import Station
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = DOCS / "explanation" / "papers-item-by-item.md"
+IMAGES = DOCS / "images" / "papers"
+SEEDS = (1, 2, 3)
+MESH_M = 0.12
+"""Coarse elements of the supports: a small picture."""
+INTRODUCTION = """\
+*Simulated: {benches}. Written by `python -m benchmarks.papers_page --write`, which does what \
+[`torquebench papers`](source-papers.md) does. Verdicts on simulated benches say what the method \
+can reach, not what a real bench does.*
+"""
+LONG_NUMBER = re.compile(r"(\d+\.\d{2})\d+")
+
+
+def measured() -> Iterator[BenchTables]:
+    """Measure the simulated benches as the command does."""
+    for seed in SEEDS:
+        settings = PapersSettings(seed=seed)
+        if seed != SEEDS[0]:
+            settings = dataclasses.replace(settings, others=False, reducer_test="")
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            Station.open(seeded(default_bench(), seed), Path(folder)) as station,
+        ):
+            yield measure_tables(station, settings)
+
+
+def smaller(svg: str) -> str:
+    """Return a figure with coordinates to a hundredth of a point."""
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    return LONG_NUMBER.sub(r"\1", re.sub(r"\n\s*", "\n", svg))
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def _table(table: Table) -> str:
+    align = "---" if table.words else "---:"
+    lines = [
+        "| " + " | ".join(map(_cell, table.header)) + " |",
+        "| --- |" + f" {align} |" * (len(table.header) - 1),
+        *("| " + " | ".join(map(_cell, row)) + " |" for row in table.rows),
+    ]
+    caption = f"\n\n{table.caption}" if table.caption else ""
+    return "\n".join(lines) + caption
+
+
+def markdown(page: Page, images: Path) -> str:
+    """Return the page as Markdown, and write its figures."""
+    images.mkdir(parents=True, exist_ok=True)
+    for old in images.glob("*.svg"):
+        old.unlink()
+    parts = [f"# {page.title}", page.subtitle]
+    for section in page.sections:
+        parts += [f"## {section.heading}", *_section(section, images)]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _section(section: Section, images: Path) -> Iterator[str]:
+    yield section.text
+    number, drawn = section.heading.partition(".")[0], 0
+    for block in section.blocks:
+        if isinstance(block, Facts):
+            yield "\n".join(f"- {name}: {value}" for name, value in block.items)
+        elif isinstance(block, Table):
+            yield _table(block)
+        elif isinstance(block, Figure):
+            drawn += 1
+            path = images / f"item-{number}-{drawn}.svg"
+            path.write_text(smaller(block.svg), encoding="utf-8")
+            words = block.caption.partition(".")[0]
+            yield f"![{words}](../images/papers/{path.name})\n\n*{block.caption}*"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make the page, and write it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--write", action="store_true")
+    chosen = parser.parse_args(arguments)
+    tables = [read_tables(chosen.data)] if chosen.data else list(measured())
+    rows, seeds = page_study()
+    page = papers_page(results_of(tables), rows, seeds, mesh_m=MESH_M)
+    benches = "; ".join(each.name for each in tables)
+    page = dataclasses.replace(page, subtitle=INTRODUCTION.format(benches=benches).strip())
+    with tempfile.TemporaryDirectory() as folder:
+        text = markdown(page, IMAGES if chosen.write else Path(folder))
+    if chosen.write:
+        PAGE.write_text(text, encoding="utf-8")
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""The record of a mounting: what a person found and did when something was put between the flanges.
+
+Nobody else can measure these: a dial gauge, the gauge of the clamp's pump and a watch are read at
+the bench and entered. A run keeps them, its report and the certificate state them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+__all__ = ["COAXIALITY_LIMIT_MM", "MOUNTED", "MountingRecord", "mounting_facts"]
+
+COAXIALITY_LIMIT_MM = 0.03
+"""Largest coaxiality error that the source papers allow, mm."""
+
+
+class MountingRecord(BaseModel):
+    """What was found at a mounting; what isn't known is left out.
+
+    Attributes
+    ----------
+    coaxiality_mm : float or None
+        Offset of the axes of the two modules, mm; `COAXIALITY_LIMIT_MM` at most.
+    clamp_pressure_bar : float or None
+        Of the hydraulic clamp, bar.
+    duration_min : float or None
+        Time to mount and align, min.
+    lubricant : str
+        Type of what lubricates the mounted part.
+    lubricant_amount_g, lubricant_hours : float or None
+        How much was filled in, g, and for how long it has run since, h.
+    by : str
+        Who found it, where that is somebody else than who measures.
+
+    Examples
+    --------
+    >>> found = MountingRecord(coaxiality_mm=0.041, lubricant="grease", lubricant_hours=12)
+    >>> found.stated()["coaxiality"]
+    '0.041 mm (> 0.03 mm)'
+    >>> found.within_limit
+    False
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    coaxiality_mm: Annotated[float, Field(ge=0, le=10, description="mm")] | None = None
+    clamp_pressure_bar: Annotated[float, Field(gt=0, le=1000, description="bar")] | None = None
+    duration_min: Annotated[float, Field(ge=0, le=10_000, description="min")] | None = None
+    lubricant: Annotated[str, Field(max_length=100)] = ""
+    lubricant_amount_g: Annotated[float, Field(gt=0, le=1e5, description="g")] | None = None
+    lubricant_hours: Annotated[float, Field(ge=0, le=1e6, description="h")] | None = None
+    by: Annotated[str, Field(max_length=100)] = ""
+
+    @property
+    def within_limit(self) -> bool | None:
+        """Whether the coaxiality keeps its limit; None where it wasn't found."""
+        if self.coaxiality_mm is None:
+            return None
+        return self.coaxiality_mm <= COAXIALITY_LIMIT_MM
+
+    def entered(self) -> dict[str, Any]:
+        """Return what was entered, by name."""
+        return self.model_dump(exclude_defaults=True)
+
+    def stated(self) -> dict[str, str]:
+        """Return what is stated of it, in figures that need no translation, by key."""
+        found: dict[str, str] = {}
+        if self.coaxiality_mm is not None:
+            sign = "≤" if self.within_limit else ">"
+            found["coaxiality"] = f"{self.coaxiality_mm:g} mm ({sign} {COAXIALITY_LIMIT_MM:g} mm)"
+        if self.clamp_pressure_bar is not None:
+            found["clamp_pressure"] = f"{self.clamp_pressure_bar:g} bar"
+        if self.duration_min is not None:
+            found["mounting_time"] = f"{self.duration_min:g} min"
+        lubrication = [
+            self.lubricant,
+            "" if self.lubricant_amount_g is None else f"{self.lubricant_amount_g:g} g",
+            "" if self.lubricant_hours is None else f"{self.lubricant_hours:g} h",
+        ]
+        if any(lubrication):
+            found["lubrication"] = ", ".join(filter(None, lubrication))
+        if self.by:
+            found["mounted_by"] = self.by
+        return found
+
+    @classmethod
+    def of_run(cls, metadata: Mapping[str, Any]) -> MountingRecord | None:
+        """Return the record that a run kept; None where nobody entered one."""
+        found = metadata.get(MOUNTED)
+        return None if not found else cls.model_validate(found)
+
+    def metadata(self) -> dict[str, Any]:
+        """Return what a run's record keeps of it."""
+        return {MOUNTED: self.entered()}
+
+
+MOUNTED = "mounting_record"
+_WORDS: Mapping[str, str] = {
+    "coaxiality": "Coaxiality found",
+    "clamp_pressure": "Clamp pressure",
+    "mounting_time": "Time to mount",
+    "lubrication": "Lubrication",
+    "mounted_by": "Mounted by",
+}
+
+
+def mounting_facts(record: MountingRecord | None) -> tuple[tuple[str, str], ...]:
+    """Return what a report says of a mounting: nothing where nothing was entered."""
+    stated = {} if record is None else record.stated()
+    return tuple((_WORDS[key], value) for key, value in stated.items())

@@ -1,0 +1,78 @@
+"""The record of a mounting from the command line: `--mounting coaxiality_mm=0.012`."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.console import warn
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.bench.mounting_record import MountingRecord
+
+__all__ = ["MountingOption", "mounting_record", "recorded"]
+
+MountingOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--mounting",
+        metavar="NAME=VALUE",
+        help="What was found at the mounting, for the record, the report and the certificate. "
+        "Repeat it: coaxiality_mm, clamp_pressure_bar, duration_min, lubricant, "
+        "lubricant_amount_g, lubricant_hours, by.",
+    ),
+]
+
+
+def mounting_record(given: list[str] | None) -> MountingRecord | None:
+    """Return the record that was entered, checked; warns of a coaxiality beyond the limit.
+
+    Raises
+    ------
+    InputError
+        An unknown name, one given twice, or a value outside its limits.
+
+    Examples
+    --------
+    >>> mounting_record(["coaxiality_mm=0.012", "lubricant=grease"]).coaxiality_mm
+    0.012
+    """
+    if not given:
+        return None
+    from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM, MountingRecord
+    from torquebench.validation import validated
+
+    found: dict[str, Any] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        name = name.strip()
+        if not equals or not name:
+            raise InputError(
+                f"--mounting {text!r}", "NAME=VALUE", "write it as coaxiality_mm=0.012"
+            )
+        if name in found:
+            raise InputError(f"--mounting {name} twice", "once")
+        found[name] = value.strip()
+    record: MountingRecord = validated(MountingRecord, found, "--mounting")
+    if record.within_limit is False:
+        warn(
+            f"coaxiality of {record.coaxiality_mm:g} mm, more than {COAXIALITY_LIMIT_MM:g} mm: "
+            "align the modules, or the record says so"
+        )
+    return record
+
+
+@contextlib.contextmanager
+def recorded(record: MountingRecord | None) -> Iterator[None]:
+    """Let every run of the block keep what was entered."""
+    if record is None:
+        yield
+        return
+    from torquebench.campaign.measuring import mounted_as
+
+    with mounted_as(record):
+        yield

@@ -1,0 +1,56 @@
+"""What was found at the mounting, entered before a run: for the record and the certificate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
+from torquebench.panel.components.controls import Field
+from torquebench.panel.components.elements import box, words
+from torquebench.panel.text import Text
+
+__all__ = ["MountingForm"]
+
+NUMBERS = {
+    "coaxiality_mm": "mm",
+    "clamp_pressure_bar": "bar",
+    "duration_min": "min",
+    "lubricant_amount_g": "g",
+    "lubricant_hours": "h",
+}
+
+
+class MountingForm:
+    """Folded away; what isn't filled in isn't recorded."""
+
+    def __init__(self, text: Text) -> None:
+        with box("details"):
+            words("summary", text("mounting_record.title"))
+            with box("div", "stack"):
+                words("p", text("mounting_record.explained"), "small muted")
+                with box("div", "columns"):
+                    self._fields = {
+                        name: Field(
+                            text(f"mounting_record.{name}"),
+                            kind="number",
+                            unit=unit,
+                            hint=text("mounting_record.limit", limit=f"{COAXIALITY_LIMIT_MM:g}")
+                            if name == "coaxiality_mm"
+                            else "",
+                            min="0",
+                            step="any",
+                        )
+                        for name, unit in NUMBERS.items()
+                    }
+                    self._fields["lubricant"] = Field(
+                        text("mounting_record.lubricant"), maxlength="100", autocomplete="off"
+                    )
+
+    def request(self) -> dict[str, Any]:
+        """Return the field of a job's request; empty where nothing was entered."""
+        found: dict[str, Any] = {
+            name: float(field.value) if name in NUMBERS else field.value.strip()
+            for name, field in self._fields.items()
+            if field.value.strip()
+        }
+        return {"mounting": found} if found else {}

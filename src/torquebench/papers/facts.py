@@ -1,0 +1,150 @@
+"""What is known of a bench beside its tables: what it consists of, and how it was mounted."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from torquebench.bench.description import (
+    GuideRailDescription,
+    ModuleDescription,
+    PowerSupplyDescription,
+)
+from torquebench.bench.mounting_record import MountingRecord, mounting_facts
+from torquebench.bench.roles import SIDES
+from torquebench.errors import InputError
+from torquebench.station import Station
+
+__all__ = [
+    "FACTS",
+    "MOUNTING",
+    "bench_facts",
+    "read_facts",
+    "read_rows",
+    "write_facts",
+    "write_rows",
+]
+
+FACTS = "bench.csv"
+MOUNTING = "mounting: "
+"""How the keys of a mounting's record begin."""
+
+
+def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, str]:
+    """Return the sub-systems, the hardware and the record of the mounting, in words.
+
+    Parameters
+    ----------
+    station : Station
+    mounted : MountingRecord or None
+        What a person entered; a simulated bench knows it by itself.
+    """
+    description, drivers = station.description, station.drivers
+    if mounted is None and drivers.truth is not None:
+        mounted = MountingRecord.model_validate(drivers.truth.mounting())
+    found = {
+        "power supply": _supply(description.power_supply, watched=drivers.supply is not None),
+        "guide rail": _rail(description.guide_rail, moved=drivers.rail is not None),
+        "input module": _module(description.input),
+        "tested assembly": "hydraulic clamp; calibrator, standard or reducer, "
+        f"i = {description.bench.reducer_ratio:g}",
+        "output module": _module(description.output),
+        "work bench": f"{description.name}; probes {', '.join(description.temperatures)}",
+    }
+    for side in SIDES:
+        module = description.module(side)
+        transducer = module.transducer
+        found[f"transducer, {side}"] = (
+            f"{transducer.model}, ±{module.range_nm:g} N·m, {transducer.option_khz} kHz"
+        )
+        model = module.drive.model
+        named = "" if model == "unknown" else f"{model}, "
+        found[f"drive, {side}"] = f"{named}serial {module.drive.serial}"
+    counter = description.counter
+    found["acquisition"] = (
+        f"{counter.method} counting of edges, {counter.timebase_hz / 1e6:g} MHz, "
+        f"{counter.window_s:g} s windows"
+    )
+    found["standard"] = (
+        f"{description.verification_standard.serial}, U = "
+        f"{description.verification_standard.expanded_uncertainty_percent:g} %"
+    )
+    found |= {f"{MOUNTING}{name}": value for name, value in mounting_facts(mounted)}
+    return {name: value for name, value in found.items() if value}
+
+
+def _supply(described: PowerSupplyDescription | None, *, watched: bool) -> str:
+    if described is None:
+        return ""
+    parts = [described.model]
+    if described.voltage_v is not None:
+        parts.append(f"{described.voltage_v:g} V")
+    if described.power_kw is not None:
+        parts.append(f"{described.power_kw:g} kW")
+    parts.append("no drive is enabled without it" if watched else "not watched")
+    return ", ".join(parts)
+
+
+def _rail(described: GuideRailDescription | None, *, moved: bool) -> str:
+    if described is None:
+        return ""
+    parts = [described.model]
+    if described.travel_mm is not None:
+        parts.append(f"{described.travel_mm:g} mm")
+    parts.append(
+        "moves only unloaded and unclamped, clamped only at its end" if moved else "moved by hand"
+    )
+    return ", ".join(parts)
+
+
+def _module(described: ModuleDescription) -> str:
+    return (
+        f"transducer ±{described.range_nm:g} N·m, drive, encoder of "
+        f"{described.encoder.counts_per_revolution} counts, free / driven / locked"
+    )
+
+
+def write_facts(folder: Path, facts: Mapping[str, str]) -> Path:
+    """Write the facts beside the tables, two columns."""
+    return write_rows(folder / FACTS, [("item", "value"), *facts.items()])
+
+
+def read_facts(folder: Path) -> dict[str, str]:
+    """Read them back; empty where the folder has none.
+
+    Raises
+    ------
+    InputError
+        A row has other than two cells.
+    """
+    return dict(read_rows(folder / FACTS, 2))
+
+
+def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:
+    """Write rows of words and numbers as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    path.write_text(text.getvalue(), encoding="utf-8")
+    return path
+
+
+def read_rows(path: Path, columns: int) -> list[list[str]]:
+    """Read rows below the header; none where there is no such file.
+
+    Raises
+    ------
+    InputError
+        A row has another number of cells.
+    """
+    if not path.is_file():
+        return []
+    try:
+        rows = [row for row in csv.reader(io.StringIO(path.read_text("utf-8-sig"))) if row]
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: {error}", "a CSV file in UTF-8") from error
+    for number, row in enumerate(rows, 1):
+        if len(row) != columns:
+            raise InputError(f"{path}, row {number}: {len(row)} cells", f"{columns} cells")
+    return rows[1:]

@@ -1,0 +1,65 @@
+"""Nothing is shown as the papers' that they don't state."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
+from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS
+from torquebench.papers.mechanics import COAXIALITY_LIMIT_M
+from torquebench.papers.page import ALONE_PERCENT, LIMIT_PERCENT
+from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM
+
+STATED = {
+    int(number): text
+    for number, text in tomllib.loads(
+        (Path(__file__).parent / "stated.toml").read_text(encoding="utf-8")
+    ).items()
+}
+FIGURE = re.compile(r"\d+(?:\.\d+)?")
+NAME = re.compile(r"\b(?:[A-Z][A-Za-z]*\d[\w-]*|[A-Z]{2,}\w*|Modrol|LabVIEW)\b")
+
+
+def said(text: str) -> set[str]:
+    """Return every figure and every name of a text, and every word of four letters or more."""
+    words = re.findall(r"[a-z]{4,}", text.lower())
+    return {*FIGURE.findall(text), *NAME.findall(text), *words}
+
+
+LINKING = {"found", "from", "full", "takes", "place", "within", "mounting", "both", "directions",
+           "under", "supports", "points", "below", "transducers", "above", "claim", "range",
+           "mount", "same", "gets", "that", "with", "curve", "module"}  # fmt: skip
+
+
+def test_all_items_are_there_in_their_order() -> None:
+    assert list(ITEMS) == list(STATED) == list(range(1, 22))
+
+
+@pytest.mark.parametrize("number", ITEMS)
+def test_an_item_states_no_more_than_the_papers(number: int) -> None:
+    more = said(ITEMS[number].theirs) - said(STATED[number]) - LINKING
+    assert more == set()
+
+
+@pytest.mark.parametrize("name", HARDWARE)
+def test_hardware_is_named_as_the_papers_name_it(name: str) -> None:
+    theirs = HARDWARE[name]
+    if theirs != "not published":
+        assert said(theirs) <= said(STATED[3]) | said(STATED[14])
+
+
+def test_limits_and_claims_are_theirs() -> None:
+    def figures(number: int) -> set[float]:
+        return {float(each) for each in FIGURE.findall(STATED[number])}
+
+    assert {NETWORK_NM, POLYNOMIAL_NM} <= figures(15)
+    assert CLAIMED_RATIO == POLYNOMIAL_NM / NETWORK_NM
+    assert LIMIT_PERCENT in figures(14)
+    assert ALONE_PERCENT in figures(16)
+    assert COAXIALITY_LIMIT_MM in figures(2)
+    assert pytest.approx(1e-3 * COAXIALITY_LIMIT_MM) == COAXIALITY_LIMIT_M
+    assert said(LOADING) <= said(STATED[3])
+    for name in SUB_SYSTEMS:
+        assert name in STATED[1]
