@@ -14,38 +14,19 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from torquebench.bench import default_bench
-from torquebench.papers.page import papers_page
-from torquebench.papers.run import page_study, results_of, seeded
-from torquebench.papers.tables import BenchTables, PapersSettings, measure_tables, read_tables
+from torquebench.cli.papers import make_page
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
-from torquebench.station import Station
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "explanation" / "papers-item-by-item.md"
 IMAGES = DOCS / "images" / "papers"
-SEEDS = (1, 2, 3)
-MESH_M = 0.12
-"""Coarse elements of the supports: a small picture."""
 INTRODUCTION = """\
-*Simulated: {benches}. Written by `python -m benchmarks.papers_page --write`, which does what \
+*Simulated. Written by `python -m benchmarks.papers_page --write`, which does what \
 [`torquebench papers`](source-papers.md) does. Verdicts on simulated benches say what the method \
 can reach, not what a real bench does.*
+
 """
 LONG_NUMBER = re.compile(r"(\d+\.\d{2})\d+")
-
-
-def measured() -> Iterator[BenchTables]:
-    """Measure the simulated benches as the command does."""
-    for seed in SEEDS:
-        settings = PapersSettings(seed=seed)
-        if seed != SEEDS[0]:
-            settings = dataclasses.replace(settings, others=False, reducer_test="")
-        with (
-            tempfile.TemporaryDirectory() as folder,
-            Station.open(seeded(default_bench(), seed), Path(folder)) as station,
-        ):
-            yield measure_tables(station, settings)
 
 
 def smaller(svg: str) -> str:
@@ -100,13 +81,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Make the page, and write it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path)
+    parser.add_argument("--out", type=Path, help="folder for the page as HTML and PDF")
     parser.add_argument("--write", action="store_true")
     chosen = parser.parse_args(arguments)
-    tables = [read_tables(chosen.data)] if chosen.data else list(measured())
-    rows, seeds = page_study()
-    page = papers_page(results_of(tables), rows, seeds, mesh_m=MESH_M)
-    benches = "; ".join(each.name for each in tables)
-    page = dataclasses.replace(page, subtitle=INTRODUCTION.format(benches=benches).strip())
+    with tempfile.TemporaryDirectory() as folder:
+        reports = [(chosen.out or Path(folder)) / f"papers.{kind}" for kind in ("html", "pdf")]
+        page = make_page(reports, data=chosen.data)
+    page = dataclasses.replace(page, subtitle=INTRODUCTION + page.subtitle)
     with tempfile.TemporaryDirectory() as folder:
         text = markdown(page, IMAGES if chosen.write else Path(folder))
     if chosen.write:

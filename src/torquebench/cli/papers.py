@@ -21,9 +21,10 @@ if TYPE_CHECKING:
     from torquebench.reducers import CertifiedFriction
     from torquebench.reports.page import Page
 
-__all__ = ["register"]
+__all__ = ["make_page", "register"]
 
 RECORDS = Path("torquebench-data")
+SEEDS = 3
 FINE_M, COARSE_M = 0.06, 0.12
 """Elements of the supports, of a whole page and of a quick one."""
 
@@ -55,7 +56,7 @@ def papers(
     ] = None,
     seeds: Annotated[
         int, typer.Option(min=1, max=50, help="How many simulated benches are measured.")
-    ] = 3,
+    ] = SEEDS,
     study: Annotated[
         bool, typer.Option("--study/--no-study", help="When does BP beat the polynomial?")
     ] = True,
@@ -79,9 +80,40 @@ def papers(
     On a real bench no model is put into use. --save writes the tables from which --data makes the
     same page again.
     """
+    make_page(
+        report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")],
+        bench=bench,
+        data=data,
+        save=save,
+        reducer=reducer,
+        seeds=seeds,
+        study=study,
+        quick=quick,
+        records=records,
+        mounting=mounting,
+        yes=yes,
+        real_time=real_time,
+    )
+
+
+def make_page(
+    reports: list[Path],
+    *,
+    bench: Path | None = None,
+    data: Path | None = None,
+    save: Path | None = None,
+    reducer: str | None = None,
+    seeds: int = SEEDS,
+    study: bool = True,
+    quick: bool = False,
+    records: Path | None = None,
+    mounting: list[str] | None = None,
+    yes: bool = False,
+    real_time: bool = False,
+) -> Page:
+    """Do what the command does, and return the page; arguments are its options."""
     from torquebench.reports.page_pdf import check_suffix
 
-    reports = report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")]
     for path in reports:
         check_suffix(path)
         check_output(path)
@@ -116,6 +148,7 @@ def papers(
         answer(files=[str(path) for path in written])
     page = _page(tables, study, quick)
     _write(page, reports)
+    return page
 
 
 def _certified(reducer: str | None) -> tuple[CertifiedFriction, ...]:
