@@ -9,9 +9,9 @@ run: $(VENV)/.installed
 	$(BIN)/torquebench demo
 
 # Three simulated benches and a plant: the link is cut, and nothing is lost. Needs PostgreSQL
-# (Debian: apt install postgresql).
+# (Debian: apt install postgresql); VIEW=1 leaves the plant view open at the end.
 plant: $(VENV)/.installed-plant
-	$(BIN)/python -m examples.plant_demonstration
+	$(BIN)/python -m examples.plant_demonstration $(if $(VIEW),--view)
 
 test: lint types contracts docs tests other-processor
 

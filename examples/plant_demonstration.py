@@ -46,6 +46,9 @@ def main() -> None:
         postgresql_server.restartable(durable=True) as server,
     ):
         lost = demonstrate(server, Path(folder))
+        if "--view" in sys.argv[1:]:
+            print("\nThe plant view; Ctrl-C ends the demonstration.")
+            torquebench("plant", "view", "--plant", server.url, may_fail=True)
     sys.exit(1 if lost else 0)
 
 

@@ -960,6 +960,7 @@ ANSWERS: dict[str, type] = {
 
 WITHOUT_ANSWER = {
     "panel": "serves the panel until it is ended",
+    "plant view": "serves the plant's view until it is ended",
     "simulate": "serves simulated instruments until it is ended",
 }
 """Commands without `--json`, and why."""

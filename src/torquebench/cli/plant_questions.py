@@ -332,3 +332,45 @@ def reevaluate(
         show(differences(found, name, against), out_file)
     if done.problems:
         raise typer.Exit(CHECK_FAILED)
+
+
+@app.command("view")
+def view(
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than loopback need TLS.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
+    ] = 8090,
+    tls_cert: Annotated[Path | None, typer.Option(help="Certificate chain, PEM.")] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
+    insecure_network: Annotated[
+        bool,
+        typer.Option("--insecure-network", help="Allow other machines without TLS."),
+    ] = False,
+    host_name: Annotated[
+        list[str] | None,
+        typer.Option(help="A further name that browsers call this machine by; repeatable."),
+    ] = None,
+    password: Annotated[
+        str,
+        typer.Option(
+            envvar="TORQUEBENCH_VIEW_PASSWORD",
+            help="Asked for by every page; other addresses than loopback need one.",
+        ),
+    ] = "",
+    plant: PlantOption = "",
+) -> None:
+    """Serve the plant's view in a browser; it needs no bench, and only reads.
+
+    Give it the URL of a reader (`plant add-reader`). Ctrl-C ends it.
+    """
+    from torquebench.panel.address import Address
+
+    names = tuple(host_name or ())
+    address = Address(host, port, tls_cert, tls_key, insecure_network, names)
+    address.check()
+    from torquebench.panel.plant_view import serve_plant_view
+
+    with opened(plant) as found:
+        serve_plant_view(found, address, password, lambda url: say(f"Plant: {url}"))

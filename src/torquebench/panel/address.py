@@ -46,6 +46,11 @@ class Address:
     proxy: str = ""
 
     @property
+    def local(self) -> bool:
+        """Whether only this machine reaches it."""
+        return _is_loopback(self.host)
+
+    @property
     def secure(self) -> bool:
         """Whether connections are encrypted."""
         return self.tls_cert is not None

@@ -27,7 +27,7 @@ from torquebench.panel.pages.sockets import PageSockets
 from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
 
-__all__ = ["create_app", "serve", "storage_secret"]
+__all__ = ["create_app", "listen", "serve", "storage_secret"]
 
 SECRET_FILE = "panel-secret"
 GRACE_S = 3
@@ -87,7 +87,7 @@ def serve(
         Told the URL once connections are accepted.
     """
     address.check()
-    listening = _listen(address)
+    listening = listen(address)
     port = int(listening.getsockname()[1])
     loops = uvicorn.Config(app="").get_loop_factory()
     with listening, EventLoopBridge(create_app(service, address), loops) as behind:
@@ -137,7 +137,14 @@ class _Server(uvicorn.Server):
         yield  # the handlers stay: a second signal must not cut the unloading short
 
 
-def _listen(address: Address) -> socket.socket:
+def listen(address: Address) -> socket.socket:
+    """Return the listening socket of an address.
+
+    Raises
+    ------
+    InputError
+        The port is taken, or the address isn't one of this machine.
+    """
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     listening = socket.socket(family, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
