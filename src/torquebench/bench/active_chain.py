@@ -14,6 +14,7 @@ from torquebench.bench.acceleration import Acceleration
 from torquebench.chain import (
     ChainStream,
     EffectState,
+    MeasuredRotation,
     MeasuringChain,
     Readings,
     Timebase,
@@ -142,6 +143,12 @@ class ActiveChain:
     def accepted(self) -> Timebase | None:
         """The other counter's clock that was accepted for the model; None for its own."""
         return next((each for each in self.chain.stored if isinstance(each, Timebase)), None)
+
+    @property
+    def corrects_rotation(self) -> bool:
+        """Whether it corrects what turning does to zero and drag."""
+        measured = any(isinstance(each, MeasuredRotation) for each in self.chain.stored)
+        return measured and "rotation" not in self.chain.switches
 
     def warm_up(self) -> None:
         """Compile what the first block would have to wait for; the past stays unknown."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 from typing import Protocol
+
+import numpy as np
 
 from torquebench.calibration import (
     ControlChart,
@@ -16,7 +19,15 @@ from torquebench.calibration import (
     propose_due_date,
 )
 from torquebench.campaign.calibration_comparison import SAME_RANGE
-from torquebench.records import CalibrationEntry, CheckEntry, Equipment, EquipmentKind, Zeroing
+from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature, load_chain
+from torquebench.records import (
+    CalibrationEntry,
+    CheckEntry,
+    Equipment,
+    EquipmentKind,
+    ModelEntry,
+    Zeroing,
+)
 
 __all__ = ["DriftRecords", "DriftSeries", "drift_of", "next_due"]
 
@@ -89,9 +100,14 @@ class DriftRecords(Protocol):
 
 
 def drift_of(
-    registry: DriftRecords, serial: str, *, tolerance_percent: float, base: int | None = None
+    registry: DriftRecords,
+    serial: str,
+    *,
+    tolerance_percent: float,
+    base: int | None = None,
+    models: Sequence[ModelEntry] = (),
 ) -> tuple[DriftSeries, ...]:
-    """Return the span in each direction, the zero and the checks of a transducer over time.
+    """Return how a transducer changes: its span, zero and checks, and what turning does to it.
 
     Parameters
     ----------
@@ -104,6 +120,8 @@ def drift_of(
         and checks).
     base : int, optional
         Limits of the control charts from the first so many values; from all by default.
+    models : sequence of ModelEntry
+        Of the transducer: where empty runs were made for two or more, their effects over time.
     """
     found = []
     calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
@@ -139,11 +157,66 @@ def drift_of(
         if "signed_worst_percent_fs" in check.summary
     ]
     found.append(("Largest error of the check standard's verification", "% FS", checks, False))
+    found += [(title, unit, known, False) for title, unit, known in _effects_over_time(models)]
     return tuple(
         _series(title, unit, known, tolerance_percent, base, calibrations=calibrated)
         for title, unit, known, calibrated in found
         if known
     )
+
+
+def _effects_over_time(
+    models: Sequence[ModelEntry],
+) -> list[tuple[str, str, list[tuple[datetime, float, bool]]]]:
+    """Return temperature, rotation and inertia as the empty runs of two or more models found them.
+
+    Speeds and accelerations are the largest that all of them have.
+    """
+    chains = [
+        (entry, {type(effect): effect for effect in load_chain(entry.file).stored})
+        for entry in sorted(models, key=lambda each: each.created)
+        if _has_empty_runs(entry)
+    ]
+    rotations = [known[MeasuredRotation] for _, known in chains if MeasuredRotation in known]
+    inertias = [known[Inertia] for _, known in chains if Inertia in known]
+    rpm = min((max(each.speeds_rpm) for each in rotations), default=0.0)
+    rad_s2 = min((each.largest_rad_s2 for each in inertias), default=0.0)
+    found: dict[tuple[str, str], list[tuple[datetime, float, bool]]] = {}
+    for entry, known in chains:
+        percent = 100.0 / entry.range_nm
+        values: dict[tuple[str, str], float] = {}
+        warmth, rotation = known.get(MeasuredTemperature), known.get(MeasuredRotation)
+        if warmth is not None and warmth.high_c > warmth.low_c:
+            per_10k = 10.0 / (warmth.high_c - warmth.low_c)
+            ends = [warmth.low_c, warmth.high_c]
+            zero = float(np.diff(np.interp(ends, warmth.at_c, warmth.zero_nm))[0])
+            values["Zero over temperature", "% FS per 10 K"] = percent * per_10k * zero
+            if warmth.span:
+                span = float(np.diff(np.interp(ends, warmth.at_c, warmth.span))[0])
+                values["Span over temperature", "% per 10 K"] = 100.0 * per_10k * span
+        if rotation is not None:
+            for title, table in (
+                (f"Zero at {rpm:g} 1/min", rotation.even_nm),
+                (f"Bearing drag at {rpm:g} 1/min", rotation.odd_nm),
+            ):
+                columns = zip(*table, strict=True)
+                at_speed = [np.interp(rpm, rotation.speeds_rpm, each) for each in columns]
+                value = np.interp(rotation.calibrated_c, rotation.at_c, at_speed)
+                values[title, "% FS"] = percent * float(value)
+        if Inertia in known:
+            torque = known[Inertia].moment_nm_s2 * rad_s2
+            values[f"Inertia's torque at {rad_s2:.3g} rad/s²", "% FS"] = percent * torque
+        for name, value in values.items():
+            found.setdefault(name, []).append((entry.created, value, entry.simulated))
+    return [(title, unit, known) for (title, unit), known in found.items() if len(known) > 1]
+
+
+def _has_empty_runs(entry: ModelEntry) -> bool:
+    """Tell whether a model's file is there and has a measured effect, without reading the model."""
+    try:
+        return '"measured ' in entry.file.read_text(encoding="utf-8")
+    except OSError:
+        return False
 
 
 def _of_one_range(

@@ -49,7 +49,13 @@ def drift(
         if serial not in {each.serial for each in registry.equipment("transducer")}:
             known = ", ".join(each.serial for each in registry.equipment("transducer"))
             raise InputError(f"transducer {serial!r}", known or "a registered transducer")
-        found = drift_of(registry, serial, tolerance_percent=tolerance, base=base)
+        found = drift_of(
+            registry,
+            serial,
+            tolerance_percent=tolerance,
+            base=base,
+            models=registry.models(serial),
+        )
     if not found:
         raise InputError(
             f"no calibration and no zeroing of transducer {serial}",

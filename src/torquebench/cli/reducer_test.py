@@ -74,11 +74,13 @@ ReportOption = Annotated[
     typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
 ]
 TareOption = Annotated[
-    bool,
+    bool | None,
     typer.Option(
         "--tare/--no-tare",
         help="Before no-load torque and efficiency: an empty run, with nothing mounted, whose "
-        "torque is subtracted. Left out by --short.",
+        "torque is subtracted. Without either, where the measuring chains don't correct what "
+        "turning does to them. Left out by --short.",
+        show_default=False,
     ),
 ]
 
@@ -145,7 +147,7 @@ def _command(name: str) -> Callable[..., None]:
         short: ShortOption = False,
         twist: TwistOption = None,
         no_twist: NoTwistOption = False,
-        tare: TareOption = True,
+        tare: TareOption = None,
         repeats: RepeatsOption = None,
         loops: LoopsOption = None,
         positions: PositionsOption = None,
@@ -189,7 +191,7 @@ class _Wanted:
 
 
 def _settings(
-    short: bool, twist: float | None, no_twist: bool, tare: bool, repeats: int | None
+    short: bool, twist: float | None, no_twist: bool, tare: bool | None, repeats: int | None
 ) -> ReducerTestSettings:
     from torquebench.campaign.reducers.settings import ReducerTestSettings
 
@@ -198,8 +200,10 @@ def _settings(
         if short:
             raise InputError("--repeats and --short", "one of both: a first look doesn't repeat on")
         settings = settings.with_repeats(repeats)
-    if not tare:
+    if tare is False:
         settings = replace(settings, empty_run=None)
+    elif tare:
+        settings = replace(settings, tare_always=True)
     if twist is not None and no_twist:
         raise InputError("--twist and --no-twist", "one of both")
     if no_twist:

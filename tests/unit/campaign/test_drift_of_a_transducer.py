@@ -5,6 +5,9 @@ import pytest
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.drifting import drift_of, next_due
+from torquebench.campaign.fitting import store_model
+from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature
+from torquebench.compensation import make_model
 from torquebench.records import Registry, RunSummary, Zeroing
 
 START = datetime(2024, 1, 31, 12, 0, tzinfo=UTC)
@@ -92,3 +95,42 @@ def test_spans_over_different_ranges_are_not_compared(registry):
     for series in found.values():
         assert len(series.values) == 3
         assert [series.remark(row) for row in range(3)] == ["", "", ""]
+
+
+def turning_model(registry, folder, number):
+    """Enter a calibration with a model whose empty runs showed what has changed since."""
+    drag = 0.02 + 0.001 * number
+    tables = [((0.0, 0.0), (size, size)) for size in (0.01, 0.001, drag, 0.001)]
+    effects = (
+        MeasuredTemperature("runs", 23.0, 13.0, 33.0, (13.0, 23.0, 33.0), (-0.05, 0.0, 0.05),
+                            (0.001, 0.0, 0.001)),
+        MeasuredRotation("runs", 23.0, -1000.0, 1000.0, 13.0, 33.0, (0.0, 1000.0), (13.0, 33.0),
+                         *tables),
+        Inertia("ramps", 0.0025, 1e-5, 30.0),
+    )  # fmt: skip
+    torque = np.linspace(-50.0, 50.0, 10)
+    data = CalibrationData(torque, torque, [1] * 10, [1] * 10, 50.0, transducer_serial="T-1",
+                           counter_identity="C-1")  # fmt: skip
+    model = make_model("polynomial", range_nm=50.0).fit(data.features(2), torque)
+    file = folder / f"model-{number}.json"
+    store_model(file, model, data, {}, effects)
+    entry = registry.add_calibration(data, performed=START + timedelta(days=number))
+    registry.add_model(entry, kind="polynomial", file=file, side="input", metrics={})
+
+
+def test_effects_of_empty_runs_have_their_charts(registry, tmp_path):
+    turning_model(registry, tmp_path, 0)
+
+    def charts():
+        found = drift_of(registry, "T-1", tolerance_percent=0.1, models=registry.models("T-1"))
+        return {each.title: each for each in found}
+
+    assert not any("1/min" in title for title in charts())  # one run shows no drift
+    turning_model(registry, tmp_path, 1)
+    found = charts()
+    assert found["Bearing drag at 1000 1/min"].values == pytest.approx([0.04, 0.042])
+    assert found["Zero over temperature"].values == pytest.approx([0.1, 0.1])
+    assert found["Inertia's torque at 30 rad/s²"].values == pytest.approx([0.15, 0.15])
+    assert not any(each.calibrations for title, each in found.items() if "1/min" in title)
+    (tmp_path / "model-0.json").unlink()
+    assert "Bearing drag at 1000 1/min" not in charts()

@@ -4,14 +4,18 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.description import default_bench
 from torquebench.bench.drivers.simulated import SimulatedOptions
 from torquebench.campaign.reducers import tests as reducer_tests
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.settings import ReducerTestSettings
-from torquebench.campaign.reducers.tests import run_reducer_test
+from torquebench.campaign.reducers.tests import rehearse_reducer_test, run_reducer_test
+from torquebench.chain import MeasuredRotation, MeasuringChain
+from torquebench.compensation import features, make_model
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.procedures.reducers.empty_run import EmptyRunSettings
 from torquebench.procedures.reducers.first_motion import BreakawaySettings
@@ -100,3 +104,32 @@ def test_an_empty_run_is_taken_off_and_kept(station: Station) -> None:
     names = {line.name for line in outcome.result.points[0].torque.lines}
     assert {"tare", "tare transfer"} <= names
     assert "bearing drag" not in names
+
+
+def test_a_chain_that_corrects_rotation_needs_no_empty_run(station: Station) -> None:
+    torque = np.linspace(-50.0, 50.0, 30)
+    model = make_model("polynomial", range_nm=50.0).fit(features(torque), torque)
+    tables = [((0.0, 0.0), (size, size)) for size in (0.001, 0.0001, 0.004, 0.0002)]
+    rotation = MeasuredRotation(
+        "empty runs", 23.0, -1200.0, 1200.0, 10.0, 40.0, (0.0, 1200.0), (10.0, 40.0), *tables
+    )
+    active = ActiveChain(MeasuringChain(model, (rotation,)), "1", "polynomial")
+    station.acquisition.set_compensation("input", active)
+    cold = NoLoadSettings(replace(SWEEP, counter_clockwise=True), WarmUp(longest_s=0.0))
+    empty = EmptyRunSettings(speeds_rpm=(100.0, 300.0), repeats=2, window_s=0.4)
+    settings = replace(SHORT.with_plans({"no-load": cold}), empty_run=empty)
+    try:
+        (outcome,) = run_reducer_test(station, "no-load", REDUCER, settings).outcomes
+        assert any("no empty run is needed" in each for each in outcome.remarks)
+        names = {line.name for line in outcome.result.points[0].torque.lines}
+        assert "tare" not in names
+        assert "bearing drag" in names
+        always = replace(settings, tare_always=True)
+        (outcome,) = run_reducer_test(station, "no-load", REDUCER, always).outcomes
+        said = next(each for each in outcome.remarks if "empty run adds up to" in each)
+        assert 0.0 < float(said.split()[-2]) < 0.1
+        active.switch_off(["rotation"])
+        parts = rehearse_reducer_test(station, "no-load", REDUCER, settings)
+        assert [part.name for part in parts] == ["empty-run", "no-load"]
+    finally:
+        station.acquisition.set_compensation("input", None)

@@ -7,11 +7,21 @@ from datetime import date
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pypdf
 import pytest
 import typst
 from tests.unit.reports.calibrated_bench import calibrated_bench
 
+from torquebench.calibration import CalibrationData
+from torquebench.chain import (
+    SWITCHES,
+    Inertia,
+    MeasuredRotation,
+    MeasuredTemperature,
+    MeasuringChain,
+)
+from torquebench.compensation import features, make_model
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Registry
 from torquebench.reports.certificate import (
@@ -25,6 +35,8 @@ from torquebench.reports.certificate import (
     schema_findings,
 )
 from torquebench.reports.certificate.fonts import fonts_for
+from torquebench.reports.certificate.labels import labels_of
+from torquebench.reports.certificate.results import turning_budget, turning_range
 
 DCC = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 
@@ -209,3 +221,49 @@ def test_number_is_given_once_and_files_are_never_overwritten(
         issue_certificate(registry, short, tmp_path / "other")
     with pytest.raises(RecordError, match="draft"):
         issue_certificate(registry, replace(short, draft=True, number="D-1"))
+
+
+def test_a_chain_that_turns_states_its_ranges_and_its_budget_while_it_turns(
+    record: CertificateRecord,
+) -> None:
+    torque = np.linspace(-50.0, 50.0, 30)
+    model = make_model("polynomial", range_nm=50.0).fit(features(torque), torque)
+    tables = [((0.0, 0.0), (size, size)) for size in (0.02, 0.001, 0.05, 0.002)]
+    chain = MeasuringChain(
+        model,
+        (
+            MeasuredTemperature("runs", 23.0, 12.0, 38.0, (0.0, 50.0), (-0.1, 0.1), (0.01, 0.01)),
+            MeasuredRotation("runs", 23.0, -1200.0, 1200.0, 12.0, 38.0, (0.0, 1200.0), (0.0, 50.0),
+                             *tables, running_in_s=60.0, running_in_nm=(0.0, 0.01),
+                             running_in_uncertainty_nm=(0.0, 0.001)),
+            Inertia("ramps", 0.0025, 1e-5, 31.4),
+        ),
+    )  # fmt: skip
+    data = CalibrationData(torque, torque, np.ones(30), np.ones(30), 50.0)
+    found = turning_budget(data, chain, record.reference)
+    assert found is not None
+    assert (found.speed_rpm, found.temperature_c) == (-1200.0, 38.0)
+    assert {"bearing drag", "running-in", "temperature of zero"} <= {r.name for r in found.rows}
+    said = turning_range(chain)
+    assert said == "12 … 38 °C, -1200 … 1200 1/min, ≤ 31.4 rad/s²"
+
+    turning = replace(record, turning=said, turning_budget=found)
+    assert CertificateRecord.from_json(turning.to_json()) == turning
+    for language, title in (
+        ("en", "Uncertainty budget while it turns"),
+        ("de", "Messunsicherheitsbudget bei Drehung"),
+        ("zh", "转动时的不确定度预算"),
+    ):
+        text = "".join(pages(certificate_pdf(turning, language)))
+        assert title in text
+        assert "-1200 … 1200 1/min" in text
+    assert not schema_findings(certificate_xml(turning))
+    assert "31.4 rad/s²" in certificate_xml(turning).decode()
+
+
+def test_every_component_of_a_chain_has_its_words_in_every_language() -> None:
+    names = ("static curve", "scatter", "mounting", "counter", "time base", "zero", "zero drift",
+             "drift", "reference standard", "dynamics", "noise of the dynamic filter",
+             *(name for names in SWITCHES.values() for name in names))  # fmt: skip
+    for language in ("en", "de", "zh"):
+        assert all(labels_of(language)[f"budget_{name}"] for name in names)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
+from torquebench.bench.roles import Side
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,8 +42,10 @@ class ReducerTest:
         Imports and returns its settings, plan, evaluation and figures.
     loads_output : bool
         Whether it loads the output as far as its plan says.
-    bench_twist, empty_run : bool
-        What the bench has to measure of itself before.
+    bench_twist : bool
+        Whether the bench has to measure its own twist before.
+    empty_run : tuple of side
+        Sides of which it has to know what their shafts read by themselves.
     """
 
     name: TestName
@@ -52,7 +55,7 @@ class ReducerTest:
     work: Callable[[], TestWork] = _no_work
     loads_output: bool = False
     bench_twist: bool = False
-    empty_run: bool = False
+    empty_run: tuple[Side, ...] = ()
 
 
 def _starting() -> TestWork:
@@ -128,7 +131,7 @@ PARTS = (
         "Input driven in steps of speed, output free, warm: friction against speed.",
         ("input_speed_rpm", "input_torque_nm"),
         _no_load,
-        empty_run=True,
+        empty_run=("input",),
     ),
     ReducerTest(
         "efficiency",
@@ -137,7 +140,7 @@ PARTS = (
         ("output_torque_nm", "input_torque_nm"),
         _efficiency,
         loads_output=True,
-        empty_run=True,
+        empty_run=("input", "output"),
     ),
 )
 """What doesn't heat the reducer comes first."""

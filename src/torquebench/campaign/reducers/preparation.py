@@ -65,7 +65,10 @@ class Preparation:
 
 
 def preparations(
-    tests: Collection[ReducerTest], limits: ReducerLimits, settings: ReducerTestSettings
+    tests: Collection[ReducerTest],
+    limits: ReducerLimits,
+    settings: ReducerTestSettings,
+    rotating: Collection[Side] = (),
 ) -> list[Preparation]:
     """Return what has to be measured before some tests; one mounting after the other.
 
@@ -75,6 +78,9 @@ def preparations(
         The tests that follow.
     limits : ReducerLimits
     settings : ReducerTestSettings
+    rotating : collection of side
+        Sides whose measuring chain corrects what turning does to it: an empty run of theirs is
+        made only where the settings insist on it.
     """
     found = []
     twist = settings.bench_twist
@@ -98,7 +104,8 @@ def preparations(
             )
         )
     empty = settings.empty_run
-    if empty is not None and any(test.empty_run for test in tests):
+    turning = [side for test in tests for side in test.empty_run]
+    if empty is not None and (set(turning) - set(rotating) or (turning and settings.tare_always)):
         within = empty.within(limits)
 
         def emptied(known: Known, recording: Any) -> None:

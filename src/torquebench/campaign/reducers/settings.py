@@ -41,6 +41,8 @@ class ReducerTestSettings:
     empty_run : EmptyRunSettings or None
         How both shafts are turned alone before no-load torque and efficiency, so that what they
         read then is subtracted; None leaves it out.
+    tare_always : bool
+        Whether that is done although the measuring chains correct what turning does to them.
     twist_arcmin_per_nm : float or None
         The bench's own twist where it is known already, arcmin/(N·m); then it isn't measured.
     is_short : bool
@@ -53,6 +55,7 @@ class ReducerTestSettings:
     )
     bench_twist: BenchTwistSettings | None = field(default_factory=BenchTwistSettings)
     empty_run: EmptyRunSettings | None = field(default_factory=EmptyRunSettings)
+    tare_always: bool = False
     twist_arcmin_per_nm: float | None = None
     is_short: bool = False
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from torquebench import __version__
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests
@@ -52,7 +52,7 @@ def rehearse_reducer_test(
     """
     settings, limits = settings or ReducerTestSettings(), reducer_limits(reducer)
     tests, devices = chosen_tests(name), station.devices
-    before = preparations(tests, limits, settings)
+    before = preparations(tests, limits, settings, rotating_sides(station))
     parts = [
         _rehearsed(each.name, each.title, rehearse(devices, each.plan(devices))) for each in before
     ]
@@ -68,6 +68,15 @@ def rehearse_reducer_test(
             _check_calibrated(station, part)
         parts.append(part)
     return tuple(parts)
+
+
+def rotating_sides(station: Station) -> tuple[Side, ...]:
+    """Return the sides whose measuring chain corrects what turning does to it."""
+    acquisition = station.devices.context.acquisition
+    chains = {side: acquisition.compensation(side) for side in SIDES}
+    return tuple(
+        side for side, active in chains.items() if active is not None and active.corrects_rotation
+    )
 
 
 def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
@@ -193,7 +202,7 @@ def _all_parts(
     limits = reducer_limits(specimen.reducer)
     parts: list[tuple[str, str, Callable[[], ReducerTestOutcome | None]]] = [
         (each.name, each.title, partial(specimen.prepare, each))
-        for each in preparations(tests, limits, specimen.settings)
+        for each in preparations(tests, limits, specimen.settings, rotating_sides(station))
     ]
     parts += [(test.name, test.title, partial(specimen.test, test)) for test in tests]
     for part, title, action in parts:

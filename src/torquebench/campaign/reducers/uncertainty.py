@@ -91,10 +91,30 @@ def finite_temperature(temperature_c: FloatArray) -> FloatArray | None:
     return temperature_c if np.isfinite(temperature_c).all() else None
 
 
-def tare_remarks(bench: Bench) -> list[str]:
-    """Say whether an empty run was subtracted."""
+def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
+    """Say whether an empty run was subtracted, or what stands in its place."""
+    corrected = {
+        side: stated
+        for side, stated in running.stated.items()
+        if stated is not None and np.any(stated.added("bearing drag") != 0.0)
+    }
     if bench.tares:
-        return ["what the shafts read in an empty run is subtracted"]
+        found = ["what the shafts read in an empty run is subtracted"]
+        largest = {
+            side: float(np.max(np.abs([bench.tares[side].at(s).torque_nm for s in speeds])))
+            for side, speeds in running.speed_rpm.items()
+            if side in corrected
+        }
+        return found + [
+            f"beyond what the {side} measuring chain corrects, the empty run adds up to "
+            f"{value:.2g} N·m"
+            for side, value in largest.items()
+        ]
+    if corrected.keys() >= running.stated.keys():
+        return [
+            "the measuring chain corrects what speed does to its zero and what its bearings drag: "
+            "no empty run is needed"
+        ]
     return [
         "no empty run: what speed does to the zero, and the drag of the bench's bearings, stand "
         "in the torque and in its uncertainty"
@@ -176,12 +196,13 @@ def torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) ->
     kept = np.sqrt(sum(np.square(stated.component(name)) for name in _ZERO))
     turning = speed > 0.0
     by_speed = stated.component("zero over speed")[turning] / speed[turning]
+    drag = np.hypot(stated.component("bearing drag"), stated.component("running-in"))
     return TorqueUncertainty(
         relative=float(np.hypot(growing, root_mean_square(relative))),
         zero_nm=float(np.hypot(zeros, root_mean_square(kept))),
         model_nm=root_mean_square(rest),
         speed_nm_per_rpm=float(np.max(by_speed, initial=0.0)),
-        drag_nm=float(np.max(stated.component("bearing drag"), initial=0.0)),
+        drag_nm=float(np.max(drag, initial=0.0)),
         repeatability_nm=root_mean_square(stated.component("scatter")),
     )
 

@@ -34,7 +34,7 @@ from torquebench.reports.certificate.record import (
     Party,
     VerificationSummary,
 )
-from torquebench.reports.certificate.results import evaluate_results
+from torquebench.reports.certificate.results import evaluate_results, turning_budget, turning_range
 from torquebench.reports.certificate.source import Source, run_data
 from torquebench.reports.certificate.static import static_tables
 from torquebench.uncertainty import Verdict
@@ -221,6 +221,10 @@ def build_record(
         mounting_time=mounting.get("mounting_time", ""),
         lubrication=mounting.get("lubrication", ""),
         mounted_by=mounting.get("mounted_by", ""),
+        turning="" if source.chain is None else turning_range(source.chain),
+        turning_budget=None
+        if source.chain is None
+        else turning_budget(data, source.chain, source.reference),
     )
 
 

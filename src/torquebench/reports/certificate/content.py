@@ -1,10 +1,12 @@
 """What the PDF shows, in words and numbers of one language, for the template to lay out."""
 
+from collections.abc import Sequence
 from datetime import date
 from typing import Any
 
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
+    BudgetRow,
     CertificateRecord,
     Conformity,
     DeviationStatement,
@@ -52,6 +54,7 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
         "static": static_content(record, words),
         "results": _results(record, words),
         "budget": _budget(record, words),
+        "turning": _turning(record, words),
         "records": _records(record, words),
     }
 
@@ -280,6 +283,42 @@ def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
         "text": words[_word("budget_text", record)].format(
             torque=words.short(row.torque_nm), branch=_ARROWS[row.branch]
         ),
+        **_lines(record.budget, words),
+        "total": [
+            words["budget_total"],
+            f"k = {words.number(factor, 2)}; U = {expanded} N·m",
+            words.uncertainty(combined),
+            _freedom(record.budget_freedom, words),
+            f"{words.number(100.0, 0)} %",
+        ],
+    }
+
+
+def _turning(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
+    """Return the budget while it turns; None where that wasn't measured."""
+    found = record.turning_budget
+    if found is None:
+        return None
+    return {
+        "title": words["budget_turning"],
+        "text": words["budget_text_turning"].format(
+            torque=words.short(found.torque_nm),
+            speed=words.short(found.speed_rpm),
+            temperature=words.number(found.temperature_c, 1),
+        ),
+        **_lines(found.rows, words),
+        "total": [
+            words["budget_total"],
+            f"k = {words.number(found.factor, 2)}; U = {words.uncertainty(found.expanded_nm)} N·m",
+            words.uncertainty(found.expanded_nm / found.factor),
+            "",
+            f"{words.number(100.0, 0)} %",
+        ],
+    }
+
+
+def _lines(rows: Sequence[BudgetRow], words: Labels) -> dict[str, Any]:
+    return {
         "header": [words["quantity"], words["distribution"], "u / N·m", "ν", words["share"]],
         "rows": [
             [
@@ -289,14 +328,7 @@ def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
                 _freedom(line.degrees_of_freedom, words),
                 f"{words.number(100.0 * line.share, 1)} %",
             ]
-            for line in record.budget
-        ],
-        "total": [
-            words["budget_total"],
-            f"k = {words.number(factor, 2)}; U = {expanded} N·m",
-            words.uncertainty(combined),
-            _freedom(record.budget_freedom, words),
-            f"{words.number(100.0, 0)} %",
+            for line in rows
         ],
     }
 

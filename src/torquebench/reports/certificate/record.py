@@ -26,6 +26,7 @@ __all__ = [
     "StaticClass",
     "StaticRow",
     "StaticTable",
+    "TurningBudget",
     "VerificationSummary",
     "ZeroHysteresisStatement",
 ]
@@ -235,6 +236,27 @@ class Conformity:
 
 
 @dataclass(frozen=True)
+class TurningBudget:
+    """Budget of the compensated torque at the ends of what was measured while it turned.
+
+    Parameters
+    ----------
+    torque_nm, speed_rpm, temperature_c : float
+        Where it holds.
+    rows : tuple of BudgetRow
+    expanded_nm, factor : float
+        U in N·m and its coverage factor.
+    """
+
+    torque_nm: float
+    speed_rpm: float
+    temperature_c: float
+    rows: tuple[BudgetRow, ...]
+    expanded_nm: float
+    factor: float
+
+
+@dataclass(frozen=True)
 class VerificationSummary:
     """What a verification at fresh points found, against the verification standard.
 
@@ -384,6 +406,10 @@ class CertificateRecord:
     unreviewed : tuple of str
         What a second person or fresh points haven't confirmed, which every page then says:
         ``"unverified"``, ``"outside"``, ``"unchecked"``, ``"self_signed"``.
+    turning : str
+        Speeds, temperatures and accelerations that its effects were measured at; empty where none
+        were.
+    turning_budget : TurningBudget or None
     measured_by, checked_by, authorised_by : tuple of str
         Who did it, who looked over it, who answers for it.
     files : mapping of str to str
@@ -440,6 +466,13 @@ class CertificateRecord:
     loading_accuracy: str = stated(
         "Loading accuracy", "Genauigkeit der Belastung", "加载精度", default=""
     )
+    turning: str = stated(
+        "While it turns, the compensation holds for",
+        "Bei Drehung gilt die Kompensation für",
+        "转动时补偿的适用范围",
+        default="",
+    )
+    turning_budget: TurningBudget | None = None
     format: int = field(default=RECORD_FORMAT)
 
     @property

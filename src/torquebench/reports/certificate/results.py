@@ -9,10 +9,26 @@ from numpy.typing import NDArray
 
 from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE
 from torquebench.calibration import CalibrationData
-from torquebench.chain import Component, Effect, MeasuringChain, Shared, Temperature
+from torquebench.chain import (
+    Component,
+    Effect,
+    Inertia,
+    MeasuredRotation,
+    MeasuredTemperature,
+    MeasuringChain,
+    Readings,
+    Shared,
+    Temperature,
+)
 from torquebench.chain import Reference as ReferenceEffect
 from torquebench.compensation import make_model
-from torquebench.reports.certificate.record import BudgetRow, Conformity, Reference, ResultRow
+from torquebench.reports.certificate.record import (
+    BudgetRow,
+    Conformity,
+    Reference,
+    ResultRow,
+    TurningBudget,
+)
 from torquebench.uncertainty import (
     Budget,
     Decision,
@@ -24,7 +40,13 @@ from torquebench.uncertainty import (
     propagate,
 )
 
-__all__ = ["TEMPERATURE_PERCENT_PER_10K", "Results", "evaluate_results"]
+__all__ = [
+    "TEMPERATURE_PERCENT_PER_10K",
+    "Results",
+    "evaluate_results",
+    "turning_budget",
+    "turning_range",
+]
 
 TEMPERATURE_PERCENT_PER_10K = 0.1
 """Largest drift of zero and span of the transducers that the bench is built with, in % of range
@@ -124,6 +146,60 @@ def evaluate_results(
     )
 
 
+def turning_range(chain: MeasuringChain) -> str:
+    """Return at which speeds, temperatures and accelerations effects were measured; else ""."""
+    said = []
+    for each in chain.stored:
+        if isinstance(each, MeasuredRotation):
+            said.append(f"{each.low_rpm:.4g} … {each.high_rpm:.4g} 1/min")
+        elif isinstance(each, MeasuredTemperature):
+            said.append(f"{each.low_c:.3g} … {each.high_c:.3g} °C")
+        elif isinstance(each, Inertia):
+            said.append(f"≤ {each.largest_rad_s2:.3g} rad/s²")
+    return ", ".join(said)
+
+
+def turning_budget(
+    data: CalibrationData, chain: MeasuringChain, reference: Reference
+) -> TurningBudget | None:
+    """Return the budget at the largest torque and the ends of speed and temperature; None without.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        Of the calibration.
+    chain : MeasuringChain
+    reference : Reference
+    """
+    rotation = next((each for each in chain.stored if isinstance(each, MeasuredRotation)), None)
+    if rotation is None:
+        return None
+    farthest = max((rotation.low_c, rotation.high_c), key=lambda c: abs(c - rotation.calibrated_c))
+    fastest = max((rotation.low_rpm, rotation.high_rpm), key=abs)
+    largest = float(data.reading_nm[np.argmax(np.abs(data.standard_nm))])
+    torque = chain.with_effects([reference_of(reference, data.range_nm)]).torque(
+        Readings(
+            np.array([largest]),
+            branch=np.ones(1),
+            speed_rpm=fastest,
+            temperature_c=farthest,
+            acceleration_rad_s2=0.0,
+            zero_age_h=0.0,
+            zero_temperature_c=rotation.calibrated_c,
+            time_s=np.zeros(1),
+        )
+    )
+    budget = torque.budget()
+    return TurningBudget(
+        float(torque.value_nm[0]),
+        fastest,
+        farthest,
+        _budget_rows(budget),
+        budget.expanded_uncertainty(),
+        budget.coverage_factor(),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Steps:
     """Which points belong to which step: equal nominal torque, equal branch."""
@@ -192,7 +268,7 @@ class _Compensated:
     ) -> None:
         effects: list[Effect] = [reference_of(reference, data.range_nm)]
         known = {type(effect) for effect in chain.stored}
-        if data.temperature_c is not None and Temperature not in known:
+        if data.temperature_c is not None and not known & {Temperature, MeasuredTemperature}:
             effects.append(
                 Temperature(
                     "data sheet",

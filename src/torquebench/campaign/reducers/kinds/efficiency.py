@@ -58,7 +58,7 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, running: RunningRecordi
         output_uncertainty=other,
     )
     remarks = bench_remarks(bench, running.compensated, SIDES)
-    return Evaluated(result, (*remarks, *tare_remarks(bench), *drift_remarks(running)))
+    return Evaluated(result, (*remarks, *tare_remarks(bench, running), *drift_remarks(running)))
 
 
 def _figure(result: EfficiencyMap) -> str:

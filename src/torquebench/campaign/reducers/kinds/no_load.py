@@ -46,7 +46,7 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, running: RunningRecord
         tare=bench.tares.get("input"),
     )
     remarks = bench_remarks(bench, running.compensated, ("input",))
-    return Evaluated(result, (*remarks, *tare_remarks(bench), *drift_remarks(running)))
+    return Evaluated(result, (*remarks, *tare_remarks(bench, running), *drift_remarks(running)))
 
 
 def fitted_friction(result: FrictionResult, highest_rpm: float) -> Curve | None:

@@ -348,7 +348,13 @@ class RecordQueries:
         known = {each.serial for each in self._registry.equipment("transducer")}
         if transducer_serial not in known:
             raise NotFoundError(f"no transducer {transducer_serial[:80]!r}", ", ".join(known))
-        return drift_of(self._registry, transducer_serial, tolerance_percent=tolerance_percent)
+        models = self._registry.models(transducer_serial)
+        return drift_of(
+            self._registry,
+            transducer_serial,
+            tolerance_percent=tolerance_percent,
+            models=models,
+        )
 
     def transducers(self) -> list[str]:
         """Return the serial numbers of all registered transducers."""
