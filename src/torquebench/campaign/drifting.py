@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from torquebench.calibration import (
     propose_due_date,
 )
 from torquebench.campaign.calibration_comparison import SAME_RANGE
-from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature, load_chain
+from torquebench.chain import Effect, Inertia, MeasuredRotation, MeasuredTemperature, load_chain
 from torquebench.records import (
     CalibrationEntry,
     CheckEntry,
@@ -173,19 +173,19 @@ def _effects_over_time(
     Speeds and accelerations are the largest that all of them have.
     """
     chains = [
-        (entry, {type(effect): effect for effect in load_chain(entry.file).stored})
+        (entry, load_chain(entry.file).stored)
         for entry in sorted(models, key=lambda each: each.created)
         if _has_empty_runs(entry)
     ]
-    rotations = [known[MeasuredRotation] for _, known in chains if MeasuredRotation in known]
-    inertias = [known[Inertia] for _, known in chains if Inertia in known]
-    rpm = min((max(each.speeds_rpm) for each in rotations), default=0.0)
-    rad_s2 = min((each.largest_rad_s2 for each in inertias), default=0.0)
+    rotations = [_first(stored, MeasuredRotation) for _, stored in chains]
+    inertias = [_first(stored, Inertia) for _, stored in chains]
+    rpm = min((max(each.speeds_rpm) for each in rotations if each is not None), default=0.0)
+    rad_s2 = min((each.largest_rad_s2 for each in inertias if each is not None), default=0.0)
     found: dict[tuple[str, str], list[tuple[datetime, float, bool]]] = {}
-    for entry, known in chains:
+    for (entry, stored), rotation, inertia in zip(chains, rotations, inertias, strict=True):
         percent = 100.0 / entry.range_nm
         values: dict[tuple[str, str], float] = {}
-        warmth, rotation = known.get(MeasuredTemperature), known.get(MeasuredRotation)
+        warmth = _first(stored, MeasuredTemperature)
         if warmth is not None and warmth.high_c > warmth.low_c:
             per_10k = 10.0 / (warmth.high_c - warmth.low_c)
             ends = [warmth.low_c, warmth.high_c]
@@ -201,14 +201,22 @@ def _effects_over_time(
             ):
                 columns = zip(*table, strict=True)
                 at_speed = [np.interp(rpm, rotation.speeds_rpm, each) for each in columns]
-                value = np.interp(rotation.calibrated_c, rotation.at_c, at_speed)
-                values[title, "% FS"] = percent * float(value)
-        if Inertia in known:
-            torque = known[Inertia].moment_nm_s2 * rad_s2
+                now = float(np.interp(rotation.calibrated_c, rotation.at_c, at_speed))
+                values[title, "% FS"] = percent * now
+        if inertia is not None:
+            torque = inertia.moment_nm_s2 * rad_s2
             values[f"Inertia's torque at {rad_s2:.3g} rad/s²", "% FS"] = percent * torque
-        for name, value in values.items():
-            found.setdefault(name, []).append((entry.created, value, entry.simulated))
+        for name, size in values.items():
+            found.setdefault(name, []).append((entry.created, size, entry.simulated))
     return [(title, unit, known) for (title, unit), known in found.items() if len(known) > 1]
+
+
+_Kind = TypeVar("_Kind", bound=Effect)
+
+
+def _first(effects: Sequence[Effect], kind: type[_Kind]) -> _Kind | None:
+    """Return the effect of a kind; None where there is none."""
+    return next((each for each in effects if isinstance(each, kind)), None)
 
 
 def _has_empty_runs(entry: ModelEntry) -> bool:
