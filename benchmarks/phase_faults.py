@@ -28,6 +28,7 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from tests.system.command_line import laboratory
 
 import torquebench.campaign.fitting
 import torquebench.campaign.modules
@@ -274,6 +275,7 @@ def _command(
 
 def one_phase_fault(kind: PhaseKind, when: int, data: Path, *, real_time: bool = False) -> Outcome:
     """Break a calibration or its certificate once, do what the next start says, and judge."""
+    laboratory(data)  # its certificates state that nobody has verified or checked
     measured = (*CALIBRATE, "--real-time") if real_time else CALIBRATE
     certificate = ("certificate", "latest")
     problems: list[str] = []

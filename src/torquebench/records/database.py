@@ -361,7 +361,7 @@ def database_failures(what: str) -> Iterator[None]:
     """
     try:
         yield
-    except SQLAlchemyError as error:
+    except (SQLAlchemyError, ConnectionError) as error:
         raise _kind_of(error)(
             f"{what} failed: {_cause(error)}",
             "a database that can be read and written",
@@ -478,8 +478,10 @@ def engine_of(url: URL) -> Engine:
 
 
 def _note_disconnect(context: ExceptionContext) -> None:
-    # A server that shuts down says so by a code, which SQLAlchemy's dialect doesn't look at.
-    if _code(context.original_exception).startswith(DISCONNECTING):
+    # A server that shuts down says so by a code, which SQLAlchemy's dialect doesn't look at; one
+    # that has gone between question and answer leaves the socket's own error.
+    error = context.original_exception
+    if isinstance(error, ConnectionError) or _code(error).startswith(DISCONNECTING):
         context.is_disconnect = True
 
 
@@ -489,9 +491,9 @@ def _code(error: BaseException | None) -> str:
     return str(fields.get("C", "")) if isinstance(fields, dict) else ""
 
 
-def _kind_of(error: SQLAlchemyError) -> type[RecordError]:
+def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
     """Return which error stands for one of the database."""
-    if isinstance(error, OperationalError | InterfaceError) or (
+    if isinstance(error, OperationalError | InterfaceError | ConnectionError) or (
         isinstance(error, DBAPIError)
         and (error.connection_invalidated or _code(error.orig).startswith(PASSING))
     ):
@@ -499,7 +501,7 @@ def _kind_of(error: SQLAlchemyError) -> type[RecordError]:
     return RecordError
 
 
-def _cause(error: SQLAlchemyError) -> str:
+def _cause(error: SQLAlchemyError | ConnectionError) -> str:
     """Return what the database itself said, without the statement and its parameters."""
     said = getattr(error, "orig", None)
     if said is None:
