@@ -3,13 +3,16 @@ import threading
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sqlalchemy import make_url
 
 from torquebench.calibration import CalibrationData, verify
 from torquebench.errors import ModelMismatchError, RecordError
-from torquebench.records import Equipment, Registry, RunFolder, RunSummary
+from torquebench.records import Equipment, Registry, RunFolder, RunSummary, UnavailableError
+from torquebench.records.database import database_failures, engine_of
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 
@@ -237,3 +240,18 @@ def test_runs_are_entered_from_several_threads(registry):
     for thread in threads:
         thread.join()
     assert len(registry.runs()) == 15
+
+
+GONE = ConnectionResetError(104, "reset"), BrokenPipeError(32, "broken")
+
+
+@pytest.mark.parametrize("gone", GONE)
+def test_a_server_that_goes_between_question_and_answer_is_tried_again(gone):
+    # PostgreSQL's driver lets the socket's own error through there.
+    with pytest.raises(UnavailableError, match=gone.strerror), database_failures("the registry"):
+        raise gone
+    engine = engine_of(make_url("postgresql+pg8000://nobody@/none"))
+    context = SimpleNamespace(original_exception=gone, is_disconnect=False)
+    for noted in engine.dialect.dispatch.handle_error:
+        noted(context)
+    assert context.is_disconnect, "the connection isn't used again"
