@@ -117,8 +117,7 @@ def private_folder(folder: Path) -> None:
     """
     for each in (*reversed(folder.parents), folder):
         if not each.is_dir():
-            with contextlib.suppress(FileExistsError):  # somebody was faster
-                each.mkdir(mode=0o700)
+            each.mkdir(mode=0o700, exist_ok=True)  # somebody may be faster; a file is an error
 
 
 def create_private(path: Path) -> io.FileIO:
