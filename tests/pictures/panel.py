@@ -1,13 +1,14 @@
 """Screenshots of the panel on the simulated bench, light and dark."""
 
-import contextlib
 import re
+import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from selenium.webdriver.common.by import By
-from tests.system.panel_browser import PEOPLE, Panel, Visitor, browser, running_panel
+from tests.system.command_line import COMMAND, environment
+from tests.system.panel_browser import PEOPLE, Visitor, browser, running_panel
 
 SIZE = (1200, 820)
 LIVE_TORQUE = 1000.0
@@ -53,12 +54,19 @@ def make(images: Path, scratch: Path) -> Iterator[Path]:
         ben.open("/records")
         yield from photographed(ben, folder / "records.png")
         panel.end()
+    yield from live(folder, scratch / "live")
+
+
+def live(folder: Path, scratch: Path) -> Iterator[Path]:
+    """Photograph the live page under load, the alarms after a stop, and the settings."""
+    scratch.mkdir()
+    command = [COMMAND, "calibrate", "output", "--step-percent", "10", "--data", "data"]
+    subprocess.run(command, cwd=scratch, env=environment(), check=True, capture_output=True)
     with (
-        running_again(scratch) as panel,
-        browser(panel, scratch / "real", width=SIZE[0], height=SIZE[1]) as ana,
+        running_panel(scratch) as panel,
+        browser(panel, scratch / "ana", width=SIZE[0], height=SIZE[1]) as ana,
     ):
         ana.sign_in("Ana", "/calibrate")
-        ana.choose("Step of the staircase, % of range", "50")
         ana.sees("What would happen")
         ana.press("Mount the calibrator and begin")
         ana.open("/")
@@ -69,23 +77,8 @@ def make(images: Path, scratch: Path) -> Iterator[Path]:
         ana.open("/alarms")
         ana.sees("Stopped by a person")
         yield from photographed(ana, folder / "alarms-stopped.png")
-    with (
-        running_again(scratch) as panel,
-        browser(panel, scratch / "settings", width=SIZE[0], height=SIZE[1]) as admin,
-    ):
-        admin.sign_in("Admin", "/settings")
-        yield from photographed(admin, folder / "settings.png")
-
-
-@contextlib.contextmanager
-def running_again(folder: Path) -> Iterator[Panel]:
-    """Serve the same records in real time."""
-    panel = Panel(folder)
-    panel.start()
-    try:
-        yield panel
-    finally:
-        panel.end()
+        ana.open("/settings")
+        yield from photographed(ana, folder / "settings.png")
 
 
 def largest_torque(visitor: Visitor) -> float:

@@ -81,7 +81,7 @@ def test_stop_acts_at_once_and_is_acknowledged_by_name(person: Visitor) -> None:
     person.sees("Stopped by a person")
     assert "by Admin" in person.text
     person.press("Acknowledge as Admin")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
     person.sees("acknowledged by Admin")
 
 
@@ -92,7 +92,7 @@ def test_somebody_not_signed_in_can_stop_but_not_look(person: Visitor, stranger:
     person.open("/alarms")
     person.sees("somebody not signed in")
     person.press("Acknowledge as Admin")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
 
 
 def test_wrong_passwords_are_refused_and_nobody_is_sent_elsewhere(
@@ -151,7 +151,7 @@ def test_everything_is_reached_by_keyboard(person: Visitor) -> None:
     body.send_keys(Keys.TAB)
     assert person.driver.switch_to.active_element.text == "Skip to the page's content"
     person.driver.switch_to.active_element.send_keys(Keys.ALT, "6")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
     menu = person.driver.find_element(By.CSS_SELECTOR, "[aria-label='Menu']")
     menu.send_keys(Keys.ENTER)
     person.sees("F8: stop the bench")
@@ -183,7 +183,7 @@ def test_chinese_and_dark_are_chosen_in_the_menu(person: Visitor) -> None:
     assert person.axe() == []
     person.driver.find_element(By.CSS_SELECTOR, "[aria-label='菜单']").click()
     person.press("English")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
 
 
 def test_a_dialog_is_in_its_place_from_the_first_moment(person: Visitor) -> None:
@@ -276,7 +276,7 @@ def test_a_press_of_what_changes_while_the_mouse_is_down_is_answered(
     person.sees("The page changed while “Acknowledge as Admin” was pressed: nothing was done.")
     person.wait(lambda: person.text.count("somebody not signed in") > strangers, "the second alarm")
     person.press("Acknowledge as Admin")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
 
 
 def test_a_button_that_needs_the_server_says_when_it_is_not_ready(person: Visitor) -> None:

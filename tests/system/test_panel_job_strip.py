@@ -54,7 +54,7 @@ def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
     person.driver.find_element(By.CSS_SELECTOR, ".messages [aria-label]").click()
     person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
     person.open("/alarms")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
     assert "Calibration: aborted" not in person.text
     assert person.problems() == []
 
@@ -68,7 +68,7 @@ def test_a_server_that_died_says_so_to_who_had_started_something(
     panel.end(signal.SIGKILL)
     panel.start()
     person.sign_in("Ben", "/alarms")
-    person.sees("No alarm stands")
+    person.sees("No active alarms")
     assert "interrupted" not in person.text
     person.driver.delete_all_cookies()
     person.sign_in("Admin", "/alarms")

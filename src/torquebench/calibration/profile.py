@@ -60,7 +60,7 @@ class Zero(_Settings):
 
 
 class Preload(_Settings):
-    """How often a preload is applied and taken off before the first series of a position.
+    """How often a preload is applied and removed before the first series of a position.
 
     `percent` is its torque in % of full scale, which it is where nothing else is said.
     """

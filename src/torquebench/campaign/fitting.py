@@ -157,7 +157,7 @@ class FittedModel:
     seconds : float
         Duration of the fit, s.
     remarks : tuple of str
-        What the fit warned of: wild points, averaged points.
+        What the fit warned of: outliers, averaged points.
     effects : tuple of Effect
         What else is known of the measuring chain.
     contradictions : tuple of Contradiction
@@ -346,7 +346,7 @@ def fit_table(
     progress : Progress
         Told one stage, and one more of the comparison.
     outliers : {"downweight", "refuse", "keep"}
-        What happens to wild points; all are kept where the points contradict each other.
+        What happens to outliers; all are kept if the points contradict each other.
     compared : bool, default False
         Whether to compare all kinds by cross-validation as well; that takes many fits.
     limits : Plausibility, optional
@@ -357,7 +357,7 @@ def fit_table(
     Raises
     ------
     InputError
-        An unknown model, points that it doesn't take, or a wild point that is to be refused.
+        An unknown model, points that it doesn't take, or an outlier that is to be refused.
     """
     limits = limits or Plausibility()
     outliers = _kept_points(data, limits).get("outliers", outliers)

@@ -57,7 +57,7 @@ def calibrate(
     side: Annotated[Sides | None, typer.Argument(help="Which module.", show_default=False)] = None,
     bench: BenchOption = None,
     profile: Annotated[
-        str, typer.Option(help="A profile's name, or the path of an own profile (.toml).")
+        str, typer.Option(help="A profile's name, or the path of a .toml file.")
     ] = "rapid-in-situ",
     rising_only: Annotated[
         bool, typer.Option("--rising-only", help="Load rising series only, as the sources do.")
@@ -152,7 +152,7 @@ def calibrate(
         raise InputError(
             f"profile {chosen.name} for a calibration",
             "a profile of steps",
-            "give rapid-in-situ, adaptive, staircase, reversing, small-torques or an own one",
+            "give rapid-in-situ, adaptive, staircase, reversing, small-torques or the path of a .toml file",
         )
     choice, found = _choice(model, parameter), mounting_record(mounting)
     check_reports(report or [])

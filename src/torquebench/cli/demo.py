@@ -45,7 +45,7 @@ def demo(
     ] = None,
     preset: Annotated[Preset | None, typer.Option(help="How good the simulated bench is.")] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer points and groups: a look in a few seconds.")
+        bool, typer.Option("--quick", help="Fewer points and groups: takes a few seconds.")
     ] = False,
     report: Annotated[Path, typer.Option("--out", help="The HTML report to write.")] = Path(
         "torquebench-demo.html"

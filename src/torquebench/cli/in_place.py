@@ -47,7 +47,7 @@ def in_place(
         ),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer points: a look in a few seconds.")
+        bool, typer.Option("--quick", help="Fewer points: takes a few seconds.")
     ] = False,
     report: Annotated[
         list[Path] | None,

@@ -61,7 +61,7 @@ def papers(
         bool, typer.Option("--study/--no-study", help="When does BP beat the polynomial?")
     ] = True,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Few points, one bench: a look in a minute.")
+        bool, typer.Option("--quick", help="Few points, one bench; takes about a minute.")
     ] = False,
     records: Annotated[
         Path | None,

@@ -60,7 +60,7 @@ def resume_run(
         )
     description = _recorded(interrupted) if bench is None else load_bench(bench)
     note(
-        f"going on with {interrupted.run_ids[-1]} at series {interrupted.series}: "
+        f"resuming {interrupted.run_ids[-1]} at series {interrupted.series}: "
         f"{len(interrupted.kept)} points are kept, {interrupted.repeated} are measured again"
     )
     if interrupted.damaged:

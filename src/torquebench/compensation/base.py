@@ -88,7 +88,7 @@ class CompensationModel(Estimator, ABC):
     range_margin : float, default 0.02
         Share of the calibrated range by which a reading may lie outside it.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
-        What happens to a wild point: it is named in an `OutlierWarning` and its standard deviation
+        What happens to an outlier: it is named in an `OutlierWarning` and its standard deviation
         taken as large as its deviation, or named in an `InputError`, or not looked for.
 
     Attributes
@@ -187,7 +187,7 @@ class CompensationModel(Estimator, ABC):
         ------
         InputError
             NaN, too few points, a constant reading, contradictory duplicates, readings beyond
-            `range_nm`, a wild point (with ``outliers="refuse"``), a parameter out of its limits.
+            `range_nm`, an outlier (with ``outliers="refuse"``), a parameter out of its limits.
         """
         self.check_parameters()
         X_checked, y_checked = self._validated(by_names(X), y)

@@ -310,7 +310,7 @@ def compare(
     folds : int, default 10
         Number of folds; one for every step where there are fewer than twice as many steps.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
-        What happens to wild points, as in `CompensationModel`; candidates that are given as models
+        What happens to outliers, as in `CompensationModel`; candidates that are given as models
         keep their own choice. Kept points are scored like all others.
     progress : callable, optional
         Called with the fraction done and a sentence.

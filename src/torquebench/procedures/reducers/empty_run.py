@@ -1,4 +1,4 @@
-"""The empty run: both shafts turn alone, so that what they read then can be taken off a test."""
+"""The empty run: both shafts turn alone, so that their reading can be subtracted."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class EmptyRunSettings:
         Rising input speeds above 0, 1/min; each in both directions. The output turns by as much
         less as it does through the reducer.
     repeats : int
-        How often all speeds are driven. What is taken off scatters as the test itself does, so
+        How often all speeds are driven. What is subtracted scatters as the test itself does, so
         that few repeats here would spoil many there.
     settle_s, window_s : float
         Time after a speed is reached, and the shortest window; it is lengthened to whole input

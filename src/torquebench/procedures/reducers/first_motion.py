@@ -121,7 +121,7 @@ class Breakaway:
     recording : SynchronousRecording
         From before the ramp until after the motion.
     standing_nm : float
-        Compensated torque of a reading of 0, to be taken off, N·m.
+        Compensated torque of a reading of 0, to be subtracted, N·m.
     """
 
     position_deg: float

@@ -42,7 +42,7 @@ TURN_RPM = 300.0
 """Input speed at most while the output is turned to another position, 1/min."""
 GENTLE_RPM_PER_S = 300.0
 """How fast the input's speed changes between small torques, (1/min)/s. A quicker change loads the
-transducer with the shafts' inertia, and its parts seat anew."""
+transducer with the shafts' inertia, and its parts re-seat."""
 RATIO_TOLERANCE = 0.01
 RATIO_TOLERANCE_RAD = np.radians(0.25)
 

@@ -114,7 +114,7 @@ class TransmissionRecording:
     counts_per_revolution : mapping of side to int
         Of the encoders.
     certified_rad : mapping of side to float
-        Standard uncertainty of the angles of encoders whose certificate was taken off, rad.
+        Standard uncertainty of the angles of encoders whose certificate was corrected for, rad.
     """
 
     directions: tuple[AngleRecording, ...]
