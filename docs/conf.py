@@ -2,8 +2,9 @@
 
 import re
 import sys
-from importlib.metadata import version as version_of
 from pathlib import Path
+
+from torquebench import __version__
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "_extensions"))
@@ -11,7 +12,7 @@ sys.path.insert(0, str(HERE / "_extensions"))
 project = "torquebench"
 author = "The torquebench developers"
 copyright = "the torquebench developers, MIT licence"  # noqa: A001 - Sphinx's name
-version = release = version_of("torquebench")
+version = release = __version__
 
 extensions = [
     "myst_parser",

@@ -8,19 +8,9 @@ The pure packages (`signals`, `mechanics`, `uncertainty`, `compensation`, `calib
 `station`, `reports` and `cli` are the edge that moves devices and writes files.
 """
 
-from typing import Any
-
 import lazy_loader
 
-_named, __dir__, _public = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _public = lazy_loader.attach_stub(__name__, __file__)
 __all__ = ["__version__", *_public]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name, or look the version up, when somebody asks: both take their time."""
-    if name != "__version__":
-        return _named(name)
-    from importlib.metadata import version
-
-    globals()[name] = version("torquebench")
-    return globals()[name]
+__version__ = "0.2.0"

@@ -76,7 +76,7 @@ def live(folder: Path, scratch: Path) -> Iterator[Path]:
         ana.sees("The bench is stopped")
         ana.open("/alarms")
         ana.sees("Stopped by a person")
-        yield from photographed(ana, folder / "alarms-stopped.png")
+        yield from photographed(ana, folder / "alarms.png")
         ana.open("/settings")
         yield from photographed(ana, folder / "settings.png")
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -55,24 +56,53 @@ def test_a_command_that_needs_an_extra_names_it(tmp_path: Path, command: str, ex
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_wheel_holds_every_file_of_the_package_and_runs(tmp_path: Path) -> None:
-    build = "from hatchling.builders.wheel import WheelBuilder; import sys;"
-    build += "print(*WheelBuilder(sys.argv[1]).build(directory=sys.argv[2], versions=['standard']))"
-    subprocess.run([sys.executable, "-c", build, str(ROOT), str(tmp_path)], check=True)
-    wheel = next(tmp_path.glob("*.whl"))
+def built(builder: str, source: Path, into: Path) -> Path:
+    """Build a wheel or an sdist as `pip` and `python -m build` do."""
+    code = (
+        f"from hatchling.builders.{builder} import {builder.capitalize()}Builder as B; import sys;"
+    )
+    code += "print(*B(sys.argv[1]).build(directory=sys.argv[2], versions=['standard']))"
+    command = [sys.executable, "-c", code, str(source), str(into)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return Path(done.stdout.split()[-1])
+
+
+def packed(wheel: Path) -> set[str]:
     with zipfile.ZipFile(wheel) as archive:
-        packed = {name for name in archive.namelist() if name.startswith("torquebench/")}
-        archive.extractall(tmp_path / "installed")
+        return {name for name in archive.namelist() if name.startswith("torquebench/")}
+
+
+def test_wheel_and_sdist_hold_every_file_and_the_installed_wheel_runs_the_demo(
+    tmp_path: Path,
+) -> None:
+    wheel = built("wheel", ROOT, tmp_path)
+    sdist = built("sdist", ROOT, tmp_path)
+    with tarfile.open(sdist) as archive:
+        archive.extractall(tmp_path, filter="data")
+    unpacked = next(path for path in tmp_path.iterdir() if path.is_dir())
+    again = built("wheel", unpacked, tmp_path / "again")
     listed = subprocess.run(
         ["git", "ls-files", "src"], cwd=ROOT, check=True, capture_output=True, text=True
     ).stdout.split()
-    assert packed == {name.removeprefix("src/") for name in listed}
-    said = subprocess.run(
-        [sys.executable, "-m", "torquebench", "--version"],
-        cwd=tmp_path,
-        env=environment() | {"PYTHONPATH": str(tmp_path / "installed")},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    assert said.stdout.split()[1] in wheel.name
+    assert packed(wheel) == packed(again) == {name.removeprefix("src/") for name in listed}
+    assert "torquebench/py.typed" in packed(wheel)
+
+    installed = tmp_path / "installed"
+    install = ["-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target"]
+    subprocess.run([sys.executable, *install, str(installed), str(wheel)], check=True)
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    command = [sys.executable, str(installed / "bin" / "torquebench")]
+    for arguments in (["--version"], ["demo", "--quick", "--quiet"]):
+        done = subprocess.run(
+            [*command, *arguments],
+            cwd=folder,
+            env=environment() | {"PYTHONPATH": str(installed)},
+            check=False,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+        if "--version" in arguments:
+            assert done.stdout.split()[1] in wheel.name
+    assert (folder / "torquebench-demo.html").is_file()

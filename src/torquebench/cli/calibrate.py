@@ -152,7 +152,7 @@ def calibrate(
         raise InputError(
             f"profile {chosen.name} for a calibration",
             "a profile of steps",
-            "give rapid-in-situ, adaptive, staircase, reversing, small-torques or the path of a .toml file",
+            "give rapid-in-situ, adaptive, staircase, reversing, small-torques or a .toml file",
         )
     choice, found = _choice(model, parameter), mounting_record(mounting)
     check_reports(report or [])
