@@ -285,7 +285,8 @@ def apply(
         chain = chain.with_effects([filtering])
     if without:
         chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
-    stream = RecordedStream(chain)
+    timed = chain.turns or filtering is not None
+    stream = RecordedStream(chain) if timed else None
     unmeasured: dict[str, None] = {}
 
     def known(table: ReadingsTable) -> Readings:
@@ -304,6 +305,7 @@ def apply(
     def follow(
         table: ReadingsTable, following: ReadingsTable | None
     ) -> tuple[NDArray[np.float64], ...]:
+        assert stream is not None
         block = known(table)
         if filtering is not None:
             filtering.check_rate(block.time_s)
@@ -326,7 +328,7 @@ def apply(
             readings,
             result,
             compensate,
-            timed=follow if chain.turns or filtering is not None else None,
+            timed=follow if timed else None,
             mapping=column or (),
             progress=show,
         )

@@ -62,7 +62,7 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-_ROWS_AT_ONCE = 8192  # a prediction's memory stays bounded, and in cache
+_ROWS_AT_ONCE = 2048  # a prediction's memory stays bounded, and in cache
 
 
 class CompensationModel(Estimator, ABC):
@@ -255,6 +255,39 @@ class CompensationModel(Estimator, ABC):
                 if of_rows is not None:
                     std[rows] = of_rows
         return (torque, std) if return_std else torque
+
+    def curve_uncertainty(self, X: ArrayLike) -> FloatArray:
+        """Return the standard uncertainty of the model's curve alone, as `predict` returns it.
+
+        Parameters
+        ----------
+        X : array of shape (n, k)
+            As many columns as `fit` was given.
+
+        Returns
+        -------
+        float64 array of shape (n,), in N·m
+
+        Raises
+        ------
+        InputError
+            As `predict`.
+        """
+        self._require_fit()
+        X_checked = self._validated_rows(by_names(X, self.n_features_in_))
+        self._refuse_outside_range(X_checked[:, 0])
+        std = np.empty(X_checked.shape[0])
+        with single_blas_thread():
+            for start in range(0, std.size, _ROWS_AT_ONCE):
+                rows = slice(start, start + _ROWS_AT_ONCE)
+                std[rows] = self._curve_uncertainty(X_checked[rows])
+        return std
+
+    def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
+        """Return what `_predict` returns beside the torque; overridden where that takes less."""
+        std = self._predict(X, True)[1]
+        assert std is not None
+        return std
 
     def additional_torque(self, X: ArrayLike) -> FloatArray:
         """Return the additional torque, compensated torque - reading, in N·m.

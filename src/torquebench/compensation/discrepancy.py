@@ -212,8 +212,13 @@ class DiscrepancyUncertainty(CompensationModel):
         torque, _ = self.estimator_._predict(X, return_std=False)
         if not return_std:
             return torque, None
+        return torque, self._curve_uncertainty(X)
+
+    def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
+        if self.uncertainty_ is None:
+            return self.estimator_._curve_uncertainty(X)
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
-        return torque, self.full_scale_nm_ * self.uncertainty_.at(u, branch)
+        return np.asarray(self.full_scale_nm_ * self.uncertainty_.at(u, branch))
 
 
 def fit_posterior(

@@ -256,7 +256,7 @@ def compile_table(
         return model.predict(rows(reading, branch))
 
     def deviation(reading: FloatArray, branch: int) -> FloatArray:
-        return model.predict(rows(reading, branch), return_std=True)[1]
+        return model.curve_uncertainty(rows(reading, branch))
 
     def follow(curve: Curve, gain: float, name: str, within: float) -> PiecewisePolynomial:
         limits = (float(model.reading_low_nm_), float(model.reading_high_nm_))

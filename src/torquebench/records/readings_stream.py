@@ -42,6 +42,7 @@ Follow = Callable[[ReadingsTable, ReadingsTable | None], tuple[NDArray[np.float6
 
 _BLOCK_BYTES = 1 << 21
 _BLOCK_ROWS = 1 << 16
+_GROUP_ROWS = 1 << 20  # of a row group, as PyArrow writes them
 _HEAD_LINES = 6
 _WORKERS = 2
 _WAITING = 1
@@ -511,6 +512,7 @@ class _ParquetSink:
         self._file, self._source = file, source
         self._writer: Any = None
         self._schema: Any = None
+        self._waiting: list[Any] = []
 
     def encoded(self, block: _Block, added: tuple[NDArray[np.float64], ...]) -> Any:
         """Return a block as a table."""
@@ -545,11 +547,22 @@ class _ParquetSink:
         return pa.schema(fields, metadata=self._source.remarks or None)
 
     def write(self, table: Any) -> None:
-        """Append a row group."""
+        """Append rows; they are written when they fill a row group."""
+        self._waiting.append(table)
+        if sum(each.num_rows for each in self._waiting) >= _GROUP_ROWS:
+            self._write_group()
+
+    def _write_group(self) -> None:
+        group = pa.concat_tables(self._waiting)
         if self._writer is None:
-            self._writer = pq.ParquetWriter(self._file, table.schema)
-        self._writer.write_table(table)
+            # hardly a torque occurs twice: a dictionary of them costs time and saves nothing
+            own = [name for name in group.column_names if name not in ADDED_COLUMNS]
+            self._writer = pq.ParquetWriter(self._file, group.schema, use_dictionary=own)
+        self._writer.write_table(group, row_group_size=_GROUP_ROWS)
+        self._waiting = []
 
     def close(self) -> None:
-        """Write what a Parquet file ends with."""
+        """Write what is left and what a Parquet file ends with."""
+        if self._waiting:
+            self._write_group()
         self._writer.close()

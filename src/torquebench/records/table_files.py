@@ -225,7 +225,7 @@ def open_table(path: Path, opened: ExitStack) -> ArrowFile:
 def _open_parquet(path: Path, _: str, opened: ExitStack) -> ArrowFile:
     import pyarrow.parquet as pq
 
-    file = opened.enter_context(pq.ParquetFile(path))
+    file = opened.enter_context(pq.ParquetFile(path, pre_buffer=False))
 
     def batches(rows: int) -> Iterator[Any]:
         return iter(file.iter_batches(rows))

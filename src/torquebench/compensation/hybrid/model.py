@@ -191,7 +191,11 @@ class HybridModel(CompensationModel):
         torque = X[:, 0] + self.full_scale_nm_ * self._mean(u, branch)
         if not return_std:
             return torque, None
-        return torque, self.full_scale_nm_ * self.uncertainty_.at(u, branch)
+        return torque, self._curve_uncertainty(X)
+
+    def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
+        u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
+        return np.asarray(self.full_scale_nm_ * self.uncertainty_.at(u, branch))
 
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the mean additional torque as a fraction of full scale."""
