@@ -156,3 +156,36 @@ def test_what_takes_seconds_says_first_what_it_does(
     )
     said, heavy = json.loads(told.stdout.splitlines()[-1])
     assert (words in said, heavy) == (True, [])
+
+
+@pytest.mark.parametrize(
+    ("command", "not_needed"),
+    [
+        (
+            "apply model.json plain.csv --out torque.parquet",
+            ["matplotlib", "pandas", "scipy.optimize", "scipy.signal", "sklearn"],
+        ),
+        (
+            "fit calibration.csv --model polynomial --out other.json",
+            ["pandas", "pyarrow", "scipy.interpolate", "scipy.optimize", "sklearn"],
+        ),
+        (
+            "verify model.json verification.csv",
+            ["matplotlib", "pandas", "pyarrow", "scipy.signal", "sklearn"],
+        ),
+    ],
+)
+def test_a_command_imports_only_what_it_needs(
+    tmp_path: Path, command: str, not_needed: list[str]
+) -> None:
+    examples = Path(__file__).parents[2] / "examples"
+    (tmp_path / "plain.csv").write_text("reading_nm\n12.5\n")
+    for name in ("calibration", "verification"):
+        (tmp_path / f"{name}.csv").write_bytes((examples / f"{name}-output.csv").read_bytes())
+    if "model.json" in command:
+        fitted = ["fit", "calibration.csv", "--model", "polynomial", "--out", "model.json"]
+        made = f"import sys; sys.argv = {['torquebench', *fitted]!r}; "
+        made += "from torquebench.cli import main; main()"
+        subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True, capture_output=True)
+    ((_, code, imported, said),) = answers(tmp_path, not_needed, command)
+    assert (code, imported) == (0, []), said

@@ -19,7 +19,7 @@ from torquebench.records.columns import (
     word_values,
 )
 from torquebench.records.csv_text import CsvTable
-from torquebench.records.table_files import cell_texts, headers, remarks_of
+from torquebench.records.table_files import cell_texts, headers, numbers_of, remarks_of
 from torquebench.records.tables import READING_QUANTITIES, ReadingsTable
 
 __all__ = ["NUMBERS", "ArrowReadings"]
@@ -84,7 +84,7 @@ class ArrowReadings:
 
     def _numbers(self, column: Any, header: str, before: int) -> NDArray[np.float64]:
         try:
-            values = np.asarray(pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False))
+            values = numbers_of(pc.cast(column, pa.float64()))
         except pa.ArrowInvalid as error:
             raise InputError(f"{self.origin}, column {header}: {error}", "numbers") from error
         bad = np.flatnonzero(~np.isfinite(values))
@@ -106,7 +106,7 @@ class ArrowReadings:
         encoded = column.dictionary_encode(null_encoding="encode")
         meaning = word_values(name)
         words = cell_texts(encoded.dictionary)
-        places = np.asarray(encoded.indices)
+        places = numbers_of(encoded.indices)
         for number, word in enumerate(words):
             if word.lower() not in meaning:
                 row = before + int(np.argmax(places == number)) + 1

@@ -24,7 +24,7 @@ from torquebench.errors import InputError
 from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import csv_encoding, is_comment, parse_csv
-from torquebench.records.table_files import ArrowFile, open_table
+from torquebench.records.table_files import ArrowFile, numbers_of, open_table
 from torquebench.records.table_formats import check_read, check_written, is_csv, is_parquet
 from torquebench.records.tables import (
     ADDED_COLUMNS,
@@ -360,7 +360,7 @@ class _CsvSource:
             if pc.any(pc.match_substring(column, ".")).as_py():
                 raise ValueError
             column = pc.replace_substring(column, ",", ".")
-        values = pc.cast(pc.utf8_trim_whitespace(column), pa.float64()).to_numpy()
+        values = numbers_of(pc.cast(pc.utf8_trim_whitespace(column), pa.float64()))
         if not np.isfinite(values).all():
             raise ValueError
         return np.asarray(values if factor == 1.0 else values * factor)
@@ -375,7 +375,7 @@ class _CsvSource:
         if found.null_count:
             raise ValueError
         signs = np.array(list(meaning.values()), dtype=np.int8)
-        return np.asarray(signs[found.to_numpy()])
+        return np.asarray(signs[numbers_of(found)])
 
     def _careful(self, content: bytes, before: int) -> _Block | None:
         """Read a piece cell by cell, as small tables are."""
@@ -451,6 +451,12 @@ class _ArrowSource:
         return _Block(pa.Table.from_batches([batch]), self._columns.readings(batch, before))
 
 
+def _numbers(values: NDArray[np.float64]) -> Any:
+    """Return numbers as Arrow without a copy; `pyarrow.array` imports pandas where there is one."""
+    buffer = pa.py_buffer(np.ascontiguousarray(values, dtype=np.float64))
+    return pa.Array.from_buffers(pa.float64(), values.size, [None, buffer])
+
+
 class _CsvSink:
     """Writes blocks as CSV in the manner of their source."""
 
@@ -470,7 +476,7 @@ class _CsvSink:
         """Return a block as lines of text."""
         columns = list(block.cells.columns)
         for values in added:
-            column = pa.array(values)
+            column = _numbers(values)
             if self._comma:
                 column = pc.replace_substring(pc.cast(column, pa.string()), ".", ",")
             columns.append(column)
@@ -529,7 +535,7 @@ class _ParquetSink:
             ) from error
         for name, values in zip(ADDED_COLUMNS, added, strict=True):
             field = pa.field(name, pa.float64(), metadata={"unit": "N·m"})
-            table = table.append_column(field, pa.array(values))
+            table = table.append_column(field, _numbers(values))
         return table
 
     def _settled(self, table: Any) -> Any:
