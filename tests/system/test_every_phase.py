@@ -111,6 +111,29 @@ def test_a_stranded_run_is_discarded_on_the_record(killed: Path) -> None:
     assert folder.is_dir()
 
 
+def test_a_calibration_that_ended_before_its_first_point_is_named_and_discarded(
+    tmp_path: Path,
+) -> None:
+    assert stopped("disk full", "prepare", tmp_path / "data", SEED, 0.0) == ""
+    (folder,) = (tmp_path / "data" / "runs").iterdir()
+    entered = run("records", "finish", "--data", "data", cwd=tmp_path)
+    assert entered.returncode == 0, entered.stderr
+    for command in (("records", "list", "runs"), ("doctor",)):
+        said = run(*command, "--data", "data", cwd=tmp_path)
+        words = " ".join((said.stdout + said.stderr).split())
+        assert f"go on with `torquebench calibrate --resume {folder.name}`" in words, command
+        assert f"`records discard {folder.name}`" in words
+    done = run(
+        *("records", "discard", "latest", "--reason", "the disk was full", "--by", "Ana"),
+        *("--data", "data"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    with Registry.open(tmp_path / "data") as registry:
+        assert registry.discarded(folder.name)
+        assert unfinished_runs(registry) == ()
+
+
 def test_finishing_puts_no_older_model_into_use_than_there_is(killed: Path) -> None:
     run("calibrate", "output", "--step-percent", 50, "--data", "data", cwd=killed)
     with Registry.open(killed / "data") as registry:
