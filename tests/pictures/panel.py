@@ -10,7 +10,7 @@ from selenium.webdriver.common.by import By
 from tests.system.command_line import COMMAND, environment
 from tests.system.panel_browser import PEOPLE, Visitor, browser, running_panel
 
-SIZE = (1200, 820)
+SIZE = (1440, 900)
 LIVE_TORQUE = 1000.0
 
 
@@ -29,7 +29,7 @@ def make(images: Path, scratch: Path) -> Iterator[Path]:
         ben.sees("Before and after")
         ben.press("Compare all models")
         ben.sees("Least error at points left out:")
-        yield from photographed(ben, folder / "calibrate-models.png")
+        yield from photographed(ben, folder / "calibrate-models.png", "Before and after")
         ben.press("Next step")
         ben.choose("Groups", "2")
         ben.press("Mount the verification standard and begin")
@@ -50,7 +50,7 @@ def make(images: Path, scratch: Path) -> Iterator[Path]:
         ben.sees("What would happen")
         ben.press("Mount the reducer and begin")
         ben.sees("Data sheet")
-        yield from photographed(ben, folder / "reducer-result.png")
+        yield from photographed(ben, folder / "reducer-result.png", "Data sheet")
         ben.open("/records")
         yield from photographed(ben, folder / "records.png")
         panel.end()
@@ -76,7 +76,7 @@ def live(folder: Path, scratch: Path) -> Iterator[Path]:
         ana.sees("The bench is stopped")
         ana.open("/alarms")
         ana.sees("Stopped by a person")
-        yield from photographed(ana, folder / "alarms.png")
+        yield from photographed(ana, folder / "alarms.png", "Stopped by a person")
         ana.open("/settings")
         yield from photographed(ana, folder / "settings.png")
 
@@ -87,15 +87,15 @@ def largest_torque(visitor: Visitor) -> float:
     return max((abs(float(each.replace("−", "-"))) for each in said), default=0.0)
 
 
-def photographed(visitor: Visitor, light: Path) -> Iterator[Path]:
-    """Keep what a page shows, in both looks."""
+def photographed(visitor: Visitor, light: Path, text: str = "") -> Iterator[Path]:
+    """Keep what a page shows, in both looks; the page is loaded again for the second one."""
     light.parent.mkdir(parents=True, exist_ok=True)
     for look, path in (("light", light), ("dark", light.with_stem(f"{light.stem}-dark"))):
-        visitor.driver.execute_script(
-            "document.documentElement.dataset.theme = arguments[0];"
-            "document.activeElement.blur(); window.scrollTo(0, 0)",
-            look,
-        )
-        time.sleep(1.0)  # charts are painted again
+        visitor.driver.add_cookie({"name": "torquebench_look", "value": look})
+        visitor.driver.refresh()
+        visitor.connected()
+        if text:
+            visitor.sees(text, 60.0)
+        time.sleep(1.5)  # charts are painted
         visitor.driver.save_screenshot(str(path))
         yield path
