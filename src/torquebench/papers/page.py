@@ -592,7 +592,7 @@ def _study(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
     return Answer(
         f"{words}; {fails} of {len(networks)} variants are worse than the polynomial",
         "partly" if named else "not met",
-        "start, mapping and epochs decide, and the papers publish neither start nor epochs",
+        "points, start, mapping and epochs decide; the papers publish neither start nor epochs",
     ), [
         Table(
             (
