@@ -129,3 +129,17 @@ def test_a_second_panel_on_the_same_records_is_refused(tmp_path: Path) -> None:
         assert f"process {server.process.pid}" in " ".join(refused.stderr.split())
         with administrator(server) as admin:
             assert admin.get("/bench").json()["connection"] == "live"
+
+
+@pytest.mark.parametrize("believed", [True, False])
+def test_only_a_named_proxy_says_where_somebody_comes_from(tmp_path: Path, believed: bool) -> None:
+    options = ("--behind-proxy", "127.0.0.1") if believed else ()
+    with serving(tmp_path, "--fast", *options) as server, administrator(server) as admin:
+        guess = {"name": "Admin", "password": "not the password"}
+
+        def guessed(address: str) -> int:
+            passed_on = {"X-Forwarded-For": address}
+            return admin.post("/session", json=guess, headers=passed_on).status_code
+
+        assert [guessed("192.0.2.1") for _ in range(6)] == [401] * 5 + [429]
+        assert guessed("192.0.2.2") == (401 if believed else 429)
