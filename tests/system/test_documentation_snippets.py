@@ -152,3 +152,17 @@ def test_every_page_with_code_is_looked_at() -> None:
     assert {"README.md", "docs/tutorial.md"} <= set(OFFLINE_PAGES)
     assert len(WITH_PYTHON) >= 6
     assert len(WITH_COMMANDS) >= 12
+
+
+def test_the_readmes_way_from_a_bench_to_a_certificate(
+    reader: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its commands one after the other on the simulated bench, but those that go on for ever."""
+    names = ("doctor", "calibrate", "verification", "records", "certificate")
+    told = ""
+    for words in commands("README.md"):
+        if words[0] in names:
+            code, told = run(words, monkeypatch)
+            assert code == 0, f"torquebench {' '.join(words)}\n{told}"
+    assert "pass" in told
+    assert list(Path(os.environ["TORQUEBENCH_DATA"]).glob("certificates/*/*.pdf"))
