@@ -109,10 +109,12 @@ def test_every_picture_is_shown_and_screenshots_have_both_looks() -> None:
     assert {name.replace(".png", "-dark.png") for name in light} <= there
 
 
-def test_the_version_stands_in_one_place_and_the_citation_follows_it() -> None:
+def test_the_version_stands_in_one_place_and_citation_and_changes_follow_it() -> None:
     project = tomllib.loads(text(ROOT / "pyproject.toml"))
     assert "version" in project["project"]["dynamic"]
     assert project["tool"]["hatch"]["version"]["path"] == "src/torquebench/__init__.py"
     cited = re.search(r"^version: (\S+)$", text(ROOT / "CITATION.cff"), re.M)
+    newest = re.search(r"^## (\d+\.\d+\.\d+)", text(ROOT / "CHANGELOG.md"), re.M)
     assert cited is not None
-    assert cited[1] == __version__
+    assert newest is not None
+    assert {cited[1], newest[1]} == {__version__}
