@@ -11,12 +11,13 @@ pytestmark = SLOW
 EXAMPLES = 3
 RULES = """\
 # No schema can say: passwords of few characters, endless staircases, parameters of a network that
-# isn't asked for, text that is no table, streams that a run doesn't have.
+# isn't asked for, text that is no table, streams that a run doesn't have, reducers without
+# certified friction.
 [[operations]]
 include-name = ["POST /users", "PATCH /users/{name}", "POST /preview/calibrate",
                 "POST /preview/verify", "POST /start/calibrate", "POST /start/verify",
-                "POST /start/fit", "GET /runs/{run_id}/data", "POST /tables",
-                "POST /tables/preview"]
+                "POST /start/fit", "POST /preview/standard-reducer",
+                "GET /runs/{run_id}/data", "POST /tables", "POST /tables/preview"]
 checks.positive_data_acceptance.expected-statuses = [
     "2xx", "401", "403", "404", "409", "422", "429", "503"]
 [[operations]]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 __all__ = ["COAXIALITY_LIMIT_MM", "MOUNTED", "MountingRecord", "mounting_facts"]
 
@@ -53,6 +53,13 @@ class MountingRecord(BaseModel):
     lubricant_amount_g: Annotated[float, Field(gt=0, le=1e5, description="g")] | None = None
     lubricant_hours: Annotated[float, Field(ge=0, le=1e6, description="h")] | None = None
     by: Annotated[str, Field(max_length=100)] = ""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_flag(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("a value as it was found, not true or false")  # noqa: TRY004 - pydantic's
+        return value
 
     @property
     def within_limit(self) -> bool | None:

@@ -18,7 +18,7 @@ from importlib import resources
 __all__ = ["core_templates", "translated"]
 
 HOLE = re.compile(r"\{(\w+)\}")
-WORDY = re.compile(r"(?<![a-zA-Z])(?!(?:rpm|min|arcmin|arcsec)(?![a-z]))[a-z]{3,}")
+WORDY = re.compile(r"(?<![a-zA-Z])(?!(?:rpm|rad|min|arcmin|arcsec)(?![a-z]))[a-z]{3,}")
 """An English word; names with a capital letter and units are none."""
 LONGEST = 600
 """Characters of a sentence that is looked up: what is longer holds a whole list of something."""
