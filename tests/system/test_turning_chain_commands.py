@@ -86,8 +86,10 @@ def test_readings_become_torque_whatever_turns_and_warms(folder: Path, fitted: s
     assert np.sqrt(np.mean(error**2)) < 0.15 * np.sqrt(np.mean(raw**2))
     covered = np.mean(np.abs(error) <= found["expanded_uncertainty_nm"])
     assert covered > 0.9
-    verified = run("verify", "chain.json", "points.csv", cwd=folder)
+    verified = run("verify", "chain.json", "points.csv", "--report", "v.html", cwd=folder)
     assert verified.returncode == 0, verified.stdout
+    page = (folder / "v.html").read_text(encoding="utf-8")
+    assert all(each in page for each in ("Speed, temperature and torque", "covered", "budget"))
     assert "coverage of U" in " ".join(verified.stdout.split())
     assert widest_line(verified.stdout) <= 80
 

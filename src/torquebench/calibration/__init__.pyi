@@ -9,6 +9,7 @@ from .adaptive import (
 )
 from .condition_cells import (
     Cell as Cell,
+    cell_rows as cell_rows,
     cells as cells,
 )
 from .classes import (

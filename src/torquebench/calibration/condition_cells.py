@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.chain import Torque
 
-__all__ = ["Cell", "cells"]
+__all__ = ["Cell", "cell_rows", "cells"]
 
 _BINS = 3
 _WHOLE = 10.0
@@ -85,6 +85,26 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
                 )
             )
     return tuple(found)
+
+
+def cell_rows(data: CalibrationData, torque: Torque) -> list[list[str]]:
+    """Return a row of words for each cell of speed, temperature and torque that holds points."""
+
+    def limits(pair: tuple[float, float] | None, factor: float = 1.0) -> str:
+        return "-" if pair is None else f"{factor * pair[0]:.4g} … {factor * pair[1]:.4g}"
+
+    return [
+        [
+            limits(each.speed_rpm),
+            limits(each.temperature_c),
+            limits(each.torque_share, 100.0),
+            str(each.points),
+            f"{each.rms_percent_fs:.3g}",
+            f"{each.worst_percent_fs:.3g}",
+            f"{100.0 * each.coverage:.1f} %",
+        ]
+        for each in cells(data, torque)
+    ]
 
 
 _LOADS = ((-1.02, -0.33), (-0.33, 0.33), (0.33, 1.02))

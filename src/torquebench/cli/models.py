@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -454,6 +455,7 @@ def verify(
         (("Points", data.name), ("Model", model.name)),
         tolerance,
         report or [],
+        torque if chain.turns else None,
     )
     worst = compensated.against_standard.worst_percent_fs
     passed = worst <= tolerance
@@ -492,7 +494,9 @@ def _write_verification(
     facts: Sequence[tuple[str, str]],
     tolerance: float,
     reports: Sequence[Path],
+    turning: Torque | None,
 ) -> None:
+    """Write the reports; of a chain that turns with errors over speed and temperature."""
     if not reports:
         return
     from torquebench.reports.page_pdf import write_report
@@ -503,6 +507,10 @@ def _write_verification(
         *(Verified(title, torque.value_nm) for title, torque in torques.items()),
     ]
     page = verification_page(points, verified, facts, tolerance)
+    if turning is not None:
+        from torquebench.reports.turning_report import turning_section
+
+        page = replace(page, sections=[*page.sections, turning_section(points, turning, tolerance)])
     for path in reports:
         say_file("Report", write_report(page, path))
 

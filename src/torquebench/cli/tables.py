@@ -273,24 +273,12 @@ def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
 
 def cells_table(points: CalibrationData, torque: Torque) -> RenderableType:
     """Return errors and coverage of U in cells of speed, temperature and torque."""
-    from torquebench.calibration import cells
+    from torquebench.calibration import cell_rows
     from torquebench.cli.console import narrow_table
 
     table = narrow_table("error in % FS and coverage of U (k = 2), by speed, temperature, torque")
     for heading in ("1/min", "°C", "% of range", "points", "RMS", "worst", "covered"):
         table.add_column(heading, justify="right", no_wrap=True)
-
-    def limits(pair: tuple[float, float] | None, factor: float = 1.0) -> str:
-        return "-" if pair is None else f"{factor * pair[0]:.4g} … {factor * pair[1]:.4g}"
-
-    for each in cells(points, torque):
-        table.add_row(
-            limits(each.speed_rpm),
-            limits(each.temperature_c),
-            limits(each.torque_share, 100.0),
-            str(each.points),
-            f"{each.rms_percent_fs:.3g}",
-            f"{each.worst_percent_fs:.3g}",
-            f"{100.0 * each.coverage:.1f} %",
-        )
+    for row in cell_rows(points, torque):
+        table.add_row(*row)
     return table

@@ -1,0 +1,98 @@
+"""The part of a verification's report about speed, temperature and torque of a chain that turns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration import CalibrationData, cell_rows
+from torquebench.chain import Torque
+from torquebench.figures import Curve
+from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.errors_table import number
+from torquebench.reports.page import Figure, Section, Table
+
+__all__ = ["turning_section"]
+
+MOST_POINTS = 1500
+"""Points of a diagram; of longer records every so many and the worst ones are drawn."""
+WORST_POINTS = 50
+
+
+def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: float) -> Section:
+    """Return errors over speed, temperature and torque, coverage by cells, and the budget.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        Points with their speed and temperature, against the true torque where it is known.
+    torque : Torque
+        What the measuring chain states of them.
+    tolerance_percent : float
+        % FS, marked in the figures.
+    """
+    truth = data.true_torque_nm
+    reference = data.standard_nm if truth is None else truth
+    against = "the standard" if truth is None else "the true torque"
+    error = torque.value_nm - reference
+    inside = float(np.mean(np.abs(error) <= torque.expanded_uncertainty_nm))
+    shown = _shown(error)
+    limit = tolerance_percent / 100.0 * data.range_nm
+    quantities = (
+        (data.speed_rpm, "speed in 1/min"),
+        (data.temperature_c, "temperature in °C"),
+        (reference, "torque in N·m"),
+    )
+    panels = [
+        Panel(
+            [Curve("error", values[shown], error[shown])],
+            label,
+            "error in N·m",
+            markers=True,
+            limits=(-limit, limit),
+            range_nm=data.range_nm,
+        )
+        for values, label in quantities
+        if values is not None
+    ]
+    figure = Figure(
+        panels_figure(panels),
+        f"Errors against {against} over speed, temperature and torque. Dashed: "
+        f"±{tolerance_percent:g} % FS.",
+    )
+    header = ("1/min", "°C", "% of range", "points", "RMS, % FS", "worst, % FS", "covered")
+    caption = (
+        f"Errors against {against} and share of points whose error lies within U (k = 2), by cells "
+        f"of speed, temperature and torque; {100 * inside:.1f} % of all {len(data)} points."
+    )
+    return Section(
+        "Speed, temperature and torque",
+        "",
+        (figure, Table(header, cell_rows(data, torque), caption), _budget(torque)),
+    )
+
+
+def _budget(torque: Torque) -> Table:
+    """Return what the uncertainty consists of, over all points."""
+    names = dict.fromkeys(each.name for each in torque.components)
+    size = {name: torque.component(name) for name in names}
+    variance = float(np.mean(torque.standard_uncertainty_nm**2))
+    rows = [
+        [
+            name,
+            number(float(np.max(np.abs(torque.added(name))))),
+            number(float(np.sqrt(np.mean(u**2)))),
+            number(float(np.max(u))),
+            f"{100.0 * float(np.mean(u**2)) / variance:.1f} %" if variance else "–",
+        ]
+        for name, u in sorted(size.items(), key=lambda item: -float(np.mean(item[1] ** 2)))
+        if np.any(u > 0.0) or np.any(torque.added(name) != 0.0)
+    ]
+    header = ("effect", "adds up to, N·m", "u, RMS, N·m", "u, largest, N·m", "share of variance")
+    return Table(header, rows, "Uncertainty budget over all points.")
+
+
+def _shown(error: NDArray[np.float64]) -> NDArray[np.intp]:
+    step = max(1, -(-error.size // MOST_POINTS))
+    worst = np.argsort(-np.abs(error))[:WORST_POINTS]
+    return np.union1d(np.arange(0, error.size, step), worst)
