@@ -32,6 +32,7 @@ _OPTIONAL = (
     "standard_error_nm",
     "true_torque_nm",
     "acceleration_rad_s2",
+    "zero_temperature_c",
 )
 
 
@@ -66,6 +67,8 @@ class CalibrationData:
         Standard error of each reading's mean, in N·m.
     acceleration_rad_s2 : array of float, shape (n,), optional
         Angular acceleration of the shaft; 0 where it isn't given, as points are steady.
+    zero_temperature_c : array of float, shape (n,), optional
+        Temperature of the transducer when the zero that each reading counts from was taken.
     true_torque_nm : array of float, shape (n,), optional
         The true torque, which only a simulated bench knows, in N·m.
     simulated : bool
@@ -103,6 +106,7 @@ class CalibrationData:
     true_torque_nm: NDArray[np.float64] | None = None
     simulated: bool = False
     acceleration_rad_s2: NDArray[np.float64] | None = None
+    zero_temperature_c: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -179,6 +183,18 @@ class CalibrationData:
         return self.standard_nm - self.reading_nm
 
     @property
+    def first_of_series(self) -> NDArray[np.intp]:
+        """Row of the first point of each point's series, shape (n,)."""
+        _, first, number = np.unique(self.series, return_index=True, return_inverse=True)
+        return np.asarray(first[number.reshape(-1)])
+
+    def zeroed_each_series(self) -> Self:
+        """Return the points with the temperature of their zeros, taken just before each series."""
+        if self.temperature_c is None:
+            return self
+        return replace(self, zero_temperature_c=self.temperature_c[self.first_of_series])
+
+    @property
     def loading_accuracy_percent(self) -> float | None:
         """Largest difference of the standard from what was asked for, % of range.
 
@@ -197,11 +213,13 @@ class CalibrationData:
     def readings(self) -> Readings:
         """Return the points as readings of a measuring chain.
 
-        Every series begins with a zero: its first point tells when, and how warm it was.
+        Every series begins with a zero: its first point tells when, and how warm it was where the
+        table doesn't.
         """
-        _, first, number = np.unique(self.series, return_index=True, return_inverse=True)
-        begin = first[number.reshape(-1)]
-        age, zeroed = self.time_s, self.temperature_c
+        begin = self.first_of_series
+        age, zeroed, warm = self.time_s, self.zero_temperature_c, self.temperature_c
+        if zeroed is None and warm is not None:
+            zeroed = warm[begin]
         return Readings(
             self.reading_nm,
             branch=self.branch.astype(np.float64),
@@ -212,7 +230,7 @@ class CalibrationData:
             else self.acceleration_rad_s2,
             temperature_c=self.temperature_c,
             zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
-            zero_temperature_c=None if zeroed is None else zeroed[begin],
+            zero_temperature_c=zeroed,
         )
 
     def features(self, columns: int | None = None) -> NDArray[np.float64]:

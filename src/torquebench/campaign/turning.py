@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.progress import NO_PROGRESS, Progress
-from torquebench.chain import Effect, EmptyRun, Readings, TurningCalibration, identify
+from torquebench.chain import (
+    LEAST_KELVIN,
+    Effect,
+    EmptyRun,
+    Readings,
+    TurningCalibration,
+    identify,
+)
+from torquebench.errors import InputError
 
-__all__ = ["TurningChain", "identify_turning", "recorded_readings"]
+__all__ = ["TurningChain", "identify_turning", "joined_tables", "recorded_readings"]
 
 _STREAM_S = 1.0
 """Rows farther apart than this are steady points, not a record whose speed has a slope."""
@@ -38,7 +46,9 @@ class TurningChain:
 def identify_turning(
     points: CalibrationData, runs: Sequence[EmptyRun], progress: Progress = NO_PROGRESS
 ) -> TurningChain:
-    """Identify temperature, rotation and inertia; nothing where there is no empty run.
+    """Identify temperature, rotation and inertia, as far as points and empty runs tell them.
+
+    Without an empty run points at several temperatures or speeds tell what they can.
 
     Parameters
     ----------
@@ -53,8 +63,8 @@ def identify_turning(
     InputError
         Runs that say nothing, or that can't be put together with the points.
     """
-    if not runs:
-        return TurningChain(points, (), _unused(points))
+    if not runs and not _circumstances(points):
+        return TurningChain(points, (), ())
     progress.start("Identifying temperature and rotation", 1)
     speed = np.zeros(len(points)) if points.speed_rpm is None else points.speed_rpm
     found = identify(
@@ -64,6 +74,7 @@ def identify_turning(
             points.branch.astype(np.float64),
             speed,
             points.temperature_c,
+            points.zero_temperature_c,
         ),
         runs,
         points.range_nm,
@@ -78,20 +89,41 @@ def identify_turning(
     return TurningChain(corrected, found.effects, found.remarks)
 
 
-def _unused(points: CalibrationData) -> tuple[str, ...]:
-    """Say that speeds and temperatures of points aren't used without an empty run."""
+def joined_tables(tables: Mapping[str, CalibrationData]) -> CalibrationData:
+    """Return the points of several tables of one chain, at several temperatures and speeds.
+
+    Parameters
+    ----------
+    tables : mapping of str to CalibrationData
+        By their names, for messages. One without a speed was measured at standstill.
+
+    Raises
+    ------
+    InputError
+        Tables of different chains, or one without a temperature beside others that have it.
+    """
+    silent = [name for name, table in tables.items() if table.temperature_c is None]
+    if 0 < len(silent) < len(tables):
+        raise InputError(
+            f"{silent[0]} has no column temperature_c, other tables have",
+            "the temperature in all tables or in none",
+            "add the column",
+        )
+    parts = list(tables.values())
+    if any(part.speed_rpm is not None for part in parts):
+        still = [np.zeros(len(part)) for part in parts]
+        parts = [
+            part if part.speed_rpm is not None else replace(part, speed_rpm=zeros)
+            for part, zeros in zip(parts, still, strict=True)
+        ]
+    return parts[0] if len(parts) == 1 else CalibrationData.concatenate(parts)
+
+
+def _circumstances(points: CalibrationData) -> bool:
+    """Say whether points were taken at several temperatures, or while it turned."""
     warm, speed = points.temperature_c, points.speed_rpm
-    said = []
-    if warm is not None and np.ptp(warm) > 4.0:
-        said.append(f"{np.min(warm):.3g} to {np.max(warm):.3g} °C")
-    if speed is not None and np.max(np.abs(speed)) > 1.0:
-        said.append(f"up to {np.max(np.abs(speed)):.4g} 1/min")
-    if not said:
-        return ()
-    return (
-        f"the points were taken at {' and '.join(said)}: give the chain's empty runs with --empty, "
-        "or that counts as scatter",
-    )
+    warmed = warm is not None and np.ptp(warm) >= LEAST_KELVIN
+    return bool(warmed or (speed is not None and np.max(np.abs(speed)) > 1.0))
 
 
 def recorded_readings(points: CalibrationData, zero_temperature_c: float | None) -> Readings:
@@ -101,9 +133,10 @@ def recorded_readings(points: CalibrationData, zero_temperature_c: float | None)
     ----------
     points : CalibrationData
     zero_temperature_c : float or None
-        Temperature at which the record's own zero was taken.
+        Temperature at which the record's own zero was taken, where its table doesn't say it.
     """
-    readings = replace(points.readings(), zero_temperature_c=zero_temperature_c)
+    zeroed = points.zero_temperature_c if zero_temperature_c is None else zero_temperature_c
+    readings = replace(points.readings(), zero_temperature_c=zeroed)
     time_s, speed = points.time_s, points.speed_rpm
     if time_s is None or speed is None or points.acceleration_rad_s2 is not None:
         return readings

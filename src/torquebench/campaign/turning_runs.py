@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,18 +15,26 @@ from torquebench.campaign.measuring import OnPause, measure, operator_name
 from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError
 from torquebench.procedures import Plan, Rehearsal, rehearse
-from torquebench.procedures.turning.calibrating import calibrate_turning
+from torquebench.procedures.turning.calibrating import calibrate_turning, series_of
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.records.csv_text import read_csv
-from torquebench.records.tables import write_calibration_csv
+from torquebench.records.tables import read_calibration_csv, write_calibration_csv
 from torquebench.station import Station
 
-__all__ = ["TurningRun", "measure_turning", "read_begun", "rehearse_turning"]
+__all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "rehearse_turning"]
 
 COLUMNS = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
 _RESUMED_AFTER_S = 60.0
 """Time between the last row of an interrupted run and the first after it: nobody knows it."""
+
+
+@dataclass(frozen=True)
+class BegunCalibration:
+    """Complete series of an interrupted turning calibration."""
+
+    points: CalibrationData
+    series_done: int
 
 
 @dataclass(frozen=True)
@@ -61,7 +69,7 @@ def measure_turning(
     profile: TurningProfile,
     target: Path,
     *,
-    begun: EmptyTable | None = None,
+    begun: EmptyTable | BegunCalibration | None = None,
     wait: bool = True,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
@@ -75,8 +83,8 @@ def measure_turning(
     profile : TurningProfile
     target : pathlib.Path
         CSV file.
-    begun : EmptyTable, optional
-        Of an interrupted empty run, by `read_begun`.
+    begun : EmptyTable or BegunCalibration, optional
+        Of an interrupted run, by `read_begun`.
     wait : bool
         Whether series wait for their temperature.
     progress, on_pause
@@ -96,23 +104,45 @@ def measure_turning(
         "operator": operator_name(),
     }
     if profile.kind == "calibration":
+        before = begun if isinstance(begun, BegunCalibration) else None
+        done = 0 if before is None else before.series_done
+        shift_s = 0.0
+        if before is not None and before.points.time_s is not None:
+            last_s = float(before.points.time_s[-1])
+            shift_s = last_s + _RESUMED_AFTER_S - station.clock.now()
 
-        def loading() -> Plan[CalibrationData]:
-            return calibrate_turning(station.devices, side, profile)
+        def keep(points: CalibrationData, series_done: int) -> None:
+            if before is not None:
+                assert points.time_s is not None
+                later = replace(points, time_s=points.time_s + shift_s)
+                points = replace(
+                    CalibrationData.concatenate([before.points, later]),
+                    series=np.concatenate([before.points.series, points.series]),
+                )
+            remarks = _remarks(station, side, profile, series_done)
+            write_calibration_csv(target, points, remarks)
+
+        def loading(*, kept: bool = True) -> Plan[CalibrationData]:
+            on_series = keep if kept else None
+            return calibrate_turning(
+                station.devices, side, profile, series_done=done, on_series=on_series
+            )
 
         points = measure(
             station,
             loading,
-            rehearsed=loading,
+            rehearsed=lambda: loading(kept=False),
             kind=f"turning-calibration-{side}",
             title=f"Calibrating the turning {side} module",
             metadata=metadata,
             progress=progress,
             on_pause=on_pause,
         )
-        write_calibration_csv(target, points.result, {"profile": profile.name})
         record = points.record
-        return TurningRun(record.run_id, len(points.result), record.bench_seconds)
+        rows = len(points.result) + (0 if before is None else len(before.points))
+        return TurningRun(record.run_id, rows, record.bench_seconds)
+    if isinstance(begun, BegunCalibration):
+        raise InputError(f"profile {profile.name}", "the one of the interrupted run")
     table = EmptyTable(side) if begun is None else begun
 
     def write(done: EmptyTable) -> None:
@@ -133,17 +163,31 @@ def measure_turning(
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
 
 
-def _write(target: Path, table: EmptyTable, station: Station, profile: TurningProfile) -> None:
-    module = station.description.module(table.side)
-    remarks = {
+def _remarks(
+    station: Station, side: Side, profile: TurningProfile, series_done: int
+) -> dict[str, str]:
+    """Return what says which run a table is of, and how far it came."""
+    module = station.description.module(side)
+    series = profile.series()
+    if profile.kind == "calibration":
+        series = series_of(profile.points(side, module.range_nm))[-1]
+    return {
         "simulated": str(station.devices.context.drivers.truth is not None).lower(),
-        "side": table.side,
+        "side": side,
         "range_nm": f"{module.range_nm:g}",
         "transducer_serial": module.transducer.serial,
         "profile": profile.name,
         "profile_hash": profile.sha256,
-        "series_done": f"{table.series_done} of {profile.series()}",
+        "series_done": f"{series_done} of {series}",
+    }
+
+
+def _write(target: Path, table: EmptyTable, station: Station, profile: TurningProfile) -> None:
+    scale = station.description.module(table.side).transducer.scale()
+    remarks = {
+        **_remarks(station, table.side, profile, table.series_done),
         "zero_hz": repr(table.zero_hz),
+        "zero_nm": f"{scale.torque(table.zero_hz):.9g}",
     }
     lines = [f"# {name} = {value}" for name, value in remarks.items()]
     lines.append(",".join(COLUMNS))
@@ -156,8 +200,8 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
 
 def read_begun(
     path: Path, side: Side, profile: TurningProfile, transducer_serial: str
-) -> EmptyTable:
-    """Return the complete series of an interrupted empty run.
+) -> EmptyTable | BegunCalibration:
+    """Return the complete series of an interrupted run.
 
     Raises
     ------
@@ -177,10 +221,12 @@ def read_begun(
                 f"{value}, to go on with this run",
                 "give the side and the profile of the interrupted run",
             )
-    done = int(table.remarks.get("series_done", "0").split()[0])
-    if done >= profile.series():
+    done, _, total = table.remarks.get("series_done", "0 of 1").partition(" of ")
+    if int(done) >= int(total):
         raise InputError(f"{path} is complete", "an interrupted run", "begin another file")
+    if profile.kind == "calibration":
+        return BegunCalibration(read_calibration_csv(path), int(done))
     rows: NDArray[np.float64] = np.column_stack([table.numbers(name) for name in COLUMNS])
     begun = EmptyTable(side)
-    begun.begin_with(rows, done, float(table.remarks.get("zero_hz", "nan")))
+    begun.begin_with(rows, int(done), float(table.remarks.get("zero_hz", "nan")))
     return begun

@@ -26,6 +26,7 @@ from .effects import (
     Zero as Zero,
 )
 from .identification import (
+    LEAST_KELVIN as LEAST_KELVIN,
     EmptyRun as EmptyRun,
     Identified as Identified,
     TurningCalibration as TurningCalibration,

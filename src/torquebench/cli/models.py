@@ -54,7 +54,11 @@ def register(app: typer.Typer) -> None:
 
 def fit(
     data: Annotated[
-        Path, typer.Argument(help="A table (CSV, Excel, TDMS, …) with reading_nm and standard_nm.")
+        list[Path],
+        typer.Argument(
+            help="Tables (CSV, Excel, TDMS, …) with reading_nm and standard_nm: one calibration, "
+            "or several of one chain at other temperatures and speeds."
+        ),
     ],
     range_nm: RangeOption = None,
     model: Annotated[
@@ -120,10 +124,10 @@ def fit(
     from torquebench.records import read_calibration_csv, read_empty_run
     from torquebench.records.tables import maps_one
 
-    check_output(result, data, *(empty or ()))
+    check_output(result, *data, *(empty or ()))
     page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
     if page is not None:
-        check_output(page, data, result, *(empty or ()))
+        check_output(page, *data, result, *(empty or ()))
     if model is not None:
         check_kind(model)
     parameters = model_parameters(model or DEFAULT_KIND, parameter)
@@ -134,20 +138,27 @@ def fit(
             "give --accept REASON --by NAME",
         )
     limits = load_profile(profile).plausibility
-    points = read_calibration_csv(
-        data,
-        range_nm=range_nm,
-        both_directions=not one_direction,
-        transducer_serial=serial,
-        counter_identity=counter,
-        remark=warn,
-        mapping=maps_one(column or (), data, empty or ()),
+    others = [*data, *(empty or ())]
+    from torquebench.campaign.turning import identify_turning, joined_tables
+
+    points = joined_tables(
+        {
+            file.name: read_calibration_csv(
+                file,
+                range_nm=range_nm,
+                both_directions=not one_direction and len(data) == 1,
+                transducer_serial=serial,
+                counter_identity=counter,
+                remark=warn,
+                mapping=maps_one(column or (), file, [each for each in others if each != file]),
+            )
+            for file in data
+        }
     )
     runs = [read_empty_run(file, column or ()) for file in empty or ()]
 
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model, table_metrics
-    from torquebench.campaign.turning import identify_turning
     from torquebench.chain import SwitchedOff
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.tables import effects_table
@@ -160,7 +171,7 @@ def fit(
         turning = identify_turning(points, runs, progress)
         fitted = fit_table(
             turning.points,
-            data.name,
+            ", ".join(file.name for file in data),
             model or RECOMMENDED,
             progress,
             outliers.value,

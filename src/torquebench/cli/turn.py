@@ -74,8 +74,8 @@ def turn(
     """Turn a module with nothing mounted, or against the turning calibrator, and write the table.
 
     Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (what the bench
-    does by itself), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted empty
-    run keeps its complete series; --resume goes on with the others.
+    does by itself), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted run
+    keeps its complete series (a calibration's speeds); --resume goes on with the others.
     """
     from torquebench.procedures.turning.profile import load_turning_profile
 
@@ -85,8 +85,6 @@ def turn(
     if dry_run:
         _dry_run(description, side, chosen)
         return
-    if resume and chosen.kind != "empty":
-        raise InputError(f"--resume with profile {chosen.name}", "an empty run", "measure it again")
     if not resume:
         check_output(result)
     _confirm(description, side, chosen, yes)
@@ -161,7 +159,7 @@ def _run(
                 )
         except RunAbortedError as aborted:
             warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
-            if profile.kind == "empty" and result.exists():
+            if result.exists():
                 say_file("Complete series, --resume measures the others", result)
             by_key = interrupts.signal == signal.SIGINT
             raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None

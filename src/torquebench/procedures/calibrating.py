@@ -92,7 +92,7 @@ class _Table:
             time_s=column("time_s"),
             standard_error_nm=column("reading_standard_error_nm"),
             true_torque_nm=column("true_torque_nm") if known else None,
-        )
+        ).zeroed_each_series()
 
 
 def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> dict[str, Any]:

@@ -64,6 +64,7 @@ _CALIBRATION: Mapping[str, Kind] = {
     "position": "angle",
     "speed": "speed",
     "temperature": "temperature",
+    "zero_temperature": "temperature",
     "time": "time",
     "acceleration": "acceleration",
     **dict.fromkeys(LABELS, WORD),

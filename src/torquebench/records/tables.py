@@ -44,6 +44,7 @@ _OPTIONAL = (
     "standard_error_nm",
     "true_torque_nm",
     "acceleration_rad_s2",
+    "zero_temperature_c",
 )
 READING_QUANTITIES = (
     "time_s",
@@ -75,9 +76,9 @@ def read_calibration_csv(
 
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
-    ``acceleration_rad_s2``, ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in
-    any order; others are passed over. Lines are in measuring order: where there is no branch, it
-    follows from it.
+    ``acceleration_rad_s2``, ``zero_temperature_c``, ``standard_error_nm`` and (simulated data only)
+    ``true_torque_nm``, in any order; others are passed over. Lines are in measuring order: where
+    there is no branch, it follows from it.
     Comments such as ``# range_nm = 2000`` may give the range, the side, the transducer's serial
     and the counter's identity; arguments take precedence over them.
 
@@ -188,6 +189,7 @@ def calibration_of(
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
         true_torque_nm=quantity(table, columns, "true_torque_nm"),
         acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
+        zero_temperature_c=quantity(table, columns, "zero_temperature_c"),
         simulated=is_simulated(noted),
     )
     _check_duplicates(table, data)
@@ -293,7 +295,8 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     """Return the empty run in a CSV file.
 
     Columns are ``time_s``, ``reading_nm``, ``speed_rpm``, ``temperature_c`` and optionally
-    ``acceleration_rad_s2``, at an even rate.
+    ``acceleration_rad_s2``, at an even rate. A comment ``# zero_nm = -0.012`` says which zero the
+    readings count from, so that runs with different zeros can be put together.
 
     Parameters
     ----------
@@ -314,7 +317,12 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     values = [quantity(table, columns, name) for name in wanted]
     time_s, reading, speed, temperature = (each for each in values if each is not None)
     acceleration = quantity(table, columns, "acceleration_rad_s2")
-    return EmptyRun(Path(path).name, time_s, reading, speed, temperature, acceleration)
+    noted = table.remarks.get("zero_nm")
+    try:
+        zero_nm = None if noted is None else float(noted)
+    except ValueError:
+        raise InputError(f"{path}: zero_nm = {noted}", "a number, in N·m") from None
+    return EmptyRun(Path(path).name, time_s, reading, speed, temperature, acceleration, zero_nm)
 
 
 def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> list[str]:

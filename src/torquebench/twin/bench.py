@@ -276,6 +276,19 @@ class BenchTwin:
             self._state.temperature_c[:] = mean_c
             self._state.shaft_c[:] = mean_c
 
+    def soak(self, temperature_c: float, *, shafts_behind_k: float = 0.0) -> None:
+        """Put the hall and everything in it at a temperature, as after many hours.
+
+        Parameters
+        ----------
+        temperature_c : float
+        shafts_behind_k : float
+            By how much the shafts are colder than their transducers, as while it gets warmer.
+        """
+        self.set_climate(temperature_c)
+        self._state.temperature_c[:] = temperature_c
+        self._state.shaft_c[:] = temperature_c - _finite(shafts_behind_k, "temperature", "K")
+
     def lubricate(
         self,
         side: Side,

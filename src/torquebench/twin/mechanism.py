@@ -78,9 +78,9 @@ def _turn_uncoupled_flange(
     mounted: that drag is in `torque_nm`. Without the drive it runs down against the motor's.
     """
     if flange == FLANGE_HELD:
-        largest = drive.acceleration_rad_s2 * step_s
-        change = min(largest, max(-largest, held_speed_rad_s - row[FLANGE_SPEED]))
-        acceleration = change / step_s
+        wanted = drive.bandwidth_rad_s * (held_speed_rad_s - row[FLANGE_SPEED])
+        largest = drive.acceleration_rad_s2
+        acceleration = min(largest, max(-largest, wanted))
     else:
         drag = 0.0
         if not driven:

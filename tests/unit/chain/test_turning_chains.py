@@ -373,6 +373,73 @@ def test_what_cant_be_identified_is_named_with_what_would_do_it() -> None:
         chain(turning).torque(row(speed_rpm=-500.0, temperature_c=23.0))
 
 
+def test_runs_with_zeros_of_their_own_are_put_together_by_their_frequencies() -> None:
+    """Each run of the bench begins with a zero at its own temperature."""
+    runs = []
+    for number, celsius in enumerate((12.0, 23.0, 38.0)):
+        run, zero = empty_run(celsius, number), float(zero_shift(np.array([celsius]))[0])
+        runs.append(replace(run, reading_nm=run.reading_nm - zero, zero_nm=0.4 + zero))
+    found = identify(calibration(), runs, RANGE_NM).effects[0]
+    assert isinstance(found, MeasuredTemperature)
+    value = part(found.components(row(temperature_c=35.0), np.zeros(1)), "temperature of zero")[0]
+    assert value == pytest.approx(-zero_shift(np.array([35.0]))[0], abs=0.003)
+    with pytest.raises(InputError, match="doesn't"):
+        identify(calibration(), [runs[0], replace(runs[1], zero_nm=None)], RANGE_NM)
+
+
+def test_points_count_from_the_zero_that_was_taken_before_them() -> None:
+    points = calibration()
+    assert points.temperature_c is not None
+    zeroed = replace(
+        points,
+        reading_nm=points.reading_nm - zero_shift(points.temperature_c),
+        zero_temperature_c=points.temperature_c,
+    )
+    runs = [empty_run(celsius, number) for number, celsius in enumerate((12.0, 23.0, 38.0))]
+    found = identify(zeroed, runs, RANGE_NM)
+    truth = points.standard_nm - 0.05 * (points.standard_nm / RANGE_NM) ** 2
+    assert np.std(found.corrected_nm - truth) < 1.3 * NOISE_NM
+    warm = found.effects[0].components(row(temperature_c=35.0), np.zeros(1))
+    assert part(warm, "temperature of zero")[0] == pytest.approx(
+        -zero_shift(np.array([35.0]))[0], abs=0.003
+    )
+
+
+def test_points_alone_tell_the_temperature_and_what_else_would_is_named() -> None:
+    found = identify(calibration(points=48), [], RANGE_NM)
+    (warm,) = found.effects
+    assert isinstance(warm, MeasuredTemperature)
+    span = part(
+        warm.components(row(temperature_c=35.0), np.array([RANGE_NM])), "temperature of span"
+    )
+    assert span[0] == pytest.approx(-RANGE_NM * 1e-4 * 12.0, abs=3 * span[1] + 1e-3)
+    text = " ".join(found.remarks)
+    assert "an empty run through the speeds" in text
+    assert "an empty run with ramps" in text
+
+
+def test_ripple_within_a_revolution_is_in_u_of_single_readings() -> None:
+    runs = [empty_run(celsius, number) for number, celsius in enumerate((12.0, 23.0, 38.0))]
+    rippled = [
+        replace(
+            run,
+            reading_nm=run.reading_nm
+            + 0.03 * (run.speed_rpm / 1000.0) ** 2 * np.sin(40.0 * np.arange(len(run)) ** 1.1),
+        )
+        for run in runs
+    ]
+    turning = identify(calibration(), rippled, RANGE_NM).effects[1]
+    fast, slow = (
+        part(
+            turning.components(row(speed_rpm=n, temperature_c=23.0), np.zeros(1)),
+            "ripple within a revolution",
+        )[1]
+        for n in (1000.0, 100.0)
+    )
+    assert fast == pytest.approx(0.03 / np.sqrt(2.0), rel=0.3)
+    assert slow < 0.3 * fast
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -14,7 +14,7 @@ from torquebench.procedures.turning.profile import (
     available_profiles,
     load_turning_profile,
 )
-from torquebench.records import read_calibration_csv
+from torquebench.records import read_calibration_csv, read_empty_run
 from torquebench.station import Station
 
 SHORT = {
@@ -68,9 +68,12 @@ def test_an_empty_run_ends_in_the_table_that_a_fit_takes(station: Station, tmp_p
     assert np.all(np.abs(temperature - 23.0) < 3.0)
     acceleration = np.gradient(np.convolve(speed, np.full(9, 1 / 9), "same"), time_s)
     assert np.percentile(acceleration, 95) > 1.8 * 1200.0 / 4.0  # steep and gentle ones
+    steps = np.abs(np.diff(speed))
+    assert steps.max() < 15.0  # also where one stretch of the recorder follows another
     fast, back = speed > 1150.0, speed < -1150.0
     assert reading[fast].mean() > reading[back].mean()  # drag turns round with the speed
     assert "# simulated = true" in file.read_text()
+    assert read_empty_run(file).zero_nm is not None
     assert not station.drivers.drives["input"].state().enabled
 
 
@@ -136,6 +139,42 @@ def test_a_turning_module_is_calibrated_over_whole_revolutions(
     assert np.max(np.abs(data.reading_nm - data.standard_nm)) < 0.02 * 50.0
     at_zero = data.nominal_nm == 0.0
     assert np.max(np.abs(data.standard_nm[at_zero])) < 0.01 * 50.0
+
+
+def test_an_aborted_turning_calibration_goes_on_with_the_other_speeds(
+    station: Station, tmp_path: Path
+) -> None:
+    chosen, file = profile(kind="calibration", torque_shares=[1.0]), tmp_path / "points.csv"
+    of_a_speed = len(chosen.points("input", 50.0)) // 2
+
+    class Stopping:
+        """Aborts at the second speed."""
+
+        def start(self, _title: str, _total: int) -> None:
+            self.left = of_a_speed + 2
+
+        def advance(self, steps: int = 1) -> None:
+            self.left -= steps
+            if self.left <= 0:
+                station.abort("enough")
+
+        def finish(self) -> None: ...
+
+    with pytest.raises(RunAbortedError):
+        measure_turning(station, "input", chosen, file, progress=Stopping())  # type: ignore[arg-type]
+    first = read_calibration_csv(file)
+    assert len(first) == of_a_speed
+    begun = read_begun(file, "input", chosen, station.description.input.transducer.serial)
+    done = measure_turning(station, "input", chosen, file, begun=begun)
+    whole = read_calibration_csv(file)
+    assert done.rows == len(whole) == 2 * of_a_speed
+    np.testing.assert_array_equal(whole.reading_nm[:of_a_speed], first.reading_nm)
+    assert whole.series.tolist() == [1] * of_a_speed + [2] * of_a_speed
+    assert whole.time_s is not None
+    assert np.all(np.diff(whole.time_s) > 0.0)
+    assert whole.zero_temperature_c is not None
+    with pytest.raises(InputError, match="complete"):
+        read_begun(file, "input", chosen, station.description.input.transducer.serial)
 
 
 def test_profiles_that_make_no_run_are_refused(station: Station, tmp_path: Path) -> None:

@@ -171,7 +171,8 @@ class Recorder(Device, AsyncReadable, Triggerable):
 
     def _module(self, side: Side, start_s: float, stop_s: float) -> ModuleRecording:
         context, half_s = self._context, 0.5 * self._window_s
-        samples = context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
+        channel = context.acquisition.channel(torque_channel(side))
+        samples = channel.window(start_s - half_s, stop_s - half_s)  # angles end with the stretch
         samples.raise_on_fault()
         option = context.description.module(side).transducer.option_khz
         acted_s = samples.time_s - group_delay_s(option)

@@ -427,13 +427,25 @@ class SimulatedBench:
 
     def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
         """Mean true torque at the flange over a window that was run already, N·m."""
-        values = self._truth.window(start_s, stop_s)[1 + SIDES.index(side)]
-        if values.size == 0:
+        return float(self.true_means(side, np.array([start_s, stop_s]))[0])
+
+    def true_means(self, side: Side, edges_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean true torques between rising times that were run already, N·m.
+
+        The torque is a straight line between two steps of the twin, as its edges have it.
+        """
+        around_s = 2.0 / TRUTH_RATE_HZ
+        rows = self._truth.window(edges_s[0] - around_s, edges_s[-1] + around_s)
+        time_s, torque = rows[0], rows[1 + SIDES.index(side)]
+        if time_s.size == 0 or time_s[0] > edges_s[0] + around_s:
             raise BenchError(
-                f"true torque from {start_s:.3f} to {stop_s:.3f} s",
+                f"true torque from {edges_s[0]:.3f} to {edges_s[-1]:.3f} s",
                 f"the last {TRUTH_KEPT_S:g} s of bench time",
             )
-        return float(values.mean())
+        at = np.union1d(time_s, edges_s)
+        values = np.interp(at, time_s, torque)
+        area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(at) * (values[1:] + values[:-1]))])
+        return np.asarray(np.diff(area[np.searchsorted(at, edges_s)]) / np.diff(edges_s))
 
     def dense_sweep(
         self, side: Side, true_torque_nm: NDArray[np.float64], *, alone: bool = False

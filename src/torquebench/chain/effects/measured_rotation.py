@@ -65,6 +65,9 @@ class MeasuredRotation(Effect):
         Time in which running-in falls to 1/e, s; 0 for none.
     running_in_nm, running_in_uncertainty_nm : tuple of float
         Additional drag at time 0 over the speed's nodes, N·m.
+    ripple_nm : tuple of float
+        Standard deviation of single readings of the empty runs over the speed's nodes, beyond that
+        at standstill: what misalignment and the drive leave within a revolution, N·m.
     """
 
     title: ClassVar[str] = "rotation, measured"
@@ -90,6 +93,7 @@ class MeasuredRotation(Effect):
     running_in_s: float = 0.0
     running_in_nm: Numbers = ()
     running_in_uncertainty_nm: Numbers = ()
+    ripple_nm: Numbers = ()
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
@@ -206,6 +210,10 @@ class MeasuredRotation(Effect):
             Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
             Component("bearing drag", Shared.MOUNTING, drag_u, drag, place),
         ]
+        if self.ripple_nm:
+            size = np.where(np.isnan(speed), self.speeds_rpm[-1], np.abs(speed))
+            u = np.interp(size, self.speeds_rpm, self.ripple_nm)
+            found.append(Component("ripple within a revolution", Shared.NOTHING, u))
         if self.running_in_s > 0.0:
             found.append(self._running_in(readings, running, running_u))
         return tuple(found)

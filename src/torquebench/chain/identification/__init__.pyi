@@ -4,6 +4,7 @@ from .records import (
     stretches as stretches,
 )
 from .tables import (
+    LEAST_KELVIN as LEAST_KELVIN,
     Identified as Identified,
     identify as identify,
 )

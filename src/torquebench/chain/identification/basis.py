@@ -9,7 +9,7 @@ between that speed and a hundredth of it are in the basis at once.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ _FALLS = 2.0 ** -np.arange(1, 8)
 _POWERS = (0.5, 1.0, 1.5, 2.0)
 _SPEED_CENTRES, _SPEED_WIDTH = np.linspace(0.0, 1.0, 9), 0.15
 _WARM_CENTRES, _WARM_WIDTH = np.arange(-40.0, 41.0, 10.0), 13.0
+_CREEPS_S = (10.0, 100.0)
 _VISCOSITIES = (0.02, 0.05)  # 1/K, as oils and greases have
 
 
@@ -42,21 +43,27 @@ class Circumstances:
         Direction of the speed, 0 at standstill.
     warmth_k : float64 array of shape (n,)
         Temperature less that of the static curve.
+    zeroed_k : float64 array of shape (n,)
+        The same at the zero that the reading counts from.
     acceleration, time_s : float64 array of shape (n,)
         Acceleration as a share of the largest measured one.
     branch : float64 array of shape (n,)
-    empty : float64 array of shape (n,)
-        1 for empty runs, 0 for points of a calibration.
+    run : float64 array of shape (n,)
+        Number of the empty run from 1, 0 for points of a calibration.
+    since : float64 array of shape (n,)
+        Time since the run began, s.
     """
 
     share: FloatArray
     speed: FloatArray
     turning: FloatArray
     warmth_k: FloatArray
+    zeroed_k: FloatArray
     acceleration: FloatArray
     time_s: FloatArray
     branch: FloatArray
-    empty: FloatArray
+    run: FloatArray
+    since: FloatArray
 
     @classmethod
     def of(cls, size: int, **known: FloatArray | float) -> Circumstances:
@@ -119,6 +126,11 @@ def _warm_bumps(c: Circumstances) -> FloatArray:
     """Bumps over temperature, less their value at that of the static curve."""
     bumps = np.exp(-0.5 * ((c.warmth_k[:, None] - _WARM_CENTRES) / _WARM_WIDTH) ** 2)
     return np.asarray(bumps - np.exp(-0.5 * (_WARM_CENTRES / _WARM_WIDTH) ** 2))
+
+
+def _since_zero(columns: Columns) -> Columns:
+    """Return what has changed since the zero was taken."""
+    return lambda c: columns(c) - columns(replace(c, warmth_k=c.zeroed_k))
 
 
 def _speed_bumps(c: Circumstances) -> FloatArray:
@@ -184,17 +196,30 @@ def _bent_drag_on_load(c: Circumstances) -> FloatArray:
     return _stack(size**2, size**0.5)
 
 
-def blocks() -> tuple[Block, ...]:
-    """Return all blocks of columns."""
+def _wanderings(runs: int) -> Columns:
+    """Return what creep and remanence leave of each run's zero: a constant, and what dies away."""
+
+    def columns(c: Circumstances) -> FloatArray:
+        own = c.run[:, None] == np.arange(1, runs + 1)
+        fading = np.exp(-c.since[:, None] / np.array(_CREEPS_S))
+        return np.concatenate(
+            [own, *(own * fading[:, k : k + 1] for k in range(len(_CREEPS_S)))], axis=1
+        )
+
+    return columns
+
+
+def blocks(runs: int) -> tuple[Block, ...]:
+    """Return all blocks of columns, for a number of empty runs."""
 
     def warm(power: int) -> Columns:
         return lambda c: _stack(_warm(c, power))
 
     one: Columns = lambda c: np.ones((len(c), 1))  # noqa: E731
     return (
-        Block("zero, linear in temperature", "zero", warm(1), 10.0),
-        Block("zero, square of temperature", "zero", warm(2), 2.0),
-        Block("zero, bumps over temperature", "zero", _warm_bumps, 0.5, 1.0),
+        Block("zero, linear in temperature", "zero", _since_zero(warm(1)), 10.0),
+        Block("zero, square of temperature", "zero", _since_zero(warm(2)), 2.0),
+        Block("zero, bumps over temperature", "zero", _since_zero(_warm_bumps), 0.5, 1.0),
         Block("span, linear in temperature", "span", _on("share", warm(1)), 5.0),
         Block("span, square of temperature", "span", _on("share", warm(2)), 1.0),
         Block("span, bumps over temperature", "span", _on("share", _warm_bumps), 0.3, 1.0),
@@ -229,8 +254,9 @@ def blocks() -> tuple[Block, ...]:
             0.15,
         ),
         Block("inertia", "inertia", lambda c: c.acceleration[:, None], 10.0, 2.5),
-        Block("zero of empty runs", "", lambda c: c.empty[:, None], 1.0),
-        Block("static curve", "", _on(lambda c: 1.0 - c.empty, _static_columns), 0.3),
+        Block("zero of empty runs", "", lambda c: np.sign(c.run)[:, None], 1.0),
+        Block("wandering of empty runs", "", _wanderings(runs), 0.1, 1.0),
+        Block("static curve", "", _on(lambda c: 1.0 - np.sign(c.run), _static_columns), 0.3),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +33,8 @@ class EmptyRun:
         At an even rate.
     acceleration_rad_s2 : float64 array of shape (n,), optional
         From the speed where it isn't given.
+    zero_nm : float, optional
+        The frequency of the zero that the readings count from, as a torque by the nominal zero.
 
     Raises
     ------
@@ -45,6 +48,7 @@ class EmptyRun:
     speed_rpm: FloatArray
     temperature_c: FloatArray
     acceleration_rad_s2: FloatArray | None = None
+    zero_nm: float | None = None
 
     def __post_init__(self) -> None:
         if self.time_s.size < _FEWEST_ROWS:
@@ -79,6 +83,30 @@ class EmptyRun:
         return int(self.time_s.size)
 
 
+def of_one_zero(runs: Sequence[EmptyRun]) -> list[EmptyRun]:
+    """Return runs whose readings count from the zero of the first.
+
+    Raises
+    ------
+    InputError
+        Where some runs say which zero that is and others don't.
+    """
+    known = [run for run in runs if run.zero_nm is not None]
+    if known and len(known) < len(runs):
+        silent = next(run.source for run in runs if run.zero_nm is None)
+        raise InputError(
+            f"{known[0].source} names its zero, {silent} doesn't",
+            "zero_nm in all empty runs, or one zero for all of them and no zero_nm",
+            "record all of them with `torquebench turn`, or give one run only",
+        )
+    return [
+        run
+        if run.zero_nm is None or known[0].zero_nm is None
+        else replace(run, reading_nm=run.reading_nm + (run.zero_nm - known[0].zero_nm))
+        for run in runs
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class TurningCalibration:
     """Points of a calibration with speed and temperature.
@@ -90,6 +118,8 @@ class TurningCalibration:
         0 where it was at standstill.
     temperature_c : float64 array of shape (n,) or None
         None where it wasn't measured.
+    zero_temperature_c : float64 array of shape (n,), optional
+        Temperature at the zero that each reading counts from; that of the static curve by default.
     """
 
     reading_nm: FloatArray
@@ -97,6 +127,7 @@ class TurningCalibration:
     branch: FloatArray
     speed_rpm: FloatArray
     temperature_c: FloatArray | None
+    zero_temperature_c: FloatArray | None = None
 
 
 def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:

@@ -23,18 +23,19 @@ from torquebench.chain.identification.records import (
     SAME_K,
     EmptyRun,
     TurningCalibration,
+    of_one_zero,
     stretches,
 )
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.compensation import features, make_model
 from torquebench.errors import InputError
 
-__all__ = ["Identified", "identify"]
+__all__ = ["LEAST_KELVIN", "Identified", "identify"]
 
 _UNIT = 1e-4
 """Columns' weights count in this share of full scale."""
 _NOISE, _NOISE_SPREAD = 1.0, 1.5
-_LEAST_KELVIN = 4.0
+LEAST_KELVIN = 4.0
 """A smaller spread of temperatures says nothing of zero or span."""
 _LEAST_SPEEDS = 4
 _LEAST_RAD_S2 = 1.0
@@ -47,6 +48,8 @@ _RUNNING_IN_GAIN = 6.0
 _LEAST_EXTENSION_K = 10.0
 _NODE_K = 2.0
 _SPEED_NODES = 48
+_STILL = 0.001
+_FEWEST_IN_BIN = 20
 _MOST_ROWS = 20_000
 """Rows of a run; samples of longer ones are averaged in groups."""
 
@@ -92,9 +95,9 @@ def identify(
     InputError
         Empty runs that say nothing, or that can't be put together with the calibration.
     """
-    data = _Data.of(calibration, runs, range_nm)
+    data = _Data.of(calibration, of_one_zero(runs), range_nm)
     remarks = list(data.gaps())
-    used = [block for block in blocks() if block.group == "" or block.group in data.groups]
+    used = [block for block in blocks(len(runs)) if block.group == "" or block.group in data.groups]
     if not data.groups:
         return Identified(
             (),
@@ -118,6 +121,7 @@ def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> Fl
         calibration.reading_nm,
         speed_rpm=calibration.speed_rpm,
         temperature_c=calibration.temperature_c,
+        zero_temperature_c=calibration.zero_temperature_c,
         acceleration_rad_s2=0.0,
         time_s=np.full(calibration.reading_nm.size, np.inf),  # run in
     )
@@ -151,7 +155,7 @@ class _Data:
         """Put the rows together."""
         warm, still = calibration.temperature_c, np.abs(calibration.speed_rpm) <= 0.5
         warmth = [run.temperature_c for run in runs]
-        if warm is None and runs and np.ptp(np.concatenate(warmth)) >= _LEAST_KELVIN:
+        if warm is None and runs and np.ptp(np.concatenate(warmth)) >= LEAST_KELVIN:
             raise InputError(
                 "a calibration without temperature_c beside empty runs at several temperatures",
                 "the temperature of every point, so that the runs can be related to it",
@@ -184,6 +188,9 @@ class _Data:
                 speed=calibration.speed_rpm / largest_rpm,
                 turning=direction(calibration.speed_rpm),
                 warmth_k=warm - calibrated_c,
+                zeroed_k=0.0
+                if calibration.zero_temperature_c is None
+                else calibration.zero_temperature_c - calibrated_c,
                 time_s=np.full(share.size, np.inf),
             ),
             (
@@ -195,10 +202,10 @@ class _Data:
             (),
             _words(calibration, runs),
         )
-        data = replace(data, runs=tuple(data._run(run) for run in runs))
+        data = replace(data, runs=tuple(data._run(run, n) for n, run in enumerate(runs, 1)))
         return replace(data, groups=data._identified(warm, calibration, runs))
 
-    def _run(self, run: EmptyRun) -> tuple[Circumstances, FloatArray]:
+    def _run(self, run: EmptyRun, number: int) -> tuple[Circumstances, FloatArray]:
         rows = Circumstances.of(
             len(run),
             speed=run.speed_rpm / self.largest_rpm,
@@ -206,7 +213,8 @@ class _Data:
             warmth_k=run.temperature_c - self.calibrated_c,
             acceleration=run.acceleration / max(self.largest_rad_s2, 1e-9),
             time_s=run.time_s,
-            empty=1.0,
+            run=number,
+            since=run.time_s - run.time_s[0],
         )
         return rows, run.reading_nm / (_UNIT * self.range_nm)
 
@@ -214,13 +222,14 @@ class _Data:
         self, warm: FloatArray, calibration: TurningCalibration, runs: Sequence[EmptyRun]
     ) -> frozenset[str]:
         found = set()
-        if self.limits_c[1] - self.limits_c[0] >= _LEAST_KELVIN:
+        if self.limits_c[1] - self.limits_c[0] >= LEAST_KELVIN:
             found.add("zero")
         loaded = np.abs(calibration.standard_nm) > _LEAST_LOAD * self.range_nm
-        if loaded.any() and np.ptp(warm[loaded]) >= _LEAST_KELVIN:
+        if loaded.any() and np.ptp(warm[loaded]) >= LEAST_KELVIN:
             found.add("span")
-        turning = np.concatenate([direction(run.speed_rpm) for run in runs] or [np.zeros(0)])
-        speeds = [run.speed_rpm[direction(run.speed_rpm) != 0] for run in runs]
+        driven = [run.speed_rpm for run in runs] or [calibration.speed_rpm]
+        turning = np.concatenate([direction(each) for each in driven])
+        speeds = [each[direction(each) != 0] for each in driven]
         shares = np.unique(
             np.round(20.0 * np.concatenate([*speeds, np.zeros(0)]) / self.largest_rpm)
         )
@@ -239,7 +248,7 @@ class _Data:
         """Return what isn't identified, and what would do it."""
         has_runs = bool(self.runs)
         said = {
-            "zero": f"zero over temperature: all data lie within {_LEAST_KELVIN:g} K; an empty run "
+            "zero": f"zero over temperature: all data lie within {LEAST_KELVIN:g} K; an empty run "
             "at another temperature would tell",
             "span": "span over temperature: a series at another temperature would tell",
             "odd": "zero and drag over speed: an empty run through the speeds that are used, in "
@@ -252,10 +261,10 @@ class _Data:
         if not self.groups and has_runs:
             raise InputError(
                 "empty runs at one speed, one temperature and without a ramp",
-                f"different speeds, or temperatures {_LEAST_KELVIN:g} K apart",
+                f"different speeds, or temperatures {LEAST_KELVIN:g} K apart",
                 "drive the empty run through the speeds that are used, or repeat it warm and cold",
             )
-        if not self.groups:
+        if not self.groups and not np.any(self.points.turning):
             return []
         missing = [name for name in said if name not in self.groups]
         if "odd" in missing:
@@ -303,6 +312,8 @@ class _Fit:
     members: dict[str, NDArray[np.intp]]
     posterior: Posterior
     running_in_s: float
+    left_over: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
+    """Size of the speed, share of the largest, and what the fit leaves of the empty runs."""
 
     @classmethod
     def of(cls, data: _Data, used: Sequence[Block]) -> _Fit:
@@ -332,7 +343,11 @@ class _Fit:
         else:
             start = fitted.theta
         posterior = explore(groups, sizes, centres, widths, start)
-        return cls(data, tuple(used), _members(used, sizes), posterior, time_s)
+        left_over = (
+            np.concatenate([np.zeros(0), *(np.abs(rows.speed) for _, _, rows in runs)]),
+            np.concatenate([np.zeros(0), *(t - c @ posterior.mean for c, t, _ in runs)]),
+        )
+        return cls(data, tuple(used), _members(used, sizes), posterior, time_s, left_over)
 
     def function(self, group: str, at: Circumstances) -> tuple[FloatArray, FloatArray]:
         """Return value and standard uncertainty of a group of blocks, share of full scale."""
@@ -541,6 +556,9 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
         table(range_nm * odd),
         table(range_nm * odd_u),
     )
+    ripple = _ripple(fit, speeds / data.largest_rpm)
+    if ripple.any():
+        rotation = replace(rotation, ripple_nm=numbers(range_nm * ripple))
     along = Circumstances.of(speeds.size, share=1.0, speed=speeds / data.largest_rpm, turning=1.0)
     if "load" in data.groups:
         loads = np.linspace(0.0, 1.1, 12)
@@ -567,6 +585,21 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
             running_in_uncertainty_nm=numbers(range_nm * start_u),
         )
     return rotation
+
+
+def _ripple(fit: _Fit, shares: FloatArray) -> FloatArray:
+    """Return how much more single readings scatter at speeds than at standstill, share of range."""
+    size, left = fit.left_over
+    still = left[size <= _STILL]
+    if still.size < _FEWEST_IN_BIN:
+        return np.zeros(shares.size)
+    middle = np.linspace(0.05, 0.95, 10)
+    bins = [left[np.abs(size - each) <= 0.05] for each in middle]
+    filled = [number for number, rows in enumerate(bins) if rows.size >= _FEWEST_IN_BIN]
+    if not filled:
+        return np.zeros(shares.size)
+    more = [float(np.mean(bins[number] ** 2)) - float(np.mean(still**2)) for number in filled]
+    return np.asarray(_UNIT * np.sqrt(np.maximum(np.interp(shares, middle[filled], more), 0.0)))
 
 
 def _inertia(fit: _Fit) -> Inertia:

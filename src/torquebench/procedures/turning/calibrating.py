@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,7 +23,7 @@ from torquebench.procedures.turning.empty import run_metadata
 from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
 
-__all__ = ["calibrate_turning"]
+__all__ = ["calibrate_turning", "series_of"]
 
 
 @dataclass
@@ -34,7 +34,12 @@ class _Table:
 
 
 def calibrate_turning(
-    devices: BenchDevices, side: Side, profile: TurningProfile
+    devices: BenchDevices,
+    side: Side,
+    profile: TurningProfile,
+    *,
+    series_done: int = 0,
+    on_series: Callable[[CalibrationData, int], None] | None = None,
 ) -> Plan[CalibrationData]:
     """Load a turning module against the turning calibrator.
 
@@ -48,6 +53,11 @@ def calibrate_turning(
     side : {"input", "output"}
     profile : TurningProfile
         Of kind "calibration".
+    series_done : int
+        Series that were measured before: they aren't again.
+    on_series : callable, optional
+        Called after every complete series with the points of this run and the number of complete
+        series, those before included.
 
     Raises
     ------
@@ -61,9 +71,10 @@ def calibrate_turning(
     largest = max(abs(point.torque_nm) for point in points)
     if largest > module.limits.torque_nm:
         raise LimitError(f"{largest:g} N·m at the {side}", f"at most {module.limits.torque_nm:g}")
+    todo = [each for each in zip(points, series_of(points), strict=True) if each[1] > series_done]
     top, table = profile.top_rpm(side), _Table()
     metadata = {
-        **run_metadata(devices, side, profile, len(points)),
+        **run_metadata(devices, side, profile, len(todo)),
         "plan_name": "calibrate_turning",
     }
     setup = Setup("calibration", side, "calibrator", "locked")
@@ -71,7 +82,7 @@ def calibrate_turning(
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
         metadata["standard_serial"] = standard_serial(devices.context.state)
-        body = _loaded(devices, side, profile, points, table)
+        body = _loaded(devices, side, profile, todo, table, on_series)
         yield from bpp.run_wrapper(body, md=metadata)
 
     loading = loading_limits(devices, side, largest)
@@ -85,36 +96,46 @@ def calibrate_turning(
     return _data(devices, side, table)
 
 
+def series_of(points: Sequence[TurningPoint]) -> list[int]:
+    """Return the number of the series of each point, from 1: one at each speed."""
+    speeds = np.array([point.speed_rpm for point in points])
+    numbers = 1 + np.cumsum(np.diff(speeds) != 0.0)
+    return [1, *map(int, numbers)]
+
+
 def _loaded(
     devices: BenchDevices,
     side: Side,
     profile: TurningProfile,
-    points: list[TurningPoint],
+    points: list[tuple[TurningPoint, int]],
     table: _Table,
+    on_series: Callable[[CalibrationData, int], None] | None,
 ) -> Plan[None]:
     drive, steady = devices.module(side).drive, devices.module(side).steady
     top = profile.top_rpm(side)
     rate = top / profile.ramps.gentle_s
     yield from bps.prepare(steady, SteadySettings(reference=True), wait=True)
-    present, series, seen = 0.0, 0, devices.interruptions
-    for number, point in enumerate(points):
+    present, before, seen = 0.0, 0, devices.interruptions
+    for number, (point, series) in enumerate(points):
         text = f"{point.speed_rpm:g} rpm, {point.torque_nm:g} N·m"
         yield from progress(number, len(points), text)
         yield from checkpoint()
         held = devices.interruptions != seen
         seen = devices.interruptions
-        if point.speed_rpm != present or held:
+        if series != before or held:
             if present != 0.0 and not held:
                 yield from move(drive.torque, 0.0)
                 yield from turn_at(devices, side, 0.0, rate)
-            if point.speed_rpm != present:
-                series += 1
+            if series != before:
+                if before and on_series is not None and table.rows:
+                    on_series(_data(devices, side, table), before)
+                before = series
                 yield from zero(devices, side, duration_s=profile.zero_s, standard=True)
             present = point.speed_rpm
             yield from power_on(devices, side)
             yield from turn_at(devices, side, present, rate)
             if held and point.branch < 0 and point.torque_nm != 0.0:  # the turning point again
-                turned = np.sign(point.torque_nm) * max(abs(p.torque_nm) for p in points)
+                turned = np.sign(point.torque_nm) * max(abs(p.torque_nm) for p, _ in points)
                 yield from move(drive.torque, float(turned))
         period_s = 60.0 / abs(point.speed_rpm)
         window = SteadySettings(
@@ -132,6 +153,8 @@ def _loaded(
         table.rows.append(row)
     yield from move(drive.torque, 0.0)
     yield from turn_at(devices, side, 0.0, rate)
+    if on_series is not None and table.rows:
+        on_series(_data(devices, side, table), before)
     yield from progress(len(points), len(points), "done")
 
 
@@ -158,4 +181,4 @@ def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
         time_s=column("time_s"),
         standard_error_nm=column("reading_standard_error_nm"),
         true_torque_nm=column("true_torque_nm") if known else None,
-    )
+    ).zeroed_each_series()
