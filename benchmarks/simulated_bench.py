@@ -82,9 +82,9 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as folder:
         old = exported(asked.reference, Path(folder))
-        measured(HERE / "src", "test hysteresis --short --yes")  # compiles
-        measured(old, "test hysteresis --short --yes")
         for procedure in asked.procedure or PROCEDURES:
+            measured(HERE / "src", procedure)  # compiles
+            measured(old, procedure)
             bench_s, processor_s, _ = measured(HERE / "src", procedure)
             reference_bench_s, reference_s, _ = measured(old, procedure)
             faster = (bench_s / processor_s) / (reference_bench_s / reference_s)
