@@ -260,19 +260,15 @@ def charts(
     values = [row.value for row in rows]
     single = individuals_chart(values, base)
     moving = statistics.ewma_chart(values, weight=weight, width=width, base=base)
-    remarks = []
-    for k in range(len(rows)):
-        said = [
-            word
-            for word, places in (
-                ("outside", single.outside),
-                ("jump", single.jumps),
-                ("8 on a side", single.runs),
-                ("EWMA", moving.outside),
-            )
-            if k in places
-        ]
-        remarks.append(", ".join(said))
+    signals_of = (
+        ("outside", frozenset(single.outside)),
+        ("jump", frozenset(single.jumps)),
+        ("8 on a side", frozenset(single.runs)),
+        ("EWMA", frozenset(moving.outside)),
+    )
+    remarks = [
+        ", ".join(word for word, places in signals_of if k in places) for k in range(len(rows))
+    ]
     columns = {name: values for name, values in _columns(rows).items() if name != _SHOWN[-1]}
     columns["ewma"] = moving.average.tolist()
     columns["ewma_lower"] = moving.lower.tolist()
@@ -309,7 +305,7 @@ def outliers(plant: Plant, wanted: SpecimenFilter, *, level: float = 0.01) -> An
     rows = _latest(_rows(plant, wanted))
     values = [row.value for row in rows]
     middle = float(np.median(values))
-    single = statistics.outlying_values(values)
+    single = frozenset(statistics.outlying_values(values))
     names = ("what", "name", "specimens", "mean", "difference", "p_value")
     found: list[tuple[Any, ...]] = []
     kinds: tuple[tuple[str, Callable[[Any], str]], ...] = (
@@ -327,7 +323,7 @@ def outliers(plant: Plant, wanted: SpecimenFilter, *, level: float = 0.01) -> An
         ]
     found += [
         ("specimen", rows[k].serial or rows[k].run_id, 1, values[k], values[k] - middle, None)
-        for k in single
+        for k in sorted(single)
     ]
     return Answer(
         f"Outliers: {_title(rows, wanted.specimen_type)}",

@@ -23,6 +23,7 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
+    text,
 )
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.types import JSON, Date, TypeEngine
@@ -123,6 +124,8 @@ runs = Table(
     Index("ix_plant_runs_type", "specimen_type", "kind", "started"),
     Index("ix_plant_runs_serial", "serial", "started"),
     Index("ix_plant_runs_batch", "batch", "started"),
+    Index("ix_plant_runs_simulated", "simulated", "started"),
+    Index("ix_plant_runs_withdrawn", "started", postgresql_where=text("withdrawn IS NOT NULL")),
     Index("ix_plant_runs_manifest", "manifest_sha256"),
     Index("ix_plant_runs_end", "bench_key", "end_id"),
 )

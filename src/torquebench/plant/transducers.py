@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime
 from typing import Any
 
 from sqlalchemy import bindparam, text
@@ -18,7 +18,6 @@ from torquebench.records import CalibrationEntry, CheckEntry, Equipment, Equipme
 
 __all__ = ["drift", "drift_of_kind", "due"]
 
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 # What counts: benches that weren't replaced, runs that weren't withdrawn, nothing rejected.
 _COUNTS = """
   JOIN plant.benches b ON b.bench_key = c.bench_key AND b.replaced_by IS NULL
@@ -77,7 +76,7 @@ JOIN plant.benches b ON b.bench_key = e.bench_key AND b.replaced_by IS NULL
 WHERE e.kind = 'transducer' ORDER BY e.serial, d.recorded DESC
 """
 _POINTS = """
-SELECT f.points_url, b.bench_key || ' ' || b.name AS bench, r.simulated
+SELECT f.points_url, e.serial, c.performed, b.bench_key || ' ' || b.name AS bench, r.simulated
 FROM plant.equipment e
 JOIN plant.calibrations c ON c.bench_key = e.bench_key AND c.transducer_key = e.id
 JOIN plant.benches b ON b.bench_key = c.bench_key AND b.replaced_by IS NULL
@@ -320,18 +319,23 @@ def drift_of_kind(plant: Plant, model: str) -> Answer:
             )
         query = text(_POINTS).bindparams(bindparam("serials", expanding=True))
         rows: Sequence[Any] = connection.execute(query, {"serials": serials}).all()
-    benches = {row.points_url: row.bench for row in rows}
-    spans = _spans(FolderStore(plant.folders_url), list(benches)) if rows else []
+    known_of = {row.points_url: row for row in rows}
+    spans = _spans(FolderStore(plant.folders_url), list(known_of)) if rows else []
+    found = sorted(
+        (row.serial, row.performed, direction, row.bench, error)
+        for row, direction, error in ((known_of[url], *rest) for url, *rest in spans)
+    )
     columns: dict[str, list[Any]] = {
-        name: [] for name in ("serial", "bench", "when", "direction", "span_error_percent")
+        "serial": [serial for serial, *_ in found],
+        "bench": [bench for *_, bench, _ in found],
+        "when": [moment for _, moment, *_ in found],
+        "direction": [
+            "clockwise" if direction > 0 else "counter-clockwise" for _, _, direction, *_ in found
+        ],
+        "span_error_percent": [error for *_, error in found],
     }
-    for url, serial, started, direction, error in spans:
-        side = "clockwise" if direction > 0 else "counter-clockwise"
-        moment = EPOCH + timedelta(microseconds=started)
-        for name, value in zip(columns, (serial, benches[url], moment, side, error), strict=True):
-            columns[name].append(value)
     return Answer(
-        f"Span of {len(serials)} transducers of the kind {model}, {len(benches)} calibrations",
+        f"Span of {len(serials)} transducers of the kind {model}, {len(known_of)} calibrations",
         columns,
         facts=_pooled(columns),
         simulated=any(row.simulated for row in rows),
@@ -339,11 +343,10 @@ def drift_of_kind(plant: Plant, model: str) -> Answer:
 
 
 _SPANS = """
-SELECT filename, any_value(transducer_serial), epoch_us(any_value(started)),
-  sign(standard_nm) AS direction,
+SELECT filename, sign(standard_nm) AS direction,
   100.0 * (sum(reading_nm * standard_nm) / sum(standard_nm * standard_nm) - 1.0)
 FROM read_parquet($files, filename = true)
-WHERE standard_nm <> 0.0 GROUP BY filename, direction ORDER BY 2, 3, 4
+WHERE standard_nm <> 0.0 GROUP BY filename, direction
 """
 
 
