@@ -77,6 +77,8 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
         done = run(*arguments, *in_records(folder, arguments), cwd=folder)
         assert done.returncode == 0, done.stderr
         checked(arguments, done.stdout)
+    policy = folder / "data" / "laboratory.toml"
+    policy.write_text('[policy]\nunreviewed = "state"\n', encoding="utf-8")
     return folder
 
 
