@@ -124,3 +124,27 @@ def test_what_the_record_of_an_effect_does_not_cover_is_refused_by_line(
     assert result.returncode == 0, result.stderr
     assert "temperature_c" in result.stdout
     assert "acceleration_rad_s2" in result.stdout
+
+
+def test_what_turn_writes_is_what_fit_and_apply_take(tmp_path: Path) -> None:
+    """The bench's own tables, from the runs to the torque."""
+    ramps = "speed_shares = [0.25, 0.5, 1.0]\nhold_s = 0.2\nsettle_s = 0.2\n"
+    ends = "[largest_rpm]\ninput = 1200\n[ramps]\ngentle_s = 4\nsteep_s = 2\n"
+    (tmp_path / "run.toml").write_text(ramps + ends)
+    loads = 'kind = "calibration"\ntorque_shares = [0.25, 0.5, 0.75, 1.0]\n'
+    (tmp_path / "load.toml").write_text(loads + ramps.replace("0.25, 0.5, 1.0", "1.0") + ends)
+    for profile, table in (("run.toml", "empty.csv"), ("load.toml", "points.csv")):
+        words = ("turn", "input", "--profile", profile, "--out", table)
+        turned = run(*words, cwd=tmp_path)
+        assert turned.returncode == 0, turned.stderr
+    fitted = run("fit", "points.csv", "--empty", "empty.csv", "--out", "m.json", cwd=tmp_path)
+    assert fitted.returncode == 0, fitted.stderr
+    assert "inertia" in fitted.stdout
+    applied = run("apply", "m.json", "empty.csv", "--out", "torque.csv", cwd=tmp_path)
+    assert applied.returncode == 0, applied.stderr
+    rows = [line for line in (tmp_path / "torque.csv").read_text().splitlines() if line[0] != "#"]
+    at = rows[0].split(",")
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows[1:]])
+    torque, reading = table[:, at.index("torque_nm")], table[:, at.index("reading_nm")]
+    assert np.std(torque) < 0.8 * np.std(reading)
+    assert abs(np.mean(torque)) < 0.001 * RANGE_NM
