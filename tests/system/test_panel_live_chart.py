@@ -42,9 +42,9 @@ def heads(person: Visitor) -> list[str]:
     return [each.text for each in found]
 
 
-def saved(person: Visitor, folder: Path, ending: str) -> Path:
+def saved(person: Visitor, folder: Path, ending: str, name: str = "torquebench-*") -> Path:
     def found() -> Path | None:
-        return next(folder.glob(f"torquebench-*.{ending}"), None)
+        return next(folder.glob(f"{name}.{ending}"), None)
 
     file: Path = person.wait(found, f"a saved {ending}")
     return file
@@ -174,3 +174,30 @@ def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) 
     assert float(rows[0]["output_raw_nm_min"]) <= float(rows[0]["output_raw_nm"])
     assert float(rows[-1]["bench_time_s"]) > float(rows[0]["bench_time_s"])
     assert rows[0]["time_utc"].startswith("20")
+
+
+def test_signals_are_recorded_on_demand(person: Visitor) -> None:
+    person.open("/")
+    person.press("Record")
+    person.fill("Name", "run-down")
+    person.fill("Note", "without the coupling")
+    person.choose("It begins", "level")
+    person.sees("Direction")
+    assert person.axe() == []
+    person.choose("It begins", "now")
+    record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record')]"
+    person.wait(
+        lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"
+    )
+    person.wait(lambda: "s recorded" in person.text, "a recording under way")
+    person.press("Finish")
+    person.sees("Recording: done")
+    person.sees("run-down")
+    person.open("/records")
+    person.sees("Recording")
+    person.press("Open")
+    person.sees("without the coupling")
+    person.sees("by hand")
+    person.choose("Samples as a file", "parquet")
+    assert saved(person, person.panel.folder, "parquet", "*-samples").stat().st_size > 1000
+    assert person.problems() == []

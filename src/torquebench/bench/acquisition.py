@@ -10,7 +10,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -110,6 +112,8 @@ class Acquisition:
         self._compensations: dict[Side, ActiveChain] = {}
         self._journal: JournalSink | None = None
         self._held: list[AcquiredBlock] = []
+        self._past: deque[Stretch] = deque()
+        self._remembered_s = 0.0
         self._release_lock = threading.RLock()
         self._viewers: tuple[Viewer, ...] = ()
         self._stopping = threading.Event()
@@ -273,6 +277,11 @@ class Acquisition:
             return None
         stretch = self._evaluator.stretch(self._held, self._compensations)
         self._held.clear()
+        if self._remembered_s:
+            self._past.append(stretch if self._description.recording.edges else _bare(stretch))
+            begin_s = stretch.blocks[-1].stop_s - self._remembered_s
+            while self._past[0].blocks[-1].stop_s <= begin_s:
+                self._past.popleft()
         failure = None
         if self._journal is not None:
             try:
@@ -300,14 +309,24 @@ class Acquisition:
 
     # -- who gets the blocks ----------------------------------------------------------------
 
-    def set_journal(self, journal: JournalSink | None) -> None:
+    def remember(self, seconds: float) -> None:
+        """Have so many seconds of blocks at hand from now on, for a journal that begins earlier."""
+        with self._release_lock:
+            self._remembered_s = seconds
+
+    def set_journal(self, journal: JournalSink | None, *, before_s: float = 0.0) -> None:
         """Keep blocks here from the next one on; None ends it.
 
         When this returns, the journal before has every block until now, and gets no further one.
+        With `before_s` the new one first gets the remembered blocks of so long before.
         """
         with self._release_lock:
             failure = self._release()
             self._journal = journal
+            if journal is not None and before_s and self._past:
+                begin_s = self._past[-1].blocks[-1].stop_s - before_s
+                for stretch in _since(self._past, begin_s):
+                    journal.write(stretch)
         self._raise_alarm(failure)
 
     def add_viewer(self, maximum: int = 100) -> Viewer:
@@ -532,3 +551,19 @@ def _silent_encoder(side: Side) -> SignalFault:
     return SignalFault(
         f"no angle from the {side} encoder", "samples in every block", "check its connection"
     )
+
+
+def _since(past: Iterable[Stretch], begin_s: float) -> Iterator[Stretch]:
+    """Give the blocks that end after a moment."""
+    for stretch in past:
+        if stretch.blocks[0].stop_s > begin_s + 1e-9:
+            yield stretch
+            continue
+        for block in stretch.each():
+            if block.stop_s > begin_s + 1e-9:
+                yield Stretch((block,), block.compensated)
+
+
+def _bare(stretch: Stretch) -> Stretch:
+    """Return blocks without their edges, which nobody keeps and which need most of the room."""
+    return Stretch(tuple(replace(each, edges={}) for each in stretch.blocks), stretch.compensated)

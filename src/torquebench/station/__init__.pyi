@@ -10,6 +10,7 @@ from .entering import (
     enter_run as enter_run,
 )
 from .runs import (
+    LONGEST_BEFORE_S as LONGEST_BEFORE_S,
     Progress as Progress,
     ProgressCallback as ProgressCallback,
     RunRecord as RunRecord,

@@ -306,6 +306,7 @@ class Station:
         metadata: Mapping[str, Any] | None = None,
         progress: ProgressCallback | None = None,
         on_pause: OnPause | None = None,
+        before_s: float = 0.0,
     ) -> RunRecord:
         """Run a plan to its end, with everything it emits kept in a run folder.
 
@@ -324,6 +325,8 @@ class Station:
         on_pause : callable, optional
             Called on the calling thread when a pause is reached; says how to go on. Without it
             the run waits for `resume` or `abort`.
+        before_s : float
+            Keep what was acquired so long before, too, s; see `Acquisition.remember`.
 
         Returns
         -------
@@ -341,7 +344,7 @@ class Station:
             if not self._run_lock.acquire(blocking=False):
                 raise BenchError("a run is under way", "one run at a time", "wait or abort it")
             try:
-                return self._run(plan, kind, dict(metadata or {}), progress, on_pause)
+                return self._run(plan, kind, dict(metadata or {}), progress, on_pause, before_s)
             finally:
                 self._run_lock.release()
         finally:
@@ -355,6 +358,7 @@ class Station:
         metadata: dict[str, Any],
         progress: ProgressCallback | None,
         on_pause: OnPause | None,
+        before_s: float,
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
         started_s, before = self.clock.now(), self.devices.interruptions
@@ -367,6 +371,7 @@ class Station:
             self.data_dir / "runs",
             kind,
             metadata,
+            before_s=before_s,
         )
         writer = recording.writer
         self.engine.progress = progress

@@ -9,7 +9,7 @@ from torquebench.bench.acquisition import JournalSink
 from torquebench.bench.samples import Stretch
 from torquebench.errors import RecordError
 
-__all__ = ["QueuedJournal"]
+__all__ = ["WAITING_BLOCKS", "QueuedJournal"]
 
 WAITING_BLOCKS = 200
 """Blocks that may wait for the disk: ten seconds of the usual 50 ms."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import ceil
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,7 @@ from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Registry, RunFolder, RunLock
 from torquebench.station.journal import RunJournal
-from torquebench.station.queued_journal import QueuedJournal
+from torquebench.station.queued_journal import WAITING_BLOCKS, QueuedJournal
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
 
@@ -37,6 +38,8 @@ class Recording:
     kind : str
     metadata : mapping
         What is known of the run beside what the bench knows of itself.
+    before_s : float
+        Keep what was acquired so long before, as far as acquisition remembers it, s.
     """
 
     def __init__(
@@ -48,6 +51,8 @@ class Recording:
         runs: Path,
         kind: str,
         metadata: Mapping[str, Any],
+        *,
+        before_s: float = 0.0,
     ) -> None:
         self._context = context
         self._queue = queue
@@ -67,8 +72,9 @@ class Recording:
         described = context.description
         journal = RunJournal(self.writer, described.temperatures, edges=described.recording.edges)
         # Fast simulated time waits for the disk; real time doesn't.
-        self._queued = None if context.clock.fast else QueuedJournal(journal)
-        context.acquisition.set_journal(self._queued or journal)
+        past = ceil(before_s / described.counter.block_s)  # acquisition doesn't wait for it
+        self._queued = None if context.clock.fast else QueuedJournal(journal, WAITING_BLOCKS + past)
+        context.acquisition.set_journal(self._queued or journal, before_s=before_s)
 
     def document(self, name: str, document: dict[str, Any]) -> None:
         """Keep a document; one that can't be kept stops the bench."""

@@ -9,7 +9,10 @@ from typing import Any, Literal
 
 from torquebench.bench.safety import Alarm
 
-__all__ = ["ExitStatus", "Progress", "ProgressCallback", "RunRecord"]
+__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "Progress", "ProgressCallback", "RunRecord"]
+
+LONGEST_BEFORE_S = 60.0
+"""What was acquired before a run began is kept for so long at most, s."""
 
 ExitStatus = Literal["success", "abort", "fail"]
 

@@ -138,6 +138,21 @@ def test_the_journal_gets_every_block_in_order(bench: LowBench) -> None:
     assert [block.index for block in journal.blocks] == list(range(2, 22))
 
 
+def test_a_journal_may_begin_before_it_is_set(bench: LowBench) -> None:
+    journal, late = Journal(), Journal()
+    bench.acquisition.remember(0.5)
+    bench.clock.wait_until(2.0)
+    bench.acquisition.set_journal(journal, before_s=0.3)
+    bench.clock.wait(0.2)
+    bench.acquisition.set_journal(late, before_s=9.0)
+    bench.acquisition.set_journal(None)
+    indices = [block.index for block in journal.blocks]
+    assert indices == list(range(indices[0], indices[0] + len(indices)))
+    assert len(indices) == 6 + 4  # blocks of 50 ms
+    assert len(late.blocks) >= 10  # all that is remembered
+    assert not any(block.edges for block in late.blocks)
+
+
 def test_a_failing_journal_brings_the_bench_to_its_safe_state(bench: LowBench) -> None:
     journal = Journal()
     bench.load_output(500.0)

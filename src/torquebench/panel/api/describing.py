@@ -133,6 +133,12 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "CompareRequest": {"calibration_id": 7},
     "FitRequest": {"calibration_id": 7, "model": "spline"},
     "VerifyRequest": {"calibration_id": 7, "groups": 10, "points": 20, "bench_clear": True},
+    "RecordRequest": {
+        "name": "run-down of the drive",
+        "before_s": 5.0,
+        "duration_s": 60.0,
+        "trigger": {"signal": "output_speed_rpm", "level": 10.0, "direction": "falling"},
+    },
     "ZeroRequest": {"sides": ["input", "output"]},
     "CheckRequest": {"side": "output", "tolerance_percent_fs": 0.1, "bench_clear": True},
     "ReducerTestRequest": {

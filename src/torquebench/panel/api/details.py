@@ -122,6 +122,18 @@ class ZeroOfSide(BaseModel):
     zero_nm: float
 
 
+class RecordingDetails(BaseModel):
+    """Of "record"; `trigger` says in words what began it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    seconds: float
+    before_s: float
+    name: str
+    note: str
+    trigger: str
+
+
 class ZeroDetails(BaseModel):
     """Of "zero": a side that wasn't asked for is missing."""
 
@@ -219,6 +231,7 @@ DETAILS: tuple[type[BaseModel], ...] = (
     CertificateDetails,
     ReducerTestDetails,
     StandardReducerDetails,
+    RecordingDetails,
     ZeroDetails,
 )
 """Of jobs that have any; others have none, and so has "zero" of no side."""

@@ -59,6 +59,12 @@ def resume(service: Service, caller: Caller, job_id: JobId) -> JobView:
     return service.jobs.resume(caller, job_id)
 
 
+@router.post("/jobs/{job_id}/finish")
+def finish(service: Service, caller: Caller, job_id: JobId) -> JobView:
+    """End a job that goes on until then, such as a recording, with its result."""
+    return service.jobs.finish(caller, job_id)
+
+
 @router.post("/jobs/{job_id}/abort")
 def abort(service: Service, caller: Caller, job_id: JobId, body: AbortBody) -> JobView:
     """End a job with zero torque."""

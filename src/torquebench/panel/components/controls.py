@@ -130,13 +130,14 @@ class Field:
         control.on("input", self._changed, js_handler=TYPED)
         return control
 
-    def _changed(self, event: Any) -> None:
+    def _changed(self, event: Any) -> Any:
         self.value = str(event.args)
         if self.control.tag != "select":
             with self.control.props.suspend_updates():
                 self.control.props["value"] = self.value
         if self._on_change is not None:
-            self._on_change(self.value)
+            return self._on_change(self.value)
+        return None
 
     def set(self, value: str) -> None:
         """Put another value in."""

@@ -70,7 +70,7 @@ class JobControls:
 
     def refresh(self, job: JobView) -> None:
         """Offer what can be done now."""
-        shown = (job.job_id, job.state, self._visitor.commands)
+        shown = (job.job_id, job.state, job.can_finish, self._visitor.commands)
         if shown == self._shown:
             return
         self._shown = shown
@@ -87,6 +87,13 @@ class JobControls:
                     lambda: self._ask("resume", number),
                     "primary",
                     picture="play_arrow",
+                )
+            if job.can_finish and job.state == "running":
+                button(
+                    text("job.finish"),
+                    lambda: self._ask("finish", number),
+                    "primary",
+                    picture="stop_circle",
                 )
             if job.state != "aborting":
                 button(text("job.abort"), lambda: self._abort(number), "danger", picture="close")

@@ -15,6 +15,7 @@ from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.dialogs import ask, sheet
 from torquebench.panel.components.elements import box, note, on_press, panel, words
 from torquebench.panel.components.trend import Band, Trace, Trend
+from torquebench.panel.pages.recording_dialog import open_recording
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import (
     DEFAULT_LAYOUT,
@@ -112,6 +113,12 @@ class LiveChart:
                 self._spans = {key: self._span_button(key) for key in SPANS}
             with box("div", "line tight"):
                 button(text("live.channels_short"), self._open_channels, "small", picture="tune")
+                button(
+                    text("record.start"),
+                    lambda: open_recording(self.visitor),
+                    "small",
+                    picture="fiber_manual_record",
+                )
                 button(text("live.marker"), self._open_marker, "small", picture="bookmark_add")
                 button(
                     text("live.spectrum_short"), self._open_analysis, "small", picture="equalizer"

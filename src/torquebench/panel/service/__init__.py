@@ -33,7 +33,7 @@ Work (`jobs`): one at a time, each needs the lease
     - `jobs.preview(kind, request)` -> `JobPreview` (steps, duration, limits; nothing moves).
     - `jobs.start(actor, kind, request)` -> `JobView`; kinds and their requests (pydantic) are in
       `JOB_KINDS`: "calibrate", "resume-calibration", "compare-models", "fit", "verify", "zero",
-      "check", "reducer-test", "standard-reducer".
+      "check", "record", "reducer-test", "standard-reducer".
       What `JobView.result.details` holds is said in the modules job_calibrations, job_checks
       and job_reducers.
     - `jobs.current` / `jobs.get(job_id)` / `jobs.recent()` -> `JobView` (state, stages, progress,

@@ -32,6 +32,7 @@ from torquebench.panel.service.jobs.checks import CERTIFICATE_KIND, CHECK_KINDS
 from torquebench.panel.service.jobs.finishing import FINISHING_KINDS, UnfinishedView, unfinished
 from torquebench.panel.service.jobs.log import JobLog
 from torquebench.panel.service.jobs.recall import InterruptedView, interrupted_calibration, recall
+from torquebench.panel.service.jobs.recordings import RECORDING_KINDS
 from torquebench.panel.service.jobs.reducers import REDUCER_KINDS
 from torquebench.panel.service.jobs.runner import JobKind, JobRunner, Workplace
 from torquebench.panel.service.jobs.values import JobView
@@ -51,12 +52,19 @@ from torquebench.panel.service.records.table_import import TableImport
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import Event, PanelStore
 from torquebench.reports.certificate import kept_letterhead
-from torquebench.station import Station, data_directory
+from torquebench.station import LONGEST_BEFORE_S, Station, data_directory
 
 __all__ = ["JOB_KINDS", "BenchService"]
 
 JOB_KINDS: Mapping[str, JobKind] = {
-    kind.name: kind for kind in (*CALIBRATION_KINDS, *CHECK_KINDS, *REDUCER_KINDS, *FINISHING_KINDS)
+    kind.name: kind
+    for kind in (
+        *CALIBRATION_KINDS,
+        *CHECK_KINDS,
+        *REDUCER_KINDS,
+        *RECORDING_KINDS,
+        *FINISHING_KINDS,
+    )
 }
 """What `jobs.start` can start."""
 
@@ -182,6 +190,7 @@ class BenchService:
         try:
             self.records = RecordQueries(station.registry)
             self._viewer = station.acquisition.add_viewer(maximum=400)
+            station.acquisition.remember(LONGEST_BEFORE_S)
             self.live = LiveHub(
                 station.description, station.clock, self._viewer, station.drivers.operator.mounted
             )

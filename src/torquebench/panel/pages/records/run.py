@@ -9,7 +9,7 @@ from typing import Any
 from nicegui import run, ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
-from torquebench.errors import TorquebenchError
+from torquebench.errors import RecordError, TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, note, pairs, panel, table, words
@@ -17,6 +17,7 @@ from torquebench.panel.pages.calibrate.resume import resume_button, take_up
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
+from torquebench.records.stream_export import STREAM_ENDINGS, STREAM_FORMATS, StreamFormat
 
 __all__ = ["RunPanel", "doubt_notes", "run_title"]
 
@@ -69,6 +70,12 @@ class RunPanel:
             with box("div", "line"):
                 if detail.run.finished is not None:
                     button(text("run.export"), self._export, picture="download")
+                    formats = {"": text("run.samples_as")} | {
+                        each: each.upper() for each in STREAM_FORMATS
+                    }
+                    Field(
+                        text("run.samples_file"), "", options=formats, on_change=self._export_data
+                    )
                 number = detail.calibration_id
                 if number is not None:
                     button(text("resume.take_up"), lambda: take_up(self._visitor, number),
@@ -101,6 +108,9 @@ class RunPanel:
             (text("run.bench"), text.core(run.bench) or "—"),
             (text("run.version"), run.software_version),
         ]
+        for key, name in (("title", "title_of"), ("note", "note"), ("trigger", "trigger")):
+            if said := str(detail.metadata.get(key) or ""):
+                facts.append((text(f"run.{name}"), said))
         if run.reason:
             facts.insert(3, (text("run.reason"), text.core(run.reason)))
         if run.simulated:
@@ -207,6 +217,24 @@ class RunPanel:
             self._visitor.messages.problem(error)
             return
         ui.download(packed, f"{self._run_id}.zip")
+
+    async def _export_data(self, chosen: str) -> None:
+        """Hand the samples out as one file."""
+        if chosen not in STREAM_FORMATS:
+            return
+        try:
+            data = await run.io_bound(self._samples_as, chosen)
+        except (TorquebenchError, OSError) as error:
+            self._visitor.messages.problem(
+                error if isinstance(error, TorquebenchError) else RecordError(str(error))
+            )
+            return
+        ending = STREAM_ENDINGS.get(chosen, f".{chosen}")
+        ui.download(data, f"{self._run_id}-samples{ending}")
+
+    def _samples_as(self, chosen: StreamFormat) -> bytes:
+        with self._visitor.service.records.data_file(self._run_id, chosen, "samples") as file:
+            return file.read()
 
     def _packed(self) -> bytes:
         with self._visitor.service.records.export_zip(self._run_id) as archive:

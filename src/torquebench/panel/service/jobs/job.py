@@ -91,7 +91,9 @@ class Job:
     finished: datetime | None = None
     problem: Problem | None = None
     result: JobResult | None = None
+    can_finish: bool = False
     cancelled: threading.Event = field(default_factory=threading.Event)
+    finishing: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)
     _lock: threading.RLock = field(default_factory=threading.RLock)
     _stage: str = ""
@@ -115,6 +117,11 @@ class Job:
         with self._lock:
             self._done += steps
             self._detail = detail
+
+    def detail(self, detail: str, done: int) -> None:
+        """Say what is at work, and how many steps are done."""
+        with self._lock:
+            self._done, self._detail = done, detail
 
     def finish(self, detail: str = "") -> None:
         """End the stage."""
@@ -165,6 +172,7 @@ class Job:
                 started_by=self.actor.label,
                 state=self.state,
                 can_pause=self.can_pause,
+                can_finish=self.can_finish and not self.finishing.is_set(),
                 stage=self._stage,
                 done=self._done,
                 total=self._total,

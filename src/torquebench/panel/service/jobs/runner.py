@@ -107,6 +107,8 @@ class JobKind:
     moves : bool
         Whether the bench moves: then no alarm may be latched.
     can_pause : bool
+    can_finish : bool
+        Whether it goes on until somebody finishes it.
     """
 
     name: str
@@ -118,6 +120,7 @@ class JobKind:
     role: Role = "operator"
     moves: bool = True
     can_pause: bool = True
+    can_finish: bool = False
 
 
 class JobRunner:
@@ -240,6 +243,7 @@ class JobRunner:
                 self._station.supervisor.raise_if_latched()
             document = asked.model_dump(mode="json")
             job = Job(found.name, found.title(asked), document, actor, found.can_pause)
+            job.can_finish = found.can_finish
             self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
             self.log.began(actor, job.view())
             self._current = job
@@ -413,6 +417,15 @@ class JobRunner:
             raise BusyError(f"{job.title} isn't paused", "a paused job")
         self._station.resume()
         self._note(actor, "resumed a job", job_id=job_id)
+        return self._view(job)
+
+    def finish(self, actor: Actor, job_id: str) -> JobView:
+        """End a job that goes on until then, with its result; raises like `pause`."""
+        job = self._commanded(actor, job_id)
+        if not job.can_finish:
+            raise BusyError(f"{job.title} can't be finished", "a recording")
+        job.finishing.set()
+        self._note(actor, "finished a job", job_id=job_id)
         return self._view(job)
 
     def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:

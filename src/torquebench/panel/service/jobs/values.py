@@ -170,6 +170,8 @@ class JobView:
     started_by : str
     state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted"}
     can_pause : bool
+    can_finish : bool
+        Whether it goes on until somebody finishes it.
     stage : str
         What is at work.
     done, total : int, int or None
@@ -194,6 +196,7 @@ class JobView:
     started_by: str
     state: JobState
     can_pause: bool
+    can_finish: bool
     stage: str
     done: int
     total: int | None

@@ -1,0 +1,111 @@
+"""Recording on demand: a name, and when it begins and ends."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from torquebench.errors import InputError
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.dialogs import sheet
+from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.visitor import Visitor
+
+__all__ = ["open_recording"]
+
+SIGNALS = (
+    "output_torque_nm",
+    "output_raw_nm",
+    "output_speed_rpm",
+    "input_torque_nm",
+    "input_raw_nm",
+    "input_speed_rpm",
+)
+
+
+def open_recording(visitor: Visitor) -> None:
+    """Ask for what a recording needs, and begin it."""
+    text = visitor.text
+
+    def start() -> None:
+        def begin() -> None:
+            request = {"name": name.value.strip(), "note": note.value.strip()}
+            request |= _numbers(duration, before) | _beginning(begins, signal, level, way, at)
+            visitor.service.jobs.start(visitor.actor, "record", request)
+
+        if visitor.attempt(begin):
+            dialog.close()
+
+    def shown(kind: str) -> None:
+        for field in (signal, level, way):
+            field.frame.set_visibility(kind == "level")
+        at.frame.set_visibility(kind == "time")
+
+    with sheet(text("record.title")) as dialog:
+        words("p", text("record.explained"))
+        name = Field(text("record.name"), maxlength="80", autocomplete="off")
+        note = Field(text("record.note"), maxlength="500", autocomplete="off")
+        with box("div", "columns narrow"):
+            duration = Field(
+                text("record.duration"),
+                unit="s",
+                hint=text("record.duration_hint"),
+                inputmode="decimal",
+            )
+            before = Field(
+                text("record.before"),
+                "0",
+                unit="s",
+                hint=text("record.before_hint"),
+                inputmode="decimal",
+            )
+        options = {key: text(f"record.begin_{key}") for key in ("now", "level", "time")}
+        begins = Field(text("record.begins"), "now", options=options, on_change=shown)
+        with box("div", "columns narrow"):
+            signals = {each: text(f"signal.{each}") for each in SIGNALS}
+            signal = Field(text("live.signal"), SIGNALS[0], options=signals)
+            ways = {key: text(f"record.{key}") for key in ("rising", "falling")}
+            way = Field(text("record.direction"), "rising", options=ways)
+            level = Field(text("record.level"), hint=text("record.level_hint"), inputmode="decimal")
+        at = Field(text("record.at"), kind="datetime-local", step="1")
+        shown("now")
+        with box("div", "line end"):
+            button(text("frame.close"), dialog.close, "quiet")
+            button(text("record.start"), start, "primary", picture="fiber_manual_record")
+    # What the browser calls a time is local; the server wants to know which one it is.
+    at.control.on(
+        "change",
+        lambda event: setattr(at, "value", str(event.args)),
+        js_handler="(event) => emit(new Date(event.target.value).toISOString())",
+    )
+
+
+def _numbers(duration: Field, before: Field) -> dict[str, Any]:
+    found: dict[str, Any] = {"before_s": _number(before.value or "0")}
+    if duration.value.strip():
+        found["duration_s"] = _number(duration.value)
+    return found
+
+
+def _beginning(begins: Field, signal: Field, level: Field, way: Field, at: Field) -> dict[str, Any]:
+    if begins.value == "level":
+        trigger = {
+            "signal": signal.value,
+            "level": _number(level.value),
+            "direction": way.value,
+        }
+        return {"trigger": trigger}
+    if begins.value == "time":
+        try:
+            moment = datetime.fromisoformat(at.value)
+        except ValueError:
+            raise InputError("no moment", "date and time at which the recording begins") from None
+        return {"at": moment.astimezone(UTC).isoformat()}
+    return {}
+
+
+def _number(said: str) -> float:
+    try:
+        return float(said.strip().replace(",", "."))
+    except ValueError:
+        raise InputError(f"{said!r} for a number", "a number") from None

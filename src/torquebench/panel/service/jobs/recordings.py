@@ -1,0 +1,217 @@
+"""Recordings on demand: all signals, by name, from now on or from a trigger on.
+
+Details of their result, as JSON: "record" has `seconds`, `before_s`, `name`, `note`, `trigger`
+(what began it, in words).
+"""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from torquebench.bench.roles import torque_channel
+from torquebench.bench.samples import AcquiredBlock, Viewer
+from torquebench.campaign.measuring import RunAbortedError
+from torquebench.panel.run_in_process import ProcessEndedError
+from torquebench.panel.service.fields import Moment, Number, plain
+from torquebench.panel.service.jobs.results import as_details
+from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
+from torquebench.panel.service.jobs.values import JobResult
+from torquebench.procedures.recording import LONGEST_RECORDING_S, record_signals
+from torquebench.station import LONGEST_BEFORE_S, Progress
+from torquebench.units import RPM_PER_RAD_S
+
+__all__ = ["RECORDING_KINDS", "RecordRequest", "Trigger", "crossing"]
+
+LOOK_S = 0.2
+TriggerSignal = Literal[
+    "input_torque_nm",
+    "output_torque_nm",
+    "input_raw_nm",
+    "output_raw_nm",
+    "input_speed_rpm",
+    "output_speed_rpm",
+]
+
+
+class Trigger(JobRequest):
+    """A level that a signal has to pass."""
+
+    signal: TriggerSignal
+    level: Number
+    direction: Literal["rising", "falling"] = "rising"
+
+
+class RecordRequest(JobRequest):
+    """Record all signals; nothing is moved.
+
+    It begins at once, when `trigger` is met, or at the moment `at`, and ends after `duration_s`,
+    or when it is finished (`POST /jobs/{job_id}/finish`). What came up to `before_s` earlier is
+    recorded, too.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    note: Annotated[str, Field(max_length=500)] = ""
+    duration_s: Annotated[Number, Field(gt=0, le=LONGEST_RECORDING_S)] | None = None
+    before_s: Annotated[Number, Field(ge=0, le=LONGEST_BEFORE_S)] = 0.0
+    trigger: Trigger | None = None
+    at: Moment | None = None
+
+
+def crossing(
+    time_s: NDArray[np.float64],
+    value: NDArray[np.float64],
+    level: float,
+    *,
+    rising: bool,
+    armed: bool,
+) -> tuple[float | None, bool]:
+    """Return when a level is passed first, and whether the signal is on the near side at the end.
+
+    Parameters
+    ----------
+    time_s, value : float64[n]
+        NaN is no value.
+    level : float
+    rising : bool
+    armed : bool
+        Whether the signal was on the near side before: a level that is exceeded from the
+        beginning isn't passed.
+
+    Examples
+    --------
+    >>> time = np.arange(4.0)
+    >>> crossing(time, np.array([3.0, 1.0, 2.0, 5.0]), 4.0, rising=True, armed=False)
+    (3.0, False)
+    >>> crossing(time, np.array([9.0, 8.0, 7.0, 6.0]), 4.0, rising=True, armed=False)
+    (None, False)
+    """
+    for moment, found in zip(time_s.tolist(), value.tolist(), strict=True):
+        if found != found:
+            continue
+        beyond = found >= level if rising else found <= level
+        if beyond and armed:
+            return moment, False
+        armed = not beyond
+    return None, armed
+
+
+def _signal(
+    block: AcquiredBlock, name: TriggerSignal
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times and values of a signal in a block."""
+    side: Literal["input", "output"] = "input" if name.startswith("input") else "output"
+    if name.endswith("_rpm"):
+        speed = block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S
+        return np.array([block.stop_s]), np.array([speed])
+    samples = block.channels[torque_channel(side)]
+    if name.endswith("_raw_nm"):
+        return samples.time_s, samples.torque_nm
+    compensated = block.compensated.get(side)
+    if compensated is None or len(compensated) != samples.time_s.size:
+        return samples.time_s, np.full(samples.time_s.shape, np.nan)
+    return samples.time_s, compensated.value_nm
+
+
+def run_record(context: JobContext, request: RecordRequest) -> JobResult:
+    """Wait for what begins the recording, and record until it ends."""
+    station, job = context.station, context.job
+    name, note = plain(request.name, 80), plain(request.note, 500)
+    began_s, trigger = _begin(context, request)
+    job.start("Recording", None if request.duration_s is None else round(request.duration_s))
+
+    def watch(step: Progress) -> None:
+        job.detail(step.message, step.done)
+
+    record = station.run(
+        record_signals(station.devices, job.finishing, duration_s=request.duration_s),
+        kind="recording",
+        metadata={
+            "operator": context.actor.label,
+            "title": name,
+            "note": note,
+            "trigger": trigger,
+            "before_s": request.before_s,
+        },
+        progress=watch,
+        before_s=request.before_s + max(0.0, station.clock.now() - began_s),
+    )
+    if record.exit_status != "success":
+        raise RunAbortedError(record)
+    seconds = record.result.stop_s - record.result.start_s
+    return JobResult(
+        headline=f"Recorded {seconds:.1f} s: {name}",
+        simulated=station.description.simulated,
+        run_ids=(record.run_id,),
+        details=as_details(
+            {
+                "seconds": seconds,
+                "before_s": request.before_s,
+                "name": name,
+                "note": note,
+                "trigger": trigger,
+            }
+        ),
+    )
+
+
+def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
+    """Wait for what begins the recording; return its bench time, and what it was."""
+    if request.at is not None:
+        context.job.start("Waiting for the moment")
+        while (left_s := (request.at - datetime.now(UTC)).total_seconds()) > 0.0:
+            _still_wanted(context)
+            time.sleep(min(LOOK_S, left_s))
+        return context.station.clock.now(), f"at {request.at:%Y-%m-%d %H:%M:%S} UTC"
+    if request.trigger is None:
+        return context.station.clock.now(), "by hand"
+    viewer = context.station.acquisition.add_viewer(400)
+    try:
+        return _await_level(context, request.trigger, viewer)
+    finally:
+        context.station.acquisition.remove_viewer(viewer)
+
+
+def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple[float, str]:
+    unit = "rpm" if trigger.signal.endswith("_rpm") else "N·m"
+    said = f"{trigger.signal} {trigger.direction} through {trigger.level:g} {unit}"
+    context.job.start("Waiting for the trigger")
+    context.job.advance(0, said)
+    armed = False
+    while True:
+        _still_wanted(context)
+        block = viewer.get(timeout_s=LOOK_S)
+        if block is None:
+            continue
+        found, armed = crossing(
+            *_signal(block, trigger.signal),
+            trigger.level,
+            rising=trigger.direction == "rising",
+            armed=armed,
+        )
+        if found is not None:
+            return found, said
+
+
+def _still_wanted(context: JobContext) -> None:
+    context.check()
+    if context.job.finishing.is_set():
+        raise ProcessEndedError("ended before the recording began")
+
+
+RECORDING_KINDS: tuple[JobKind, ...] = (
+    JobKind(
+        "record",
+        lambda asked: f"Recording {plain(asked.name, 80)}",
+        RecordRequest,
+        run_record,
+        moves=False,
+        can_pause=False,
+        can_finish=True,
+    ),
+)

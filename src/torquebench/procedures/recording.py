@@ -1,0 +1,72 @@
+"""Record all signals for a while; nothing is moved."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.errors import InputError
+from torquebench.procedures.messages import progress
+from torquebench.procedures.setup import Plan
+
+__all__ = ["LONGEST_RECORDING_S", "RecordedSpan", "record_signals"]
+
+LOOK_S = 0.1
+LONGEST_RECORDING_S = 86400.0
+
+
+@dataclass(frozen=True)
+class RecordedSpan:
+    """What a recording covers.
+
+    Parameters
+    ----------
+    start_s, stop_s : float
+        Bench time, s, without what was kept from before the start.
+    """
+
+    start_s: float
+    stop_s: float
+
+
+def record_signals(
+    devices: BenchDevices, ended: threading.Event, *, duration_s: float | None = None
+) -> Plan[RecordedSpan]:
+    """Wait while the run's folder takes every sample, until somebody ends it.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    ended : threading.Event
+        Set by whoever ends the recording.
+    duration_s : float, optional
+        Ends it after so long; without it only `ended` does, or a day.
+
+    Raises
+    ------
+    InputError
+        The duration isn't positive, or is longer than a day.
+    """
+    longest_s = LONGEST_RECORDING_S if duration_s is None else duration_s
+    if not 0.0 < longest_s <= LONGEST_RECORDING_S:
+        raise InputError(f"a recording of {longest_s:g} s", f"at most {LONGEST_RECORDING_S:g} s")
+    clock = devices.context.clock
+
+    def waiting() -> Plan[None]:
+        start_s = clock.now()
+        while (left_s := start_s + longest_s - clock.now()) > 0.0 and not ended.is_set():
+            gone_s = int(clock.now() - start_s)
+            text = f"{gone_s} s recorded"
+            yield from progress(gone_s, 0 if duration_s is None else round(longest_s), text)
+            if clock.fast and duration_s is None:  # else a day would pass at once
+                ended.wait(LOOK_S)
+            yield from bps.sleep(min(LOOK_S, left_s))
+        spans.append(RecordedSpan(start_s, clock.now()))
+
+    spans: list[RecordedSpan] = []
+    yield from bpp.run_wrapper(waiting())
+    return spans[0]
