@@ -178,14 +178,14 @@ def test_the_chart_is_saved_as_picture_and_table(person: Visitor, folder: Path) 
 
 def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.open("/")
-    person.press("Record")
+    person.press("Record signals")
     person.fill("Name", "run-down")
     person.fill("Note", "without the coupling")
     person.choose("It begins", "level")
     person.sees("Direction")
     assert person.axe() == []
     person.choose("It begins", "now")
-    record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record')]"
+    record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record signals')]"
     person.wait(
         lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"
     )
