@@ -66,7 +66,8 @@ def _section(section: Section, images: Path) -> Iterator[str]:
     number, drawn = section.heading.partition(".")[0], 0
     for block in section.blocks:
         if isinstance(block, Facts):
-            yield "\n".join(f"- {name}: {value}" for name, value in block.items)
+            rows = "\n".join(f"| {_cell(name)} | {_cell(value)} |" for name, value in block.items)
+            yield f"| what | value |\n| --- | --- |\n{rows}"
         elif isinstance(block, Table):
             yield _table(block)
         elif isinstance(block, Figure):

@@ -63,3 +63,16 @@ def test_limits_and_claims_are_theirs() -> None:
     assert said(LOADING) <= said(STATED[3])
     for name in SUB_SYSTEMS:
         assert name in STATED[1]
+
+
+def test_the_documentations_page_is_current_in_its_words() -> None:
+    page = (
+        Path(__file__).parents[3] / "docs" / "explanation" / "papers-item-by-item.md"
+    ).read_text(encoding="utf-8")
+    for number, item in ITEMS.items():
+        heading, _, rest = page.partition(f"\n## {number}. {item.title}: ")
+        assert heading != page, f"item {number}: python -m benchmarks.papers_page --write"
+        section = rest.partition("\n## ")[0]
+        assert f"Papers: {item.theirs}. Here: " in section
+        assert f"Command: {item.command}." in section
+        assert "| --- |" in section or "](../images/papers/item-" in section, number
