@@ -23,7 +23,9 @@ class Messages:
     def __init__(self, text: Text) -> None:
         self._text = text
         self._shown: list[Any] = []
-        self._region = box("div", "messages", role="status", aria_live="polite")
+        self._region = box(
+            "aside", "messages", aria_live="polite", aria_label=text("frame.messages")
+        )
 
     def good(self, said: str) -> None:
         """Say that something is done; the message goes by itself."""

@@ -21,7 +21,8 @@ function niceStep(span) {
 }
 
 function numberText(value) {
-  return String(Number(value.toPrecision(6))).replace("-", "−");
+  const rounded = Math.abs(value) < 1e-12 ? 0 : Number(value.toPrecision(6)); // a tick at zero is zero
+  return String(rounded).replace("-", "−");
 }
 
 function fixedText(value, decimals) {

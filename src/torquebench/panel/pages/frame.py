@@ -99,7 +99,7 @@ class _Frame:
                 self._rail(current)
             before.move(client.layout, 0)  # read and reached before the page's content
             self.visitor.messages = Messages(self.text)
-            self._job = JobStrip(self.visitor)
+            self._job = JobStrip(self.visitor, current)
 
     def _bar(self) -> None:
         text = self.text

@@ -12,12 +12,27 @@ from torquebench.panel.service import EndedJob, JobView
 __all__ = ["JobStrip"]
 
 KINDS = {"pass": "good", "": "good"}
+SHOWN_BY = {
+    "calibrate": (
+        "calibrate",
+        "resume-calibration",
+        "compare-models",
+        "fit",
+        "verify",
+        "certificate",
+        "zero",
+        "check",
+    ),
+    "reducer": ("reducer-test", "standard-reducer"),
+}
+"""Kinds whose results a page shows itself: a message there would only be in the way."""
 
 
 class JobStrip:
     """Shows the job under way where the page itself doesn't; refreshed with the frame."""
 
-    def __init__(self, visitor: Visitor) -> None:
+    def __init__(self, visitor: Visitor, page: str) -> None:
+        self._kinds = SHOWN_BY.get(page, ())
         self._visitor, self._text = visitor, visitor.text
         self._shown: tuple[Any, ...] = ()
         self._told: set[str] = set()
@@ -70,7 +85,8 @@ class JobStrip:
             if job.job_id in self._told:
                 continue
             self._told.add(job.job_id)
-            if job.job_id in visitor.shown_jobs:  # the page itself shows how it ended
+            shown = job.kind in self._kinds and job.state != "interrupted"
+            if shown or job.job_id in visitor.shown_jobs:  # the page itself shows how it ended
                 log.told(job.job_id)
                 continue
             self._say(job)
