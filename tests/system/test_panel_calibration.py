@@ -78,16 +78,15 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.open("/")
     ana.sees("Compensated:")
     ana.sees("(k = 2)")
+    switch_a_correction(ben, ana)
     ana.press("Give up command")
     ana.sees("Nobody is in command")
     ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
     assert ana.problems() == ben.problems() == []
 
 
-def test_a_correction_is_switched_off_and_on_where_its_effect_is_shown(
-    visitors: tuple[Visitor, Visitor],
-) -> None:
-    ben, ana = visitors
+def switch_a_correction(ben: Visitor, ana: Visitor) -> None:
+    """Switch a correction off and on where its effect is shown, by the calibration just made."""
     ana.open("/")
     ana.sees("Effects on the output torque")
     row = "table.compact tr[data-effect='hysteresis']"

@@ -19,6 +19,7 @@ def job(kind: str, number: int | None = None, *, done: bool = True, **details: A
         started_by="Ana",
         state="done" if done else "running",
         can_pause=True,
+        can_finish=False,
         stage="",
         done=0,
         total=None,
