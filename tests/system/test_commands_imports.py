@@ -31,6 +31,8 @@ REFUSED = [
     "fit none.csv",
     "fit table.csv",
     "fit table.csv --model nonsense",
+    "fit calibration.csv --empty none.csv",
+    "fit calibration.csv --empty table.csv",
     "fit table.csv --out none/model.json",
     "apply none.json table.csv --out torque.csv",
     "apply table.csv table.csv --out torque.csv",
@@ -94,6 +96,8 @@ def test_help_of_a_command_imports_nothing_heavy(tmp_path: Path) -> None:
 
 def test_a_refusal_imports_nothing_heavy(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("a,b\n1,2\n")
+    calibration = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
+    (tmp_path / "calibration.csv").write_bytes(calibration.read_bytes())
     made = "from pathlib import Path; from torquebench.records import Registry; "
     made += "Path('records').mkdir(); Registry.open(Path('records')).close()"
     subprocess.run([sys.executable, "-c", made], cwd=tmp_path, check=True)

@@ -139,26 +139,23 @@ def fit(
         )
     limits = load_profile(profile).plausibility
     others = [*data, *(empty or ())]
-    from torquebench.campaign.turning import identify_turning, joined_tables
-
-    points = joined_tables(
-        {
-            file.name: read_calibration_csv(
-                file,
-                range_nm=range_nm,
-                both_directions=not one_direction and len(data) == 1,
-                transducer_serial=serial,
-                counter_identity=counter,
-                remark=warn,
-                mapping=maps_one(column or (), file, [each for each in others if each != file]),
-            )
-            for file in data
-        }
-    )
+    tables = {
+        file.name: read_calibration_csv(
+            file,
+            range_nm=range_nm,
+            both_directions=not one_direction and len(data) == 1,
+            transducer_serial=serial,
+            counter_identity=counter,
+            remark=warn,
+            mapping=maps_one(column or (), file, [each for each in others if each != file]),
+        )
+        for file in data
+    }
     runs = [read_empty_run(file, column or ()) for file in empty or ()]
 
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model, table_metrics
+    from torquebench.campaign.turning import identify_turning, joined_tables
     from torquebench.chain import SwitchedOff
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.tables import effects_table
@@ -166,6 +163,7 @@ def fit(
     from torquebench.reports.fit_report import fit_page
     from torquebench.reports.page import write_page
 
+    points = joined_tables(tables)
     off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
     with TerminalProgress() as progress:
         turning = identify_turning(points, runs, progress)
