@@ -158,12 +158,17 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
     assert step.expanded_after_nm is not None
     told["certificate"] = Told(READING_NM + step.error_after_nm, step.expanded_after_nm)
 
+    measured = live_torque("output", [block])
+    assert measured.torque_nm is not None
+    assert measured.expanded_uncertainty_nm is not None
+    told["measure"] = Told(measured.torque_nm, measured.expanded_uncertainty_nm)
+
     for name, each in told.items():
         assert each.torque_nm == pytest.approx(expected.torque_nm, rel=1e-12), name
         assert each.expanded_nm == pytest.approx(expected.expanded_nm, rel=1e-12), name
 
-    line = live_torque("output", [block])
-    assert line.split() == [f"{expected.torque_nm:.2f}", "±", f"{expected.expanded_nm:.2f}"]
+    shown = measured.text(8, 2).split()
+    assert shown == [f"{expected.torque_nm:.2f}", "±", f"{expected.expanded_nm:.2f}"]
     options = ("--temperature-change", TEMPERATURE_C - 23.0, "--speed", 0, "--zero-age", 0)
     budget = run("budget", file, "--reading", READING_NM, "--branch", "up", *options, cwd=tmp_path)
     assert "k = 2.00" in " ".join(budget.stdout.split())

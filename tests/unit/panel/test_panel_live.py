@@ -55,6 +55,16 @@ def hub() -> LiveHub:
     return LiveHub(default_bench(), BenchClock(fast=True), Viewer(10))
 
 
+def test_it_is_waited_for_a_row_beyond_a_time(hub: LiveHub) -> None:
+    hub.take(block(0))
+    assert hub.wait_beyond(0.02)
+    assert not hub.wait_beyond(0.05, timeout_s=0.01)
+    later = threading.Timer(0.05, lambda: hub.take(block(1)))
+    later.start()
+    assert hub.wait_beyond(0.05, timeout_s=60.0)
+    later.join()
+
+
 def test_increments_hold_every_row_once(hub: LiveHub) -> None:
     sequence, times = 0, []
     for number in range(20):

@@ -260,10 +260,14 @@ def activate(
     model_id: Annotated[int, Path(ge=1, le=2**53)],
     body: ActivateBody,
 ) -> Response:
-    """Put a model into use on its chain; one that contradicts itself on demand, with a reason."""
+    """Put a model into use on its chain; one that contradicts itself on demand, with a reason.
+
+    The newest numbers are by this model when the answer comes.
+    """
     service.activate(
         caller, model_id, body.reason, despite_contradictions=body.despite_contradictions
     )
+    service.wait_for_live()
     return Response(status_code=204)
 
 
@@ -284,6 +288,7 @@ def effects(service: Watched, side: Side) -> list[EffectView]:
 def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -> Response:
     """Leave corrections of a side out until the bench is closed; what they correct is in U then."""
     service.switch_off(caller, side, body.off, body.reason)
+    service.wait_for_live()
     return Response(status_code=204)
 
 

@@ -148,7 +148,8 @@ class _Listener:
         self._jobs = {view.job_id: view for view in old if not view.open}
         self._points: dict[str, int] = {}
         self._prompt: PendingPrompt | None = None
-        self._alarms: dict[str, AlarmView] = {}
+        self._alarms = {view.alarm_id: view for view in service.alarms() if not view.stands}
+        self._seen: tuple[object, ...] = ()
 
     @property
     def over(self) -> bool:
@@ -179,15 +180,14 @@ class _Listener:
             yield _event("prompt", _PROMPT, prompt)
 
     def _of_alarms(self) -> Iterator[str]:
-        standing = {view.alarm_id: view for view in self._service.alarms(standing=True)}
-        if standing == self._alarms:
+        entries = self._service.station.supervisor.entries
+        if entries == self._seen:
             return
-        gone = self._alarms.keys() - standing.keys()
-        ended = [view for view in self._service.alarms() if view.alarm_id in gone]
-        for view in (*ended, *standing.values()):
+        self._seen = entries
+        for view in reversed(self._service.alarms()):  # also one that has gone since
             if self._alarms.get(view.alarm_id) != view:
+                self._alarms[view.alarm_id] = view
                 yield _event("alarm", _ALARM, view)
-        self._alarms = standing
 
 
 def _event(name: str, adapter: TypeAdapter[Any], value: Any) -> str:

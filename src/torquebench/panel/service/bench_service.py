@@ -328,6 +328,11 @@ class BenchService:
         state = compensation_state(station.registry, int(active.model_id), today)
         self._compensation[side] = (state, "")
 
+    def wait_for_live(self) -> None:
+        """Wait until the newest numbers are of a block that began after now; not for long."""
+        station = self.station
+        self.live.wait_beyond(station.clock.now() + 1.5 * station.description.counter.block_s)
+
     def layout(self, actor: Actor) -> LiveLayout:
         """Return what somebody wants to see on the live page."""
         try:

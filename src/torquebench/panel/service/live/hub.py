@@ -200,7 +200,7 @@ class LiveHub:
         self._clock = clock
         self._viewer = viewer
         self._mounted = mounted
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()
         self._memory = TrendMemory(len(SIGNALS), ROWS, FACTORS)
         self._newest = np.full(len(SIGNALS), np.nan)
         self._seen_at = np.full(len(SIGNALS), -np.inf)
@@ -246,6 +246,7 @@ class LiveHub:
             self._seen_at[there] = now
             self._faults = faults
             self._block_at, self._bench_s = now, block.stop_s
+            self._lock.notify_all()
 
     def _row(
         self, block: AcquiredBlock
@@ -335,6 +336,11 @@ class LiveHub:
     def age_s(self) -> float:
         """Wall time since the last block, s."""
         return time.monotonic() - self._block_at
+
+    def wait_beyond(self, time_s: float, timeout_s: float = STALE_AFTER_S) -> bool:
+        """Wait for a row that ends after a bench time; return whether it came in time."""
+        with self._lock:
+            return self._lock.wait_for(lambda: self._bench_s > time_s, timeout_s)
 
     def since(self, sequence: int, signals: Sequence[str] | None = None) -> LiveIncrement:
         """Return the rows after a sequence number, at most the newest thousand.
