@@ -15,6 +15,7 @@ from ophyd_async.core import AsyncStatus
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
 from torquebench.bench.interlocks import check_procedure
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_after"]
 
@@ -26,6 +27,8 @@ ProcedureKind = Literal["calibration", "verification", "reducer_test"]
 
 REST_S = 0.3
 """Bench time that a module is left alone after its torque went to zero, s."""
+RUN_DOWN_S = 15.0
+"""Bench time after which shafts without power stand, s; else something turns them."""
 
 
 @dataclass(frozen=True)
@@ -121,11 +124,30 @@ def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:
 
 
 def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
-    """Change a module's mode, unless it is in that mode already."""
+    """Change a module's mode once both sides stand, unless it is in that mode already."""
     module = devices.module(side)
     present = yield from bps.rd(module.mode.mode)
     if present != mode:
+        yield from run_down(devices)
         yield from bps.mv(module.mode, mode)
+
+
+def run_down(devices: BenchDevices) -> Plan[None]:
+    """Wait until both sides stand: without power their own friction brakes them.
+
+    A side that goes on turning is left to the interlocks, which refuse what comes next.
+    """
+    standstill_rad_s = devices.context.description.safety.standstill_rpm * RAD_S_PER_RPM
+    for _ in range(round(RUN_DOWN_S / REST_S)):
+        fastest = 0.0
+        for module in (devices.input, devices.output):
+            reading = yield Msg("read", module.encoder)
+            if reading:  # a rehearsal reads nothing
+                speed = float(reading[f"{module.encoder.name}-speed_rad_s"]["value"])
+                fastest = max(fastest, abs(speed))
+        if fastest <= standstill_rad_s:
+            return
+        yield from bps.sleep(REST_S)
 
 
 def power_on(devices: BenchDevices, side: Side) -> Plan[None]:
