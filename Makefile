@@ -11,7 +11,7 @@ run: $(VENV)/.installed
 # Three simulated benches and a plant: the link is cut, and nothing is lost. Needs PostgreSQL
 # (Debian: apt install postgresql); VIEW=1 leaves the plant view open at the end.
 plant: $(VENV)/.installed-plant
-	$(BIN)/python -m examples.plant_demonstration $(if $(VIEW),--view)
+	$(BIN)/python -m examples.plant.demonstration $(if $(VIEW),--view)
 
 test: lint types contracts docs tests other-processor
 

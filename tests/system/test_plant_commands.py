@@ -24,18 +24,18 @@ def run(*words: object, cwd: Path = Path("/")) -> subprocess.CompletedProcess[st
     return command_line.run(*words, cwd=cwd)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def server() -> Iterator[postgresql_server.Server]:
+    """A server of each test's own: one stops it, and roles and entries stay on it."""
     with postgresql_server.restartable() as found:
         yield found
 
 
-@pytest.fixture(scope="module")
-def folder(server: postgresql_server.Server, tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def folder(server: postgresql_server.Server, tmp_path: Path) -> Path:
     """A plant with the benches' URLs in files."""
-    place = tmp_path_factory.mktemp("plant")
-    (place / "share").mkdir()
-    done = run("plant", "init", "--folders", f"file://{place}/share", "--plant", server.url)
+    (tmp_path / "share").mkdir()
+    done = run("plant", "init", "--folders", f"file://{tmp_path}/share", "--plant", server.url)
     assert done.returncode == 0, done.stderr
     for name in ("Bench", "Bench", "Other"):
         options = ("--place", "Hall 3", "--json", "--plant", server.url)
@@ -44,9 +44,9 @@ def folder(server: postgresql_server.Server, tmp_path_factory: pytest.TempPathFa
         answer = json.loads(done.stdout)["answer"]
         assert misfits(answer, ANSWERS["plant register"], "answer") == []
         number = answer["benches"][0]["number"]
-        (place / f"url-{number}").write_text(answer["benches"][0]["url"])
-        filled(place / f"data-{number}", prefix=f"S{number}")
-    return place
+        (tmp_path / f"url-{number}").write_text(answer["benches"][0]["url"])
+        filled(tmp_path / f"data-{number}", prefix=f"S{number}")
+    return tmp_path
 
 
 def push(folder: Path, number: int, *options: object) -> tuple[int, str]:
@@ -90,6 +90,8 @@ def test_benches_send_and_the_plant_lists(server: postgresql_server.Server, fold
 def test_nothing_is_lost_while_the_link_is_down(
     server: postgresql_server.Server, folder: Path
 ) -> None:
+    code, said = push(folder, 3)
+    assert code == 0, said
     server.stop()
     with Registry.open(folder / "data-3") as registry:
         for number in range(5):
@@ -110,7 +112,9 @@ def test_nothing_is_lost_while_the_link_is_down(
 def test_a_run_is_withdrawn_at_its_bench_too(
     server: postgresql_server.Server, folder: Path
 ) -> None:
-    push(folder, 1)
+    for number in (1, 2):  # both have a run of this name
+        code, said = push(folder, number)
+        assert code == 0, said
     run_id = "20260105T000000Z-test-hysteresis-0000"
     words = ("--by", "Boss", "--reason", "wrong oil", "--plant", server.url)
     done = run("plant", "withdraw", run_id, *words)
@@ -122,8 +126,8 @@ def test_a_run_is_withdrawn_at_its_bench_too(
     assert "wrong oil" in said
 
 
-def test_a_wrong_url_is_named(folder: Path) -> None:
+def test_a_wrong_url_is_named(tmp_path: Path) -> None:
     for url, named in (("", "--plant"), ("sqlite:///x", "needs a server")):
-        done = run("plant", "status", "--plant", url, cwd=folder)
+        done = run("plant", "status", "--plant", url, cwd=tmp_path)
         assert done.returncode == 2
         assert named in " ".join(done.stderr.split())

@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_demonstration_loses_nothing() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "examples.plant_demonstration"],
+        [sys.executable, "-m", "examples.plant.demonstration"],
         cwd=ROOT,
         capture_output=True,
         text=True,

@@ -1,6 +1,6 @@
 """Three simulated benches and a plant: the link is cut, the benches go on, nothing is lost.
 
-make plant, or: python -m examples.plant_demonstration
+make plant, or: python -m examples.plant.demonstration
 
 PostgreSQL comes from Debian's package (apt install postgresql) and runs in a folder of its own,
 which is removed at the end. The benches are simulated; everything else is as in a plant.
