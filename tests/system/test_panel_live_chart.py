@@ -108,6 +108,7 @@ def test_peaks_are_held(person: Visitor) -> None:
 
 def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.open("/")
+    person.press("10 min")  # in ten seconds it may be gone before anybody looks
     person.press("Marker")
     person.fill("Note", "clamp tightened")
     person.press("Put the marker")
@@ -119,6 +120,7 @@ def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.wait(seen, "the marker in the chart")
     person.open("/")
     person.wait(seen, "the marker after loading the page anew")
+    person.press("10 s")  # the span is kept for the person
 
 
 def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:

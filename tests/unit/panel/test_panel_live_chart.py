@@ -10,19 +10,32 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from torquebench.errors import InputError
+from torquebench.panel.pages.live_chart import FLOORS
 from torquebench.panel.service import (
     DEFAULT_LAYOUT,
+    SIGNALS,
     BandLayout,
     LiveLayout,
     Scale,
+    Signal,
     histogram,
     spectrum,
 )
 from torquebench.panel.service.live.markers import Markers
 from torquebench.panel.service.live.rings import TrendMemory
 from torquebench.panel.service.store import PanelStore
+from torquebench.panel.text import LANGUAGES, Text
 
 NOW = datetime(2026, 11, 22, tzinfo=UTC)
+
+
+@pytest.mark.parametrize("signal", SIGNALS, ids=lambda signal: signal.name)
+def test_every_signal_can_be_chosen(signal: Signal) -> None:
+    for language in LANGUAGES:
+        assert Text(language)(f"signal.{signal.name}")
+    band = BandLayout(signals=(signal.name,))
+    assert signal.unit == "N·m" or signal.unit in FLOORS
+    assert band.axes[0][0] == signal.unit
 
 
 def test_each_side_has_its_own_scale_where_values_differ_by_the_ratio() -> None:

@@ -251,7 +251,8 @@ export default {
     push(part) {
       this.numbers = part.n;
       this.received = part.i;
-      if (Math.abs(part.o - this.offset) > OFFSET_JITTER_S) this.offset = part.o; // a fast bench
+      const moved = Math.abs(part.o - this.offset) > OFFSET_JITTER_S; // a fast bench
+      if (moved && !this.view) this.offset = part.o;
       if (part.t.length) {
         this.last = performance.now();
         this.statistics.rows += part.t.length;

@@ -50,7 +50,13 @@ COLOURS = {
 }
 DASHED = ("raw_nm", "reference_nm", "uncertainty_nm")
 DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
-FLOORS = {"rpm": (1.0, 0.1), "°": (1.0, 0.1), "°C": (0.5, 0.5), "%": (1.0, 1.0)}
+FLOORS = {
+    "rpm": (1.0, 0.1),
+    "rad/s²": (1.0, 0.1),
+    "°": (1.0, 0.1),
+    "°C": (0.5, 0.5),
+    "%": (1.0, 1.0),
+}
 """The least span of a scale by unit: left, right."""
 TOOLS = (
     "tools",

@@ -12,7 +12,7 @@ __all__ = ["DEFAULT_LAYOUT", "BandLayout", "LiveLayout", "Scale", "Span"]
 
 Span = Literal["seconds_10", "minute_1", "minutes_10", "hour_1"]
 _SIGNALS = {signal.name: signal for signal in SIGNALS}
-BOTH_SIDES = ("N·m", "rpm", "°")
+BOTH_SIDES = ("N·m", "rpm", "°", "rad/s²")
 """Units whose values differ by the ratio from side to side: each side has a scale of its own."""
 MOST_SCALES = 2
 Finite = Annotated[float, Field(allow_inf_nan=False)]
