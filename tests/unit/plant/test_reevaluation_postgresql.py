@@ -22,6 +22,15 @@ from torquebench.records import Registry
 from torquebench.uncertainty import Budget
 
 
+def add_reducer_test(registry: Registry) -> None:
+    results = backlash_results("S-1", 0.8)
+    estimate = Budget(0.8, 0.025, float("inf"), (), "arcmin")
+    results["quantities"][0] |= {"budget": plain_budget(estimate), "limit": "≤ 1 arcmin"}
+    results["quantities"][0]["expanded_uncertainty"] = estimate.expanded_uncertainty()
+    results["quantities"][0]["verdict"] = "pass"
+    add_run(registry, "20260105T000000Z-test-hysteresis-0000", "test-hysteresis", results)
+
+
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory, plant_socket: Path) -> Iterator[Plant]:
     """A calibration, a check and a verification of the simulated bench, and a reducer test."""
@@ -36,12 +45,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, plant_socket: Path) -> It
         done = run(*step, "--data", place / "data", cwd=place)
         assert done.returncode == 0, done.stderr
     with Registry.open(place / "data") as registry:
-        results = backlash_results("S-1", 0.8)
-        estimate = Budget(0.8, 0.025, float("inf"), (), "arcmin")
-        results["quantities"][0] |= {"budget": plain_budget(estimate), "limit": "≤ 1 arcmin"}
-        results["quantities"][0]["expanded_uncertainty"] = estimate.expanded_uncertainty()
-        results["quantities"][0]["verdict"] = "pass"
-        add_run(registry, "20260105T000000Z-test-hysteresis-0000", "test-hysteresis", results)
+        add_reducer_test(registry)
         url = postgresql_server.create_database(plant_socket, "recorded")
         with Plant.create(url, f"file://{place}/share") as plant:
             _, link = plant.register_bench("Bench 1")
@@ -129,17 +133,21 @@ def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
     assert row["change"] == pytest.approx(0.1)
 
 
-def test_a_changed_file_and_a_withdrawn_run_are_left_out(recorded: Plant) -> None:
+def test_a_changed_file_and_a_withdrawn_run_are_left_out(plant: Plant, tmp_path: Path) -> None:
+    _, link = plant.register_bench("Bench 1")
+    with Registry.open(tmp_path / "data") as registry:
+        add_reducer_test(registry)
+        assert forward(registry, link).problems == []
     run_id = "20260105T000000Z-test-hysteresis-0000"
-    file = Path(recorded.run(run_id).url.removeprefix("file://")) / "results.json"
+    file = Path(plant.run(run_id).url.removeprefix("file://")) / "results.json"
     content = file.read_bytes()
     file.write_bytes(content.replace(b"0.8", b"0.7"))
-    done = reevaluate(recorded, "serial", label="changed", kinds=["test"])
+    done = reevaluate(plant, "serial", label="changed", kinds=["test"])
     file.write_bytes(content)
     assert done.problems == 1
-    (row,) = differences(recorded, "changed").rows()
+    (row,) = differences(plant, "changed").rows()
     assert "was changed after sealing" in row["what"]
     with pytest.raises(InputError, match="calibrate, check, verify, test"):
-        reevaluate(recorded, kinds=["zero"])
-    recorded.withdraw(recorded.run(run_id), by="Boss", reason="slipped")
-    assert reevaluate(recorded, "serial", label="left", kinds=["test"]).done == 0
+        reevaluate(plant, kinds=["zero"])
+    plant.withdraw(plant.run(run_id), by="Boss", reason="slipped")
+    assert reevaluate(plant, "serial", label="left", kinds=["test"]).done == 0
