@@ -54,7 +54,8 @@ def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
     person.wait(lambda: strip(person) == "", "no strip")
     person.open("/records")
     person.sees("Calibration: aborted")  # until it is dismissed
-    person.driver.find_element(By.CSS_SELECTOR, ".messages [aria-label]").click()
+    note = "//*[contains(@class, 'messages')]/div[contains(., 'Calibration: aborted')]//button"
+    person.driver.find_element(By.XPATH, note).click()
     person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
     person.open("/alarms")
     person.sees("No active alarms")

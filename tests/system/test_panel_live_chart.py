@@ -114,7 +114,7 @@ def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.press("Put the marker")
 
     def seen() -> bool:
-        lines = option(person, "series[0].markLine.data") or []
+        lines = option(person, "series[0].markLine?.data") or []
         return any("clamp tightened" in str(line) for line in lines)
 
     person.wait(seen, "the marker in the chart")
