@@ -274,7 +274,7 @@ class _Watch(NoProgress):
         self.steps: list[int] = []
         self.memory_mb: list[float] = []
 
-    def advance(self, steps: int = 1, detail: str = "") -> None:  # noqa: ARG002 - as told
+    def advance(self, steps: int = 1, detail: str = "") -> None:  # noqa: ARG002 - Progress has it
         """Note it."""
         self.moments.append(time.perf_counter())
         self.steps.append(steps)

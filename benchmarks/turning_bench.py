@@ -196,6 +196,7 @@ def measure(task: tuple[int, Side]) -> Result:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         with Station.open(bench_of(seed), folder / "data") as station:
+            # Only the simulated counter has a twin; the drivers' protocol knows none.
             soak = station.drivers.counter.twin.soak  # type: ignore[attr-defined]
             chain = calibrated_chain(station, side, soak, folder)
             stretches = used(station, side, soak, seed)

@@ -119,6 +119,7 @@ def _answers() -> str:
         lines += ["", f"(answer-{kind.__name__})=", f"## {heading}", "", kind.__doc__ or "", ""]
         lines += ["| key | value | |", "| --- | --- | --- |"]
         for key, value in get_type_hints(kind).items():
+            # mypy takes `kind` for any class; ANSWERS holds typed dictionaries only.
             when = "" if key in kind.__required_keys__ else "if"  # type: ignore[attr-defined]
             lines.append(f"| `{key}` | {_shape(value)} | {when} |")
     return "\n".join(lines) + "\n"

@@ -13,6 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from sqlalchemy import URL
 from tests import postgresql_server
 
 import torquebench as torquebench_package
@@ -97,11 +98,11 @@ def demonstrate(server: postgresql_server.Server, place: Path) -> int:
     return count(server, data)
 
 
-def push(folder: Path, link: object) -> None:
+def push(folder: Path, link: URL) -> None:
     """Send what the plant doesn't have of a bench."""
     begin = time.perf_counter()
     with Registry.open(folder) as registry:
-        done = forward(registry, str(link.render_as_string(hide_password=False)))  # type: ignore[attr-defined]
+        done = forward(registry, link.render_as_string(hide_password=False))
     print(
         f"  bench {done.bench}: {done.entries} entries, {done.folders} folders sent "
         f"in {time.perf_counter() - begin:.1f} s",

@@ -282,18 +282,23 @@ class Acquisition:
             begin_s = stretch.blocks[-1].stop_s - self._remembered_s
             while self._past[0].blocks[-1].stop_s <= begin_s:
                 self._past.popleft()
-        failure = None
-        if self._journal is not None:
-            try:
-                self._journal.write(stretch)
-            except Exception as error:  # a full disk or a bug: either way nothing is recorded
-                self._journal = None
-                failure = error
+        failure = self._keep(stretch)
         if self._viewers:
             for block in stretch.each():
                 for viewer in self._viewers:
                     viewer.put(block)
         return failure
+
+    def _keep(self, stretch: Stretch) -> Exception | None:
+        """Give blocks to the journal; return what it failed with."""
+        if self._journal is None:
+            return None
+        try:
+            self._journal.write(stretch)
+        except Exception as error:  # a full disk or a bug: either way nothing is recorded
+            self._journal = None
+            return error
+        return None
 
     def _raise_alarm(self, failure: Exception | None) -> None:
         """Stop the bench where the journal failed; without the lock, for whoever listens."""
@@ -326,7 +331,7 @@ class Acquisition:
             if journal is not None and before_s and self._past:
                 begin_s = self._past[-1].blocks[-1].stop_s - before_s
                 for stretch in _since(self._past, begin_s):
-                    journal.write(stretch)
+                    failure = self._keep(stretch) or failure
         self._raise_alarm(failure)
 
     def add_viewer(self, maximum: int = 100) -> Viewer:

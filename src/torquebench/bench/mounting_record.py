@@ -54,11 +54,12 @@ class MountingRecord(BaseModel):
     lubricant_hours: Annotated[float, Field(ge=0, le=1e6, description="h")] | None = None
     by: Annotated[str, Field(max_length=100)] = ""
 
+    # Pydantic turns a ValueError into words about the field, and passes a TypeError on.
     @field_validator("*", mode="before")
     @classmethod
     def _no_flag(cls, value: Any) -> Any:
         if isinstance(value, bool):
-            raise ValueError("a value as it was found, not true or false")  # noqa: TRY004 - pydantic's
+            raise ValueError("a value as it was found, not true or false")  # noqa: TRY004 - as above
         return value
 
     @property

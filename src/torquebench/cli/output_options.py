@@ -58,6 +58,7 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
         for name, kind in added.items()
     ]
     named = [*signature.parameters.values(), *parameters]
+    # Typer reads a command's options here; typing knows the attribute of no function.
     run.__signature__ = signature.replace(parameters=named)  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in named}
     return run

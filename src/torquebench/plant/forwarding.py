@@ -211,7 +211,7 @@ def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress
         )
         with registry.session() as session:
             entries = [
-                {name: getattr(row, name) for name in LinkRow.__table__.columns.keys()}  # noqa: SIM118
+                {column.name: getattr(row, column.name) for column in LinkRow.__table__.columns}
                 for row in session.scalars(query)
             ]
         done.head = link.append(entries)

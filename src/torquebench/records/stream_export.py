@@ -22,14 +22,25 @@ from torquebench.records.run_streams import (
     sample_columns,
 )
 
-__all__ = ["STREAM_ENDINGS", "STREAM_FORMATS", "Stream", "StreamFormat", "export_streams"]
+__all__ = ["STREAM_FORMATS", "Stream", "StreamFormat", "export_streams", "stream_ending"]
 
 StreamFormat = Literal["csv", "parquet", "hdf5", "tdms", "mdf4"]
 Stream = Literal["samples", "edges"]
-STREAM_FORMATS: tuple[str, ...] = get_args(StreamFormat)
+STREAM_FORMATS: tuple[StreamFormat, ...] = get_args(StreamFormat)
 
 _PACKAGES = {"hdf5": "h5py", "tdms": "nptdms", "mdf4": "asammdf"}
-STREAM_ENDINGS = {"hdf5": ".h5", "mdf4": ".mf4"}
+_ENDINGS = {"hdf5": ".h5", "mdf4": ".mf4"}
+
+
+def stream_ending(file_format: StreamFormat) -> str:
+    """Return how the name of a file of this format ends.
+
+    Examples
+    --------
+    >>> stream_ending("mdf4"), stream_ending("csv")
+    ('.mf4', '.csv')
+    """
+    return _ENDINGS.get(file_format, f".{file_format}")
 
 
 def export_streams(
@@ -67,8 +78,7 @@ def export_streams(
         )
     write_samples, write_edges = _writers(file_format)
     attributes = {**run_attributes(folder), "stream": stream}
-    ending = STREAM_ENDINGS.get(file_format, f".{file_format}")
-    with atomic_path(path, ending) as part:
+    with atomic_path(path, stream_ending(file_format)) as part:
         if stream == "samples":
             write_samples(part, sample_columns(folder), attributes)
         else:

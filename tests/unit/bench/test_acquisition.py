@@ -153,6 +153,19 @@ def test_a_journal_may_begin_before_it_is_set(bench: LowBench) -> None:
     assert not any(block.edges for block in late.blocks)
 
 
+def test_a_journal_that_fails_on_the_past_raises_the_alarm_too(bench: LowBench) -> None:
+    journal = Journal()
+    journal.full = True
+    bench.acquisition.remember(0.5)
+    bench.load_output(500.0)
+    bench.clock.wait(0.3)
+    bench.acquisition.set_journal(journal, before_s=0.3)
+    assert bench.supervisor.wait_safe(5.0)
+    alarm = bench.supervisor.alarm
+    assert alarm is not None
+    assert alarm.kind.value == "journal failed"
+
+
 def test_a_failing_journal_brings_the_bench_to_its_safe_state(bench: LowBench) -> None:
     journal = Journal()
     bench.load_output(500.0)

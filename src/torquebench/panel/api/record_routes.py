@@ -33,7 +33,7 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.fields import Moment
 from torquebench.records import CertificateEntry
-from torquebench.records.stream_export import STREAM_ENDINGS, Stream, StreamFormat
+from torquebench.records.stream_export import Stream, StreamFormat, stream_ending
 
 __all__ = ["router", "settings_router"]
 
@@ -162,7 +162,7 @@ def run_data(
     TDMS, MDF4 and HDF5 need the extra of their name on the server.
     """
     opened = service.records.data_file(run_id, file_format, stream)
-    name = f"{run_id}-{stream}{STREAM_ENDINGS.get(file_format, f'.{file_format}')}"
+    name = f"{run_id}-{stream}{stream_ending(file_format)}"
     return _file(opened, name, "application/octet-stream")
 
 

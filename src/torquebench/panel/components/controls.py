@@ -7,12 +7,28 @@ from typing import Any
 
 from torquebench.panel.components.elements import box, icon, on_press, words
 
-__all__ = ["Choice", "Field", "button", "link_button", "set_disabled"]
+__all__ = ["Choice", "Field", "button", "link_button", "set_disabled", "typed_number"]
 
 CHOSEN = "(event) => emit(event.target.value)"
 TYPED = "(event) => { element.props.value = event.target.value; emit(event.target.value); }"
 """Keeps what is typed in the browser's picture of the page, too: otherwise the next change of
 anything on the page would put back what was there before."""
+
+
+def typed_number(said: str) -> float:
+    """Return a number as people type it: with a point or a comma.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+
+    Examples
+    --------
+    >>> typed_number(" 2,5 ")
+    2.5
+    """
+    return float(said.strip().replace(",", "."))
 
 
 def button(

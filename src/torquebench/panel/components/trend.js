@@ -62,13 +62,6 @@ class Buckets {
   }
 }
 
-function save(name, url) {
-  const link = document.createElement("a");
-  link.href = url;
-  link.download = name;
-  link.click();
-}
-
 export default {
   emits: ["painted", "view", "zoomed"],
   template: `
@@ -472,7 +465,7 @@ export default {
       return `${this.name}-${stamp}.${ending}`;
     },
     picture() {
-      save(this.fileName("png"), this.chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: this.colour("--surface") }));
+      this.statistics.save(this.fileName("png"), this.chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: this.colour("--surface") }));
     },
     table() {
       const shown = this.shown();
@@ -491,9 +484,7 @@ export default {
         const cells = this.series.flatMap((_, place) => row[place] ?? ["", "", ""]);
         lines.push([new Date((time + this.offset) * 1000).toISOString(), time, ...cells].join(","));
       }
-      const url = URL.createObjectURL(new Blob([lines.join("\r\n") + "\r\n"], { type: "text/csv" }));
-      save(this.fileName("csv"), url);
-      setTimeout(() => URL.revokeObjectURL(url), 60000);
+      this.statistics.saveTable(this.fileName("csv"), lines);
     },
 
     // -- painting -------------------------------------------------------------------------------

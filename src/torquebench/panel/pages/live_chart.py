@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.controls import Choice, Field, button, typed_number
 from torquebench.panel.components.dialogs import ask, sheet
 from torquebench.panel.components.elements import box, note, on_press, panel, words
 from torquebench.panel.components.trend import Band, Trace, Trend
@@ -379,15 +379,14 @@ class LiveChart:
                 found, more = text.refusal(error)
                 note(more, "warn", title=found)
                 return
-            decimals = 4
             words(
                 "p",
                 text(
                     "live.analysed",
                     seconds=f"{windows.time_s[-1] - windows.time_s[0]:.2f}",
                     count=windows.time_s.size,
-                    mean=f"{classes.mean_nm:.{decimals}f}",
-                    deviation=f"{classes.deviation_nm:.{decimals}f}",
+                    mean=f"{classes.mean_nm:.4f}",
+                    deviation=f"{classes.deviation_nm:.4f}",
                     resolution=f"{lines.resolution_hz:.3g}",
                 ),
                 "number",
@@ -422,7 +421,7 @@ def _scale(kind: str, low: str, high: str) -> Scale:
     if kind != "fixed":
         return Scale(kind=kind)  # type: ignore[arg-type]  # one of the options
     try:
-        ends = float(low.replace(",", ".")), float(high.replace(",", "."))
+        ends = typed_number(low), typed_number(high)
     except ValueError:
         raise InputError(
             f"ends {low!r} and {high!r}", "two numbers in the unit of the scale"

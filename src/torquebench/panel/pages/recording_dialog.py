@@ -6,21 +6,13 @@ from datetime import UTC, datetime
 from typing import Any
 
 from torquebench.errors import InputError
-from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.dialogs import sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service.jobs.recordings import TRIGGER_SIGNALS
 
 __all__ = ["open_recording"]
-
-SIGNALS = (
-    "output_torque_nm",
-    "output_raw_nm",
-    "output_speed_rpm",
-    "input_torque_nm",
-    "input_raw_nm",
-    "input_speed_rpm",
-)
 
 
 def open_recording(visitor: Visitor) -> None:
@@ -62,8 +54,8 @@ def open_recording(visitor: Visitor) -> None:
         options = {key: text(f"record.begin_{key}") for key in ("now", "level", "time")}
         begins = Field(text("record.begins"), "now", options=options, on_change=shown)
         with box("div", "columns narrow"):
-            signals = {each: text(f"signal.{each}") for each in SIGNALS}
-            signal = Field(text("live.signal"), SIGNALS[0], options=signals)
+            signals: dict[str, str] = {each: text(f"signal.{each}") for each in TRIGGER_SIGNALS}
+            signal = Field(text("live.signal"), TRIGGER_SIGNALS[0], options=signals)
             ways = {key: text(f"record.{key}") for key in ("rising", "falling")}
             way = Field(text("record.direction"), "rising", options=ways)
             level = Field(text("record.level"), hint=text("record.level_hint"), inputmode="decimal")
@@ -106,6 +98,6 @@ def _beginning(begins: Field, signal: Field, level: Field, way: Field, at: Field
 
 def _number(said: str) -> float:
     try:
-        return float(said.strip().replace(",", "."))
+        return typed_number(said)
     except ValueError:
         raise InputError(f"{said!r} for a number", "a number") from None

@@ -35,6 +35,12 @@
     link.download = name;
     link.click();
   }
+  function saveTable(name, lines) {
+    const url = URL.createObjectURL(new Blob([lines.join("\r\n") + "\r\n"], { type: "text/csv" }));
+    save(name, url);
+    setTimeout(() => URL.revokeObjectURL(url), 60000);
+  }
+  Object.assign(statistics, { save, saveTable }); // for the live chart, too
   const named = { picture: "savePicture", table: "saveTable" };
   setInterval(() => {
     for (const tool of document.querySelectorAll("[data-chart-tool]:not([title])")) {
@@ -54,7 +60,7 @@
         lines.push([series.name, ...pair.slice(0, 2)]);
       });
     }
-    return lines.map((cells) => cells.map(csvCell).join(",")).join("\r\n") + "\r\n";
+    return lines.map((cells) => cells.map(csvCell).join(","));
   }
   document.addEventListener("click", (event) => {
     const tool = event.target.closest?.("[data-chart-tool]");
@@ -65,9 +71,7 @@
       save(`${name}.png`, chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: window.cssColour("--surface") }));
       return;
     }
-    const url = URL.createObjectURL(new Blob([chartTable(chart.getOption())], { type: "text/csv" }));
-    save(`${name}.csv`, url);
-    setTimeout(() => URL.revokeObjectURL(url), 60000);
+    saveTable(`${name}.csv`, chartTable(chart.getOption()));
   });
 
   function say(place, text) {

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.controls import Choice, Field, button, typed_number
 from torquebench.panel.components.elements import box, note, panel, words
 from torquebench.panel.pages.calibrate.another_fit import titled
 from torquebench.panel.pages.downloads import certificate_buttons
@@ -169,7 +169,7 @@ class CertificateStep:
     def _issue(self) -> None:
         visitor, text = self._page.visitor, self._text
         try:
-            tolerance = float(self._tolerance.value.replace(",", "."))
+            tolerance = typed_number(self._tolerance.value)
         except ValueError:
             self._tolerance.wrong(text("verify.tolerance_wrong"))
             return

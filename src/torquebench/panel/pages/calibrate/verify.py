@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from torquebench.panel.components.charts import COLOURS, Chart, Line
-from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.reports.errors_table import number
@@ -66,7 +66,7 @@ class VerifyStep:
 
     def _begin(self) -> None:
         try:
-            tolerance = float(self._tolerance.value.replace(",", "."))
+            tolerance = typed_number(self._tolerance.value)
         except ValueError:
             self._tolerance.wrong(self._text("verify.tolerance_wrong"))
             return

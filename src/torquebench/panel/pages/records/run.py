@@ -17,7 +17,7 @@ from torquebench.panel.pages.calibrate.resume import resume_button, take_up
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
-from torquebench.records.stream_export import STREAM_ENDINGS, STREAM_FORMATS, StreamFormat
+from torquebench.records.stream_export import STREAM_FORMATS, StreamFormat, stream_ending
 
 __all__ = ["RunPanel", "doubt_notes", "run_title"]
 
@@ -220,17 +220,17 @@ class RunPanel:
 
     async def _export_data(self, chosen: str) -> None:
         """Hand the samples out as one file."""
-        if chosen not in STREAM_FORMATS:
+        file_format = next((each for each in STREAM_FORMATS if each == chosen), None)
+        if file_format is None:
             return
         try:
-            data = await run.io_bound(self._samples_as, chosen)
+            data = await run.io_bound(self._samples_as, file_format)
         except (TorquebenchError, OSError) as error:
             self._visitor.messages.problem(
                 error if isinstance(error, TorquebenchError) else RecordError(str(error))
             )
             return
-        ending = STREAM_ENDINGS.get(chosen, f".{chosen}")
-        ui.download(data, f"{self._run_id}-samples{ending}")
+        ui.download(data, f"{self._run_id}-samples{stream_ending(file_format)}")
 
     def _samples_as(self, chosen: StreamFormat) -> bytes:
         with self._visitor.service.records.data_file(self._run_id, chosen, "samples") as file:

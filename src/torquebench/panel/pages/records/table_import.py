@@ -12,7 +12,7 @@ from nicegui import run
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, note, pairs, panel, table, words
 from torquebench.panel.pages.job_panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
@@ -152,7 +152,7 @@ class TableEntry:
             wrong = ""
             if name in numbers and said:
                 try:
-                    asked[name] = float(said.replace(",", "."))
+                    asked[name] = typed_number(said)
                 except ValueError:
                     wrong = self._text("elsewhere.no_number")
             elif said:

@@ -84,6 +84,7 @@ class Job:
     request: Mapping[str, Any]
     actor: Actor
     can_pause: bool
+    can_finish: bool = False
     job_id: str = field(default_factory=lambda: secrets.token_hex(6))
     points: Points = field(default_factory=Points)
     state: JobState = "running"
@@ -91,7 +92,6 @@ class Job:
     finished: datetime | None = None
     problem: Problem | None = None
     result: JobResult | None = None
-    can_finish: bool = False
     cancelled: threading.Event = field(default_factory=threading.Event)
     finishing: threading.Event = field(default_factory=threading.Event)
     ended: threading.Event = field(default_factory=threading.Event)

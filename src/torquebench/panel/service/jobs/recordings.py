@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import time
 from datetime import UTC, datetime
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from torquebench.bench.roles import torque_channel
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.panel.run_in_process import ProcessEndedError
@@ -22,21 +21,24 @@ from torquebench.panel.service.fields import Moment, Number, plain
 from torquebench.panel.service.jobs.results import as_details
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
 from torquebench.panel.service.jobs.values import JobResult
+from torquebench.panel.service.live.hub import SIGNALS, torque_windows
 from torquebench.procedures.recording import LONGEST_RECORDING_S, record_signals
 from torquebench.station import LONGEST_BEFORE_S, Progress
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["RECORDING_KINDS", "RecordRequest", "Trigger", "crossing"]
+__all__ = ["RECORDING_KINDS", "TRIGGER_SIGNALS", "RecordRequest", "Trigger", "crossing"]
 
 LOOK_S = 0.2
 TriggerSignal = Literal[
-    "input_torque_nm",
     "output_torque_nm",
-    "input_raw_nm",
     "output_raw_nm",
-    "input_speed_rpm",
     "output_speed_rpm",
+    "input_torque_nm",
+    "input_raw_nm",
+    "input_speed_rpm",
 ]
+
+TRIGGER_SIGNALS: tuple[TriggerSignal, ...] = get_args(TriggerSignal)
 
 
 class Trigger(JobRequest):
@@ -109,13 +111,8 @@ def _signal(
     if name.endswith("_rpm"):
         speed = block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S
         return np.array([block.stop_s]), np.array([speed])
-    samples = block.channels[torque_channel(side)]
-    if name.endswith("_raw_nm"):
-        return samples.time_s, samples.torque_nm
-    compensated = block.compensated.get(side)
-    if compensated is None or len(compensated) != samples.time_s.size:
-        return samples.time_s, np.full(samples.time_s.shape, np.nan)
-    return samples.time_s, compensated.value_nm
+    windows = torque_windows(block).get(name)
+    return (np.empty(0), np.empty(0)) if windows is None else (windows.time_s, windows.value_nm)
 
 
 def run_record(context: JobContext, request: RecordRequest) -> JobResult:
@@ -178,7 +175,7 @@ def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
 
 
 def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple[float, str]:
-    unit = "rpm" if trigger.signal.endswith("_rpm") else "N·m"
+    unit = next(each.unit for each in SIGNALS if each.name == trigger.signal)
     said = f"{trigger.signal} {trigger.direction} through {trigger.level:g} {unit}"
     context.job.start("Waiting for the trigger")
     context.job.advance(0, said)

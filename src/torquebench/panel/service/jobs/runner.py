@@ -122,6 +122,10 @@ class JobKind:
     can_pause: bool = True
     can_finish: bool = False
 
+    def job(self, asked: JobRequest, document: Mapping[str, Any], actor: Actor) -> Job:
+        """Return a job of this kind."""
+        return Job(self.name, self.title(asked), document, actor, self.can_pause, self.can_finish)
+
 
 class JobRunner:
     """Starts, watches and ends jobs; safe to use from any thread.
@@ -242,8 +246,7 @@ class JobRunner:
             if found.moves:
                 self._station.supervisor.raise_if_latched()
             document = asked.model_dump(mode="json")
-            job = Job(found.name, found.title(asked), document, actor, found.can_pause)
-            job.can_finish = found.can_finish
+            job = found.job(asked, document, actor)
             self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
             self.log.began(actor, job.view())
             self._current = job
@@ -270,7 +273,7 @@ class JobRunner:
         asked = self._request(found, request)
         with self.standing():
             document = asked.model_dump(mode="json")
-            job = Job(found.name, found.title(asked), document, actor, found.can_pause)
+            job = found.job(asked, document, actor)
             job.end("done", result=result)
             self._keep(job)
         return job.view()

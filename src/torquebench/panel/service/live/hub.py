@@ -36,6 +36,7 @@ __all__ = [
     "LiveTrend",
     "LiveWindows",
     "Signal",
+    "torque_windows",
 ]
 
 Connection = Literal["live", "stale", "lost"]
@@ -233,7 +234,7 @@ class LiveHub:
     def take(self, block: AcquiredBlock) -> None:
         """Make a row of a block."""
         low, high, mean, faults = self._row(block)
-        windows = _windows(block)
+        windows = torque_windows(block)
         now, clock_s = time.monotonic(), time.time()
         with self._lock:
             self._clock_s = clock_s
@@ -441,7 +442,8 @@ TORQUE_SIGNALS = tuple(
 )
 
 
-def _windows(block: AcquiredBlock) -> dict[str, LiveWindows]:
+def torque_windows(block: AcquiredBlock) -> dict[str, LiveWindows]:
+    """Return every window of the torques in a block, by signal; what isn't there is missing."""
     found: dict[str, LiveWindows] = {}
     for side in SIDES:
         channels = {"raw": torque_channel(side), "reference": reference_channel(side)}

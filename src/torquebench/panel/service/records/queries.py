@@ -38,7 +38,7 @@ from torquebench.records import (
     sha256_of_file,
 )
 from torquebench.records.column_words import short_names
-from torquebench.records.stream_export import STREAM_ENDINGS, Stream, StreamFormat, export_streams
+from torquebench.records.stream_export import Stream, StreamFormat, export_streams, stream_ending
 from torquebench.records.time_check import (
     clock_behind,
     doubts_of_calibrations,
@@ -232,7 +232,7 @@ class RecordQueries:
         """
         folder = RunFolder.open(self._run(run_id).folder)
         with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
-            path = Path(scratch) / f"data{STREAM_ENDINGS.get(file_format, f'.{file_format}')}"
+            path = Path(scratch) / f"data{stream_ending(file_format)}"
             export_streams(folder, path, file_format, stream)
             with path.open("rb") as file:
                 yield file
