@@ -1,6 +1,7 @@
 """Two people calibrate the output module in their browsers, from start to certificate."""
 
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,13 @@ def visitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Visitor
         browser(panel, folder / "ana") as ana,
     ):
         yield ben, ana
+
+
+@pytest.fixture
+def downloads(visitors: tuple[Visitor, Visitor], tmp_path: Path) -> Path:
+    folder = {"behavior": "allow", "downloadPath": str(tmp_path)}
+    visitors[0].driver.execute_cdp_cmd("Browser.setDownloadBehavior", folder)
+    return tmp_path
 
 
 def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
@@ -109,10 +117,24 @@ def switch_a_correction(ben: Visitor, ana: Visitor) -> None:
 
 def test_a_specimen_is_tested_for_hysteresis_and_compared(
     visitors: tuple[Visitor, Visitor],
+    downloads: Path,
 ) -> None:
-    ben, _ = visitors
+    ben, ana = visitors
+    ana.sign_in("Ana", "/settings")
+    ana.press("Reducers")
+    ana.sees("Add one from a TOML file")
+    shipped = resources.files("torquebench.reducers") / "types" / "rv-40e.toml"
+    ana.driver.find_element("css selector", "input[type=file]").send_keys(str(shipped))
+    ana.sees("Kept under the name")
+    ana.fill("Kept under the name", "own-40e")
+    ana.fill("Name", "Own 40E")
+    ana.sees("What would change")
+    ana.press("Apply these changes")
+    ana.sees("Changed and logged.")
+    ana.sees("own-40e")
+
     ben.sign_in("Ben", "/reducer")
-    ben.choose("Reducer", "standard")
+    ben.choose("Reducer", "own-40e")
     ben.fill("Serial number of the specimen", "S-1")
     ben.press("Quick look")
     ben.sees("What would happen")
@@ -121,6 +143,13 @@ def test_a_specimen_is_tested_for_hysteresis_and_compared(
     ben.sees("Data sheet")
     for quantity in ("backlash", "lost motion", "stiffness"):
         assert quantity in ben.text.lower()
+    ben.sees("Own 40E, Specimen S-1")
+    ben.sees("Key points")
+    assert "θ↑" in ben.text
+    ben.press("Report (PDF)")
+    ben.wait(lambda: list(downloads.glob("*.pdf")), "a downloaded report")
+    (report,) = downloads.glob("*.pdf")
+    assert report.read_bytes().startswith(b"%PDF")
     ben.sees("Compared with earlier specimens")
     ben.choose("Repeats", "2")
     ben.press("Mount the standard reducer and begin")

@@ -31,6 +31,7 @@ from torquebench.twin.chain import transducer_torque, without_chain
 from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, Loading
 from torquebench.twin.faults import Fault, broken_edges, broken_frequency, make_fault
 from torquebench.twin.parameters import TwinParameters
+from torquebench.twin.reducer import ReducerConstants
 from torquebench.twin.reducer_truth import true_no_load_nm
 from torquebench.twin.turning import LubricantName, fresh_lubrication
 
@@ -194,6 +195,13 @@ class BenchTwin:
         for side in SIDES:
             self._forget(side)
         self._settle_plant()
+
+    def hold(self, reducer: ReducerConstants) -> None:
+        """Take another reducer to test; one that is mounted is taken off for it."""
+        self._parameters = self._parameters.with_reducer(reducer)
+        if self._mounting == "reducer":
+            self.mount("nothing")
+            self.mount("reducer")
 
     def enable(self, side: Side, enabled: bool) -> None:
         """Enable or disable a drive; a disabled drive gives no torque. Commands are forgotten."""

@@ -266,6 +266,30 @@ def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
     assert service.records.run(view.result.run_ids[0]).run.status == "completed"
 
 
+def test_a_simulated_bench_mounts_the_type_that_is_tested(service: BenchService) -> None:
+    """A small reducer turns at 40 mN·m; the large one that the bench came with doesn't."""
+    document = dict(service.settings.get("reducers", "harmonic-20").document)
+    document |= {"name": "Own strain wave, 50 : 1", "ratio": 50.0, "source": "own"}
+    service.settings.change(ANA, "reducers", "own-50", document)
+    for reducer in ("harmonic-20", "own-50"):
+        request = {"test": "starting", "reducer": reducer, "serial": "H-7", "quick": True}
+        view = ended(service, service.jobs.start(BEN, "reducer-test", request))
+        assert view.state == "done", view.problem
+        assert view.result is not None
+        (outcome,) = view.result.details["outcomes"]
+        assert 0.005 < outcome["quantities"][0]["value"] < 0.1
+        assert (view.result.details["serial"], view.result.details["short"]) == ("H-7", True)
+        report = service.records.report_file(view.result.details["report"])
+        assert report.startswith(b"%PDF")
+    assert not service.alarms(standing=True)
+    with pytest.raises(NotFoundError, match="no report"):
+        service.records.report_file("../laboratory")
+    request = {"repeats": 2, "tolerance_percent_fs": 1.0}
+    view = ended(service, service.jobs.start(BEN, "standard-reducer", request))
+    assert view.result is not None, view.problem
+    assert view.result.verdict == "pass"  # the bench's own reducer is mounted again
+
+
 def test_leaving_the_service_ends_a_job_without_torque(tmp_path: Path) -> None:
     with opened(tmp_path) as service:
         view = service.jobs.start(BEN, "calibrate", {"side": "output"})

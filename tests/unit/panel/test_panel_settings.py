@@ -1,5 +1,6 @@
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from importlib import resources
 from pathlib import Path
 
 import pytest
@@ -136,12 +137,13 @@ def test_own_profiles_are_added_changed_and_deleted(settings: SettingsStore) -> 
         settings.change(BEN, "profiles", "check", document)
 
 
-def test_own_reducers_are_named_as_their_file_names_them(settings: SettingsStore) -> None:
-    document = dict(settings.get("reducers", "rv-40e").document)
-    with pytest.raises(InputError, match="name"):
-        settings.change(BEN, "reducers", "rv-41e", document)
-    settings.change(BEN, "reducers", "rv-41e", {**document, "name": "rv-41e"})
-    assert settings.reducer("rv-41e").ratio == settings.reducer("rv-40e").ratio
+def test_a_shipped_reducer_is_taken_unchanged_under_an_own_name(settings: SettingsStore) -> None:
+    shipped = resources.files("torquebench.reducers") / "types" / "rv-40e.toml"
+    settings.change(BEN, "reducers", "rv-41e", read_upload(shipped.read_bytes()))
+    assert settings.reducer("rv-41e") == settings.reducer("rv-40e")
+    profile = dict(settings.get("profiles", "check").document)
+    with pytest.raises(InputError, match="name"):  # of a profile it is the only name
+        settings.change(BEN, "profiles", "other", profile)
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", "/tmp/x.toml", "a/b", "", "x" * 65])

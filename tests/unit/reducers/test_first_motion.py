@@ -36,6 +36,14 @@ def test_a_contact_that_creeps_under_the_ramp_does_not_move_yet(
     assert abs(found.time_s - moves) < 0.3
 
 
+def test_motion_after_parts_have_settled_and_crept_is_found() -> None:
+    """A straight line through settling and creep is as far off as the motion itself gets."""
+    time = np.arange(0.0, 12.0, 0.01)
+    settling = 0.044 * (1.0 - np.exp(-time / 0.4))
+    angle = settling + 0.03 * (time / 9.6) ** 2 + 0.004 * np.maximum(time - 9.6, 0.0) ** 3
+    assert 9.6 < first_motion(time, angle, threshold_rad=9e-3).time_s < 10.6
+
+
 def test_torque_that_stands_still_once_it_turns_is_read_there() -> None:
     """The inertia takes up what the drive adds: a late date costs little then."""
     time = np.arange(0.0, 9.0, 0.01)

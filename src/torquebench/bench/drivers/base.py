@@ -9,7 +9,7 @@ asked raises `torquebench.errors.BenchError` with the instrument, its answer and
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -31,7 +31,7 @@ from torquebench.bench.roles import (
     reference_channel,
     torque_channel,
 )
-from torquebench.reducers import CertifiedFriction
+from torquebench.reducers import CertifiedFriction, ReducerDescription
 from torquebench.signals import EdgeBlock, FrequencySamples
 
 __all__ = [
@@ -379,6 +379,8 @@ class DriverSet:
     """The same of the encoders."""
     reducer_certificate: tuple[CertifiedFriction, ...] = ()
     """Certified no-load friction of a standard reducer that comes with the bench."""
+    hold: Callable[[ReducerDescription | None, str], None] | None = None
+    """Has a simulated bench hold a reducer of a type and serial number, or again its own one."""
     simulated_time: bool = False
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True

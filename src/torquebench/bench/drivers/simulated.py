@@ -7,10 +7,11 @@ them is the same code for both. Drives ramp by themselves and have their own wat
 from __future__ import annotations
 
 import threading
+import zlib
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +37,11 @@ from torquebench.bench.drivers.simulated_readout import SimulatedReadout
 from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
-from torquebench.reducers import CertifiedFriction
+from torquebench.reducers import CertifiedFriction, ReducerDescription
 from torquebench.signals import EdgeBlock
 from torquebench.twin import (
     CHANNELS,
+    REDUCERS,
     BenchTwin,
     LubricantName,
     ReducerName,
@@ -414,6 +416,28 @@ class SimulatedBench:
         """Tell what is between the flanges."""
         return self._mounted
 
+    def hold(self, reducer: ReducerDescription | None, serial: str = "") -> None:
+        """Hold a reducer of this type, to be mounted next; None holds what the bench came with.
+
+        Another serial number is another specimen. A type that doesn't come with the software is
+        made after the packaged one of the closest rated torque, with its own ratio.
+        """
+        options = self.options
+        if reducer is not None:
+            rated_nm = reducer.rated_torque_nm
+            name = min(
+                REDUCERS, key=lambda each: abs(np.log(REDUCERS[each].rated_torque_nm / rated_nm))
+            )
+            held: dict[str, Any] = {"reducer": name}
+            if serial and options.reducer_seed is None:
+                held["reducer_seed"] = zlib.crc32(serial.encode())
+            options = options.model_copy(update=held)
+        constants = options.parameters().reducer
+        if reducer is not None:
+            constants = constants._replace(ratio=reducer.signed_ratio)
+        with self._lock:
+            self._twin.hold(constants)
+
     def seat(self, _seating: Seating) -> None:
         """Seat what is mounted again, at once."""
         mounted = self._mounted
@@ -591,6 +615,7 @@ def open_simulated(description: BenchDescription) -> DriverSet:
         certificates=bench.certificates(),
         encoder_certificates=bench.encoder_certificates(),
         reducer_certificate=bench.reducer_certificate(),
+        hold=bench.hold,
         simulated_time=True,
         blocking=False,
     )

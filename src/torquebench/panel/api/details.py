@@ -177,6 +177,23 @@ class ReducerQuantity(BaseModel):
     rule: str
 
 
+class LoopKeyPoint(BaseModel):
+    """A point of a torque-angle loop that its evaluation rests on."""
+
+    label: str
+    torque_nm: float
+    angle_arcmin: float
+
+
+class TorqueAngleLoop(BaseModel):
+    """The first loop: output angle about its middle over torque, both branches."""
+
+    torque_nm: Numbers
+    rising_arcmin: Numbers
+    falling_arcmin: Numbers
+    points: list[LoopKeyPoint]
+
+
 class ReducerOutcome(BaseModel):
     """What one part of a test found."""
 
@@ -186,15 +203,17 @@ class ReducerOutcome(BaseModel):
     remarks: list[str]
     run_id: str
     quantities: list[ReducerQuantity]
+    loop: TorqueAngleLoop | None = None
 
 
 class ReducerTestDetails(BaseModel):
-    """Of "reducer-test"."""
+    """Of "reducer-test"; `report` is the run by which its PDF is fetched, empty without one."""
 
     name: str
     short: bool
     reducer_name: str
     serial: str
+    report: str
     outcomes: list[ReducerOutcome]
 
 

@@ -181,6 +181,17 @@ def _file(
     return StreamingResponse(content(), media_type=media_type, headers=_attached(name))
 
 
+@router.get(
+    "/runs/{run_id}/report",
+    response_class=Response,
+    responses={200: {"content": {"application/pdf": {}}, "description": "The report as PDF."}},
+)
+def run_report(service: Watched, run_id: RunId) -> Response:
+    """Return the report of a reducer test, by the run that its details name."""
+    content = service.records.report_file(run_id)
+    return Response(content, media_type="application/pdf", headers=_attached(f"{run_id}.pdf"))
+
+
 def _attached(name: str) -> dict[str, str]:
     """Return the header that names a file, whatever its characters."""
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}

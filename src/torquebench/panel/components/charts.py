@@ -31,6 +31,8 @@ class Line:
     dashed : bool
     symbol : str
         ECharts' name of the symbol.
+    labels : sequence of str
+        Written beside the points; none without.
     """
 
     title: str
@@ -40,6 +42,7 @@ class Line:
     points: bool = False
     dashed: bool = False
     symbol: str = "circle"
+    labels: Sequence[str] = ()
 
 
 def _colour(name: str) -> str:
@@ -79,17 +82,27 @@ def _axis(
 
 
 def _series(line: Line, *, names: bool) -> dict[str, Any]:
-    data = (
+    data: list[Any] = (
         [_number(value) for value in line.y]
         if names
         else [[_number(x), _number(y)] for x, y in zip(line.x, line.y, strict=True)]
     )
+    if line.labels:
+        data = [{"value": pair, "name": name} for pair, name in zip(data, line.labels, strict=True)]
     return {
         "type": "scatter" if line.points else "line",
         "name": line.title,
         "data": data,
         "symbol": line.symbol if line.points else "none",
         "symbolSize": 7,
+        "label": {
+            "show": bool(line.labels),
+            "formatter": "{b}",
+            "position": "right",
+            "fontSize": 13,
+            ":color": _colour("--ink"),
+        },
+        "labelLayout": {"hideOverlap": False, "moveOverlap": "shiftY"},
         "animation": False,
         "lineStyle": {
             "width": 2,

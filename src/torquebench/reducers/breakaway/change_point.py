@@ -80,11 +80,19 @@ def first_motion(
     time, angle = finite_columns(8, time_s=time_s, angle_rad=angle_rad)
     if np.any(np.diff(time) < 0.0):
         raise InputError("times that go back", "times that rise within a run", "sort the run")
-    crossing, line, noise = _crossing(time, angle, threshold_rad)
+    crossing, line, noise, level = _crossing(time, angle, threshold_rad)
     if threshold_rad > 0.0 and time.size >= 4 * CREEP_WINDOWS:
         creeping = _creeping(time, angle, threshold_rad)
-        if creeping is not None and creeping[0] > crossing:
+        # A straight line through much creep misses the motion, or finds it too early.
+        if creeping is not None and (crossing == time.size or creeping[0] > crossing):
             crossing, line, noise = creeping
+    if crossing >= time.size:
+        rest = np.max(np.abs(angle - np.polyval(line, time)))
+        raise InputError(
+            f"an angle that stays within {rest:.3g} rad of its line at rest",
+            f"motion by more than {level:.3g} rad",
+            "raise the torque further, or check that the encoder turns with the shaft",
+        )
     if crossing < QUIET_SAMPLES:
         raise InputError(
             f"motion from sample {crossing + 1} on",
@@ -104,8 +112,10 @@ def first_motion(
 
 def _crossing(
     time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float
-) -> tuple[int, NDArray[np.float64], float]:
-    """Return the first sample beyond the line at rest for good, that line and the noise.
+) -> tuple[int, NDArray[np.float64], float, float]:
+    """Return the first sample beyond the line at rest for good, that line, noise and limit.
+
+    The first sample is one behind the last where it never leaves the line.
 
     The part at rest grows from the start as long as the next samples follow its line.
     """
@@ -128,13 +138,7 @@ def _crossing(
         if grown <= quiet or crossing >= angle.size:
             break
         quiet = grown
-    if crossing >= angle.size:
-        raise InputError(
-            f"an angle that stays within {np.max(np.abs(rest)):.3g} rad of its line at rest",
-            f"motion by more than {level:.3g} rad",
-            "raise the torque further, or check that the encoder turns with the shaft",
-        )
-    return crossing, line, noise
+    return crossing, line, noise, level
 
 
 def _creeping(

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
+
+from nicegui import ui
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobResult
@@ -60,8 +64,61 @@ class _Quantity:
         return f"{value} ± {uncertainty}" if self.expanded_uncertainty > 0.0 else value
 
 
-def outcomes(text: Text, details: Mapping[str, Any]) -> None:
+def _fetch_report(visitor: Visitor, run_id: str) -> None:
+    try:
+        content = visitor.service.records.report_file(run_id)
+    except TorquebenchError as error:
+        visitor.messages.problem(error)
+        return
+    ui.download(content, f"{run_id}.pdf", "application/pdf")
+
+
+def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:
+    """Say which specimen this is, and offer the report."""
+    text = visitor.text
+    with panel(), box("div", "spread"):
+        serial = details["serial"] or text("reducer.no_serial")
+        words("h2", f"{text.core(details['reducer_name'])}, {text('reducer.specimen')} {serial}")
+        if run_id := details.get("report"):
+            button(
+                text("reducer.report"), partial(_fetch_report, visitor, run_id), picture="download"
+            )
+
+
+def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
+    """Draw a torque-angle loop with its key points, and list them."""
+    torque, points = loop["torque_nm"], loop["points"]
+    Chart(
+        text("reducer.loop_label"),
+        text("reducer.loop_torque"),
+        text("reducer.loop_angle"),
+        [
+            Line(text("measure.rising"), torque, loop["rising_arcmin"], "--series-2"),
+            Line(text("measure.falling"), torque, loop["falling_arcmin"], "--series-1"),
+            Line(
+                text("reducer.key_points"),
+                [point["torque_nm"] for point in points],
+                [point["angle_arcmin"] for point in points],
+                "--ink",
+                points=True,
+                labels=[point["label"] for point in points],
+            ),
+        ],
+        tall=True,
+    )
+    columns = [(text("reducer.key_point"), False), (text("reducer.loop_torque"), True),
+               (text("reducer.loop_angle"), True)]  # fmt: skip
+    rows = [
+        (point["label"], number(point["torque_nm"]), number(point["angle_arcmin"]))
+        for point in points
+    ]
+    table(text("reducer.key_points"), columns, rows)
+
+
+def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
     """Show every outcome of a test."""
+    text = visitor.text
+    _whose(visitor, details)
     if details.get("short"):
         note(text("reducer.short"), "warn")
     for outcome in details["outcomes"]:
@@ -83,6 +140,8 @@ def outcomes(text: Text, details: Mapping[str, Any]) -> None:
             headings = (("quantity", False), ("value", True), ("uncertainty", True),
                         ("unit", False), ("limit", False), ("verdict", False))  # fmt: skip
             table(title, [(text(f"reducer.{key}"), numbers) for key, numbers in headings], rows)
+            if outcome.get("loop"):
+                loop_chart(text, outcome["loop"])
             for remark in outcome["remarks"]:
                 words("p", text.core(remark), "small muted")
 

@@ -10,6 +10,7 @@ from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
+from torquebench.panel.pages.reducer.types import reducer_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
 from torquebench.reports.errors_table import number
@@ -29,9 +30,9 @@ class StandardForm:
         """Make the form's elements."""
         text, visitor = self._visitor.text, self._visitor
         certified = {
-            item.name: str(item.document.get("name", item.name))
-            for item in visitor.service.settings.items("reducers")
-            if item.document.get("certified_friction")
+            name: title
+            for name, title in reducer_titles(visitor).items()
+            if visitor.service.settings.get("reducers", name).document.get("certified_friction")
         }
         if visitor.service.snapshot().simulated:
             certified = {"": text("standard.simulated"), **certified}

@@ -16,6 +16,7 @@ from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.results import comparison, outcomes
 from torquebench.panel.pages.reducer.standard import STANDARD, StandardForm, standard_result
+from torquebench.panel.pages.reducer.types import reducer_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SIGNALS, JobView
 
@@ -46,10 +47,7 @@ class _ReducerPage:
         with self._form:
             with panel(text("reducer.what")), box("div", "stack"):
                 with box("div", "columns"):
-                    names = {
-                        item.name: f"{item.document.get('name', item.name)}"
-                        for item in visitor.service.settings.items("reducers")
-                    }
+                    names = reducer_titles(visitor)
                     self._reducer = Field(
                         text("reducer.type"),
                         next(iter(names)),
@@ -133,7 +131,7 @@ class _ReducerPage:
             elif job.result is not None and job.kind == STANDARD:
                 standard_result(text, job.result.details)
             elif job.result is not None:
-                outcomes(text, job.result.details)
+                outcomes(self.visitor, job.result.details)
                 with panel(text("reducer.compare")):
                     comparison(self.visitor, job.result)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 from torquebench.errors import TorquebenchError
@@ -109,6 +110,14 @@ class SettingEditor:
         title = item.name if item.section != "bench" else text("settings.bench")
         with panel(title), box("div", "stack"):
             self._remarks()
+            if self._new:
+                Field(
+                    text("settings.kept_as"),
+                    item.name,
+                    hint=text("settings.kept_as_hint"),
+                    on_change=self._renamed,
+                    maxlength="64",
+                )
             for group, keys in self._groups().items():
                 with box("details", open_=group in OPEN_GROUPS or item.section != "bench"):
                     words("summary", group_title(text, group))
@@ -140,6 +149,8 @@ class SettingEditor:
     def _groups(self) -> dict[str, list[str]]:
         groups: dict[str, list[str]] = {}
         for key in self._before:
+            if self._new and key == "name" and self._item.section == "profiles":
+                continue  # it is the name that the profile is kept under
             groups.setdefault(key.rpartition(".")[0], []).append(key)
         return dict(sorted(groups.items(), key=lambda pair: pair[0] not in OPEN_GROUPS))
 
@@ -152,11 +163,17 @@ class SettingEditor:
             unit=unit_of(key),
             hint=key,
             options=options,
-            disabled=not self._editable or key == "name",
+            disabled=not self._editable or (key == "name" and self._item.section == "profiles"),
             on_change=lambda said: self._typed(key, said),
             autocomplete="off",
             data_key=key,
         )
+
+    def _renamed(self, said: str) -> None:
+        self._item = replace(self._item, name=said.strip())
+        if self._item.section == "profiles":
+            self._leaves["name"] = self._item.name
+        self._preview()
 
     def _typed(self, key: str, said: str) -> None:
         self._leaves[key] = parsed(said, self._before[key])

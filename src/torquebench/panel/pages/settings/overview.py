@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from itertools import chain, count
 from typing import Any
 
 from torquebench.errors import TorquebenchError
@@ -109,8 +111,20 @@ class _Documents:
         except TorquebenchError as error:
             self._visitor.messages.problem(error)
             return
-        name = str(document.get("name", ""))
-        self._open(SettingsItem(self._section, name, False, document, 0), new=True)
+        name = self._free_name(str(document.get("name", "")))
+        self._open(self._new(name, document), new=True)
+
+    def _free_name(self, said: str) -> str:
+        """Return a name that nothing is kept under yet, made of what a document calls itself."""
+        plain = re.sub(r"[^a-z0-9.]+", "-", said.casefold()).strip("-.")[:60] or "own"
+        taken = {item.name for item in self._visitor.service.settings.items(self._section)}
+        numbered = (f"{plain}-{number}" for number in count(2))
+        return next(name for name in chain([plain], numbered) if name not in taken)
+
+    def _new(self, name: str, document: Mapping[str, Any]) -> SettingsItem:
+        if self._section == "profiles":  # a profile is called what it is kept under
+            document = {**document, "name": name}
+        return SettingsItem(self._section, name, False, document, 0)
 
     def _open(self, item: SettingsItem, *, new: bool = False) -> None:
         self._editor.clear()
@@ -122,10 +136,7 @@ class _Documents:
         text = self._text
 
         def act(name: str) -> None:
-            document = dict(item.document)
-            if "name" in document:
-                document["name"] = name
-            self._open(SettingsItem(self._section, name, False, document, 0), new=True)
+            self._open(self._new(name, item.document), new=True)
 
         ask(
             text("settings.copy"),

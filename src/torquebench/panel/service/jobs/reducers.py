@@ -3,9 +3,10 @@
 Details of the result of "standard-reducer", as JSON: `reducer`, `certificate`, `compensation`,
 `tolerance_percent_fs`, `error_percent_fs`, `repeatability_percent_fs`, and `points` (`speed_rpm`,
 `known_nm`, `known_u_nm`, `measured_nm`, `error_nm`, `error_percent`, `spread_nm`,
-`spread_percent`). Of "reducer-test": `name`, `short`, `reducer_name`, `serial` and `outcomes`; each
-outcome has `name`, `title`, `verdict`, `remarks`, `run_id` and `quantities` (`key`, `title`,
-`value`, `expanded_uncertainty`, `unit`, `limit`, `verdict`, `rule`, `truth`).
+`spread_percent`). Of "reducer-test": `name`, `short`, `reducer_name`, `serial`, `report` (the run
+whose report as PDF is kept) and `outcomes`; each outcome has `name`, `title`, `verdict`,
+`remarks`, `run_id`, `quantities` (`key`, `title`, `value`, `expanded_uncertainty`, `unit`, `limit`,
+`verdict`, `rule`, `truth`) and, of torque-angle loops, `loop`: the first one with its key points.
 """
 
 from __future__ import annotations
@@ -13,12 +14,15 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
+from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.campaign.reducers.catalogue import TestName
 from torquebench.campaign.reducers.results import (
     SHORT_TEST,
     ReducerTestOutcome,
+    ReducerTestRecord,
     ReducerTestRehearsal,
 )
 from torquebench.campaign.reducers.settings import ReducerTestSettings
@@ -28,14 +32,24 @@ from torquebench.campaign.standard_reducer import (
     check_standard_reducer,
     standard_reducer,
 )
+from torquebench.errors import InputError
 from torquebench.panel.service.fields import WHOLE, Flag, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, limits
 from torquebench.panel.service.jobs.results import as_details
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, MountedRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
+from torquebench.panel.service.records.queries import report_path
 from torquebench.procedures import friction_sweep, rehearse
+from torquebench.reducers import HysteresisResult
+from torquebench.reports.page_pdf import page_pdf
+from torquebench.reports.reducer_report import reducer_page
+from torquebench.units import ARCMIN
 
 __all__ = ["REDUCER_KINDS", "ReducerTestRequest", "StandardReducerRequest"]
+
+
+LOOP_ROWS = 400
+"""Of a loop that a page draws."""
 
 
 class ReducerTestRequest(MountedRequest):
@@ -104,6 +118,9 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
     """Measure the friction and judge it."""
     station = context.station
     mounted = _standard(context, request)
+    if station.drivers.hold is not None:
+        named = request.reducer
+        station.drivers.hold(None if named is None else context.settings.reducer(named), "")
     active = station.devices.context.acquisition.compensation("input")
     found = check_standard_reducer(
         station,
@@ -182,10 +199,13 @@ def _largest(parts: tuple[ReducerTestRehearsal, ...], name: str) -> dict[str, fl
 
 def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
     """Test, evaluate, judge and record."""
+    station, reducer = context.station, context.settings.reducer(request.reducer)
+    if station.drivers.hold is not None:
+        station.drivers.hold(reducer, request.serial)
     record = run_reducer_test(
-        context.station,
+        station,
         request.test,
-        context.settings.reducer(request.reducer),
+        reducer,
         _settings(request),
         serial=request.serial,
         progress=context.job,
@@ -206,14 +226,58 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
                 "short": record.short,
                 "reducer_name": record.reducer_name,
                 "serial": record.serial,
+                "report": _report(context, record),
                 "outcomes": [_outcome(outcome) for outcome in record.outcomes],
             }
         ),
     )
 
 
+def _report(context: JobContext, record: ReducerTestRecord) -> str:
+    """Keep the report as PDF beside the records; return the run that it is found by."""
+    if not record.outcomes:
+        return ""
+    context.job.start("Writing the report", 1)
+    run_id = record.outcomes[0].run.run_id
+    path = report_path(context.station.registry, run_id)
+    try:
+        content = page_pdf(reducer_page(record))
+        private_folder(path.parent)
+        atomic_write(path, content, private=True)
+    except (InputError, OSError):  # no font, no room: what was measured counts all the same
+        return ""
+    return run_id
+
+
+def _loop(result: Any) -> dict[str, Any]:
+    """Return the first torque-angle loop about its middle at zero, and its key points."""
+    if not isinstance(result, HysteresisResult):
+        return {}
+    curve = result.loops[0].curve
+    rows = slice(None, None, max(1, curve.torque_nm.size // LOOP_ROWS))
+    middle = 0.5 * sum(
+        float(np.interp(0.0, curve.torque_nm, branch))
+        for branch in (curve.rising_rad, curve.falling_rad)
+    )
+    return {
+        "loop": {
+            "torque_nm": curve.torque_nm[rows],
+            "rising_arcmin": (curve.rising_rad[rows] - middle) / ARCMIN,
+            "falling_arcmin": (curve.falling_rad[rows] - middle) / ARCMIN,
+            "points": [
+                {
+                    "label": point.label,
+                    "torque_nm": point.torque_nm,
+                    "angle_arcmin": (point.angle_rad - middle) / ARCMIN,
+                }
+                for point in result.key_points
+            ],
+        }
+    }
+
+
 def _outcome(outcome: ReducerTestOutcome) -> dict[str, Any]:
-    """Return what is shown of an outcome: no arrays, no folder."""
+    """Return what is shown of an outcome: no folder, of arrays only a loop to draw."""
     return {
         "name": outcome.name,
         "title": outcome.title,
@@ -224,6 +288,7 @@ def _outcome(outcome: ReducerTestOutcome) -> dict[str, Any]:
             {each.name: getattr(quantity, each.name) for each in fields(quantity)}
             for quantity in outcome.quantities
         ],
+        **_loop(outcome.result),
     }
 
 

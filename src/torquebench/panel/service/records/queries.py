@@ -47,11 +47,16 @@ from torquebench.records.time_check import (
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
-__all__ = ["RecordQueries"]
+__all__ = ["RecordQueries", "report_path"]
 
 RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 MEDIA = {".pdf": "application/pdf", ".xml": "application/xml", ".json": "application/json"}
 MOST_ROWS = 500
+
+
+def report_path(registry: Registry, run_id: str) -> Path:
+    """Return where the report of a run is kept as PDF."""
+    return registry.root / "reports" / f"{run_id}.pdf"
 
 
 class RecordQueries:
@@ -365,6 +370,23 @@ class RecordQueries:
     def certificates(self) -> list[CertificateEntry]:
         """Return all certificates, the newest first."""
         return self._registry.certificates()
+
+    def report_file(self, run_id: str) -> bytes:
+        """Return the report of a reducer test as PDF.
+
+        Raises
+        ------
+        NotFoundError
+            There is no such run, or it has no report.
+        """
+        path = report_path(self._registry, run_id)
+        if not RUN_ID.fullmatch(run_id) or not path.is_file():
+            raise NotFoundError(
+                f"no report of {run_id[:80]!r}",
+                "the first run of a reducer test on this panel",
+                "test the specimen again",
+            )
+        return path.read_bytes()
 
     def certificate_file(self, number: str, name: str) -> tuple[bytes, str]:
         """Return one file of a certificate and its media type, checked by its registered hash.

@@ -226,8 +226,8 @@ class SettingsStore:
             document = merged(before, document)
             _refuse_fixed(differences(before, document))
         model = validated(found.model, document, f"{section} {name}")
-        if section != BENCH and getattr(model, "name", name) != name:
-            raise InputError(f"name {getattr(model, 'name', '')!r} in the document", repr(name))
+        if isinstance(model, Profile) and model.name != name:
+            raise InputError(f"name {model.name!r} in the document", repr(name))
         return before, model.model_dump(mode="json"), version
 
     def _version(self, section: str, name: str) -> int:
