@@ -25,7 +25,6 @@ from tests import postgresql_server
 from benchmarks.fleet import OPERATORS, TYPES, FleetBench, calibration_points
 from torquebench.bench import default_bench
 from torquebench.calibration.profile import load_profile
-from torquebench.campaign.progress import NoProgress
 from torquebench.errors import RecordError
 from torquebench.plant import (
     FolderStore,
@@ -37,6 +36,7 @@ from torquebench.plant import (
     reevaluate,
 )
 from torquebench.plant.forwarding import BenchLink
+from torquebench.progress import NoProgress
 from torquebench.records import REGISTERS, Registry, RunFolder, RunSummary
 
 SEED = 20261122
@@ -271,13 +271,13 @@ class _Watch(NoProgress):
 
     def __init__(self) -> None:
         self.moments: list[float] = []
-        self.steps: list[int] = []
+        self.done: list[int] = []
         self.memory_mb: list[float] = []
 
-    def advance(self, steps: int = 1, detail: str = "") -> None:  # noqa: ARG002 - Progress has it
+    def reach(self, done: int, detail: str = "") -> None:  # noqa: ARG002 - Progress has it
         """Note it."""
         self.moments.append(time.perf_counter())
-        self.steps.append(steps)
+        self.done.append(done)
         me = psutil.Process()
         everybody = [me, *me.children(recursive=True)]
         own = [each for each in everybody if "python" in each.name()]
@@ -286,7 +286,7 @@ class _Watch(NoProgress):
     def rate(self) -> float:
         """Return runs a second from a tenth of them on: processes have started by then."""
         first = len(self.moments) // 10
-        return sum(self.steps[first + 1 :]) / (self.moments[-1] - self.moments[first])
+        return (self.done[-1] - self.done[first]) / (self.moments[-1] - self.moments[first])
 
 
 def refits(server: postgresql_server.Server, place: Path, count: int) -> dict[str, Any]:

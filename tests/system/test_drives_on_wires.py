@@ -12,6 +12,7 @@ from tests.peers.cia402_node import Cia402Peer
 from tests.system.command_line import run, started
 from tests.system.networked import CAN_BUS, canopen, described, simulating
 from tests.system.test_station_runs import staircase
+from tests.watching import Watching
 
 from torquebench.bench.drivers.base import DriveState
 from torquebench.bench.drivers.instruments import open_role
@@ -121,7 +122,7 @@ def test_one_lost_answer_is_no_alarm(tmp_path: Path) -> None:
                 lost.append(key)
 
         plan = staircase(station.devices, [0.0, 200.0, 400.0])
-        record = station.run(plan, kind="load", progress=lambda _: lose())
+        record = station.run(plan, kind="load", progress=Watching(lambda *_: lose()))
         assert record.exit_status == "success"
         assert lost
         assert station.supervisor.history == ()

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.system import killed_calibrations
 from tests.system.command_line import environment, run
+from tests.watching import Watching
 
 from torquebench.bench.audit import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription, default_bench
@@ -341,8 +342,8 @@ def test_a_profile_says_what_an_interruption_costs(
     with Station.open(None, tmp_path) as station:
         stop_after = 8  # two series of three points, and two of the third
 
-        def abort_late(progress: Any) -> None:
-            if progress.message.startswith("series 3, point 3"):
+        def abort_late(_done: int, detail: str) -> None:
+            if detail.startswith("series 3, point 3"):
                 aborting = threading.Thread(target=station.abort, args=("enough",))
                 aborting.start()
                 others.append(aborting)
@@ -350,7 +351,7 @@ def test_a_profile_says_what_an_interruption_costs(
         original = station.run
 
         def watched(*arguments: Any, **options: Any) -> Any:
-            return original(*arguments, **{**options, "progress": abort_late})
+            return original(*arguments, **{**options, "progress": Watching(abort_late)})
 
         station.run = watched  # type: ignore[method-assign]
         with pytest.raises(Exception, match="enough"):

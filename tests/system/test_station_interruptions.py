@@ -15,12 +15,12 @@ import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import pytest
 from bluesky.utils import Msg
+from tests.watching import Watching
 
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.records import Registry, RunFolder, RunWriter
 from torquebench.station import Station
-from torquebench.station.runs import Progress
 
 Plan = Generator[Msg, Any, Any]
 
@@ -155,14 +155,14 @@ def test_an_abort_from_a_progress_callback_ends_the_run_that_reports(station: St
         cleaned.append("cleaned")
         yield from bps.null()
 
-    def stop(progress: Progress) -> None:
-        if progress.done == 2:
+    def stop(done: int, _detail: str) -> None:
+        if done == 2:
             station.abort("seen enough")
             with pytest.raises(BenchError, match="closes its bench"):
                 station.close()
 
     record = station.run(
-        bpp.finalize_wrapper(reporting(), clean_up), kind="reported", progress=stop
+        bpp.finalize_wrapper(reporting(), clean_up), kind="reported", progress=Watching(stop)
     )
     assert (record.exit_status, record.reason) == ("abort", "seen enough")
     assert cleaned == ["cleaned"]
@@ -291,7 +291,6 @@ import sys, threading
 import bluesky.plan_stubs as bps
 from bluesky.utils import Msg
 from torquebench.station import Station
-from torquebench.station.runs import Progress
 
 with Station.open(None, sys.argv[1]) as station:
     station.interrupt_action = sys.argv[2]

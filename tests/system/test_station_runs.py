@@ -11,6 +11,7 @@ import bluesky.preprocessors as bpp
 import numpy as np
 import pytest
 from bluesky.utils import Msg
+from tests.watching import Watching
 
 from torquebench.bench import default_bench
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
@@ -26,7 +27,7 @@ from torquebench.errors import (
     SignalFault,
 )
 from torquebench.records import RunFolder
-from torquebench.station import Progress, Station, data_directory
+from torquebench.station import Station, data_directory
 
 Plan = Generator[Msg, Any, Any]
 
@@ -75,16 +76,16 @@ def torque_off(station: Station) -> bool:
 
 
 def test_a_run_leaves_its_result_its_documents_its_samples_and_a_seal(station: Station) -> None:
-    progress: list[Progress] = []
+    watching = Watching()
     record = station.run(
         staircase(station.devices, [0.0, 200.0, 400.0]),
         kind="calibrate-output",
         metadata={"operator": "A. Tester", "side": "output"},
-        progress=progress.append,
+        progress=watching,
     )
     assert record.exit_status == "success"
     assert [row["commanded_nm"] for row in record.result] == [0.0, 200.0, 400.0]
-    assert [step.done for step in progress] == [0, 1, 2]
+    assert watching.done == [0, 1, 2]
     assert record.bench_seconds == pytest.approx(1.8, abs=0.2)
     assert torque_off(station)
 

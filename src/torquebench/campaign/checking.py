@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.procedures import StaircaseResult
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
 from torquebench.station import Station, enter_run
 from torquebench.uncertainty import Decision, Tolerance, Verdict, decide

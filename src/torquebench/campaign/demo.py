@@ -21,12 +21,12 @@ from torquebench.campaign.measuring import (
     measure_verification,
 )
 from torquebench.campaign.modules import dense_sweep, evaluate_module, register_verification
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import RecordError
 from torquebench.procedures import FrictionSettings
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS
 from torquebench.station import Station
 

@@ -23,12 +23,12 @@ from torquebench.campaign.modules import (
     register_calibration,
     register_verification,
 )
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import load_chain
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.procedures import StaircaseResult
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     REGISTERS,
     Registry,

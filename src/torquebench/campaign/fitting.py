@@ -23,7 +23,6 @@ from torquebench.calibration import (
     summarise_errors,
 )
 from torquebench.campaign.chains import mounting_effect
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.results import FitResult
 from torquebench.chain import Effect, MeasuringChain
 from torquebench.compensation import (
@@ -43,6 +42,7 @@ from torquebench.compensation import (
     worse_than_raw,
 )
 from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
 
 if TYPE_CHECKING:
     from torquebench.records import Registry
@@ -74,7 +74,6 @@ _TITLES = {
     "spline": "smoothing spline",
 }
 
-_PROGRESS_STEPS = 100
 CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
 """Parameters of models that the data decide, or that commands have options of their own for."""
 
@@ -233,21 +232,22 @@ def fit_models(
     InputError
         An unknown kind or parameter, or points that a model refuses.
     """
-    progress.start(title, _PROGRESS_STEPS * len(choices))
-    fitted, effects = [], (*effects, *mounting_effect(data))
+    progress.start(title, SHARES * len(choices))
+    fitted: list[FittedModel] = []
+    effects = (*effects, *mounting_effect(data))
     limits = limits or Plausibility()
     kept = _kept_points(data, limits)
     for choice in choices:
         model = make_model(choice.name, range_nm=data.range_nm, **{**choice.parameters, **kept})
         words = model_title(model.kind, model.kind_parameters)
-        counter = _Fraction(progress)
+        part = Part(progress, SHARES * len(fitted))
         started = time.perf_counter()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             points = choice.points(data)
             columns = points.features(feature_columns(model))
-            model.fit(columns, points.standard_nm, progress=counter)
-        counter(1.0, "")
+            model.fit(columns, points.standard_nm, progress=part)
+        part.reach(SHARES)
         remarks = tuple(dict.fromkeys(f"{words}: {entry.message}" for entry in caught))
         seconds = time.perf_counter() - started
         fitted.append(
@@ -309,20 +309,6 @@ def _contradictions(
     return find_contradictions(data, limits, torque_nm=torque, before_nm=earlier)
 
 
-class _Fraction:
-    """Turns the fraction that a fit reports into steps of a stage."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-        self._done = 0
-
-    def __call__(self, fraction: float, _sentence: str) -> None:
-        steps = round(_PROGRESS_STEPS * min(max(fraction, 0.0), 1.0))
-        if steps > self._done:
-            self._progress.advance(steps - self._done)
-            self._done = steps
-
-
 def fit_table(
     data: CalibrationData,
     source: str,
@@ -364,21 +350,19 @@ def fit_table(
     given = {**(parameters or {}), "range_nm": data.range_nm, "outliers": outliers}
     model = make_model(name, **given)
     X = data.features(feature_columns(model))
-    progress.start("Fitting the model", _PROGRESS_STEPS)
-    counter = _Fraction(progress)
+    progress.start("Fitting the model", SHARES)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warnings.simplefilter("ignore", OutlierWarning)  # the remarks name them by their series
-        model.fit(X, data.standard_nm, progress=counter)
-    counter(1.0, "")
+        model.fit(X, data.standard_nm, progress=progress)
     progress.finish()
     comparison = _compared(data, name, progress, outliers) if compared else None
     behind: list[str] = []
     if comparison is not None:
         behind = [comparison.behind_raw(score.name) for score in comparison.scores]
     elif model.doubtful:
-        progress.start("Leaving out steps", _PROGRESS_STEPS)
-        behind = [worse_than_raw(name, model, X, data.standard_nm)]
+        progress.start("Leaving out steps", SHARES)
+        behind = [worse_than_raw(name, model, X, data.standard_nm, progress=progress)]
         progress.finish()
     wild = [replace(each, series=int(data.series[each.row])) for each in model.wild_points_]
     good = np.delete(np.arange(len(data)), [each.row for each in wild])
@@ -405,14 +389,14 @@ def fit_table(
 
 
 def _compared(data: CalibrationData, name: str, progress: Progress, outliers: str) -> Comparison:
-    progress.start("Comparing models", _PROGRESS_STEPS)
+    progress.start("Comparing models", SHARES)
     comparison = compare(
         data.features(COMPARED_COLUMNS),
         data.standard_nm,
         list(dict.fromkeys([*CANDIDATES, name])),
         range_nm=data.range_nm,
         outliers=outliers,
-        progress=_Fraction(progress),
+        progress=progress,
     )
     progress.finish()
     return comparison

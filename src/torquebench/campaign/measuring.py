@@ -15,7 +15,6 @@ import numpy as np
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import BenchError
 from torquebench.procedures import (
     FrictionSettings,
@@ -29,7 +28,7 @@ from torquebench.procedures import (
     verify,
 )
 from torquebench.procedures.resuming import Resumption
-from torquebench.station import Progress as PlanProgress
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.station import RunRecord, Station
 
 __all__ = [
@@ -278,22 +277,11 @@ def measure(
 
     `rehearsed` makes the plan without what can't be done with a rehearsal's recordings.
     """
-    rehearse(station.devices, rehearsed())
-    done = -1
-
-    def watch(step: PlanProgress) -> None:
-        nonlocal done
-        if done < 0:
-            progress.start(title, step.total)
-            done = 0
-        if step.done > done:
-            progress.advance(step.done - done)
-            done = step.done
-
+    progress.start(title, rehearse(station.devices, rehearsed()).steps or None)
     found = _mounting.get()
     if found is not None and found.entered():
         metadata = {**metadata, **found.metadata()}
-    record = station.run(plan(), kind=kind, metadata=metadata, progress=watch, on_pause=on_pause)
+    record = station.run(plan(), kind=kind, metadata=metadata, progress=progress, on_pause=on_pause)
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

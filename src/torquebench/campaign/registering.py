@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError, RecordError
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry
 
 __all__ = ["registered_patiently"]

@@ -11,7 +11,6 @@ from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile, Step
 from torquebench.campaign.measuring import Measured, OnPause, measure_calibration
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.procedures import StaircaseResult
 from torquebench.procedures.resuming import (
@@ -22,6 +21,7 @@ from torquebench.procedures.resuming import (
     steps_from,
 )
 from torquebench.procedures.staircase import Row, describe_step
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     Registry,
     RunFolder,

@@ -8,9 +8,9 @@ from typing import Any
 
 from torquebench.bench.description import BenchDescription
 from torquebench.campaign.measuring import OnPause, measure_friction
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError
 from torquebench.procedures import FrictionSettings, FrictionSweep
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import (
     CertifiedFriction,
     FrictionCheck,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from torquebench.calibration import CalibrationData
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.chain import (
     LEAST_KELVIN,
     Effect,
@@ -18,6 +17,7 @@ from torquebench.chain import (
     identify,
 )
 from torquebench.errors import InputError
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = ["TurningChain", "identify_turning", "joined_tables", "recorded_readings"]
 

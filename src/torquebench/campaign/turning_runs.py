@@ -12,12 +12,12 @@ from torquebench.atomic_write import atomic_write
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.measuring import OnPause, measure, operator_name
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError
 from torquebench.procedures import Plan, Rehearsal, rehearse
 from torquebench.procedures.turning.calibrating import calibrate_turning, series_of
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.csv_text import read_csv
 from torquebench.records.tables import read_calibration_csv, write_calibration_csv
 from torquebench.station import Station

@@ -139,7 +139,7 @@ def _write_report(path: Path, result: DemoResult) -> None:
         from torquebench.reports.page import write_page
 
         write_page(demo_page(result), path)
-        progress.advance()
+        progress.reach(1)
 
 
 def _print(result: DemoResult) -> None:

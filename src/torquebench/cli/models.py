@@ -325,22 +325,13 @@ def apply(
         return columns(stream.completed_last, torque)
 
     with TerminalProgress() as progress:
-        shown = 0
-
-        def show(share: float) -> None:
-            nonlocal shown
-            if shown == 0 and share < 1.0:
-                progress.start(f"Compensating {readings.name}", 100)
-            progress.advance(int(100 * share) - shown)
-            shown = int(100 * share)
-
         done = compensate_file(
             readings,
             result,
             compensate,
             timed=follow if timed else None,
             mapping=column or (),
-            progress=show,
+            progress=progress,
         )
     simulated = " (simulated)" if done.simulated else ""
     say(f"{done.rows} readings compensated{simulated}, written to {result}")

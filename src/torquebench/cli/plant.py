@@ -324,11 +324,11 @@ def verify(
     with opened(plant) as found, TerminalProgress() as progress:
         states = [each for each in found.benches() if bench in (None, each.number)]
         progress.start("Checking chains", len(states))
-        for state in states:
+        for number, state in enumerate(states, 1):
             checked, wrong = found.verify_chain(state)
             if folders:
                 wrong += found.verify_folders(state.number)
-            progress.advance()
+            progress.reach(number)
             problems += len(wrong)
             answer(benches=[{"bench": state.title, "entries": checked, "defects": wrong}])
             said = f"{checked} entries as they were entered" if not wrong else "NOT INTACT"

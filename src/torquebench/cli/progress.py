@@ -84,11 +84,11 @@ class TerminalProgress:
         elif not is_quiet():
             self._console.print(title + (f" ({total})" if total else ""))
 
-    def advance(self, steps: int = 1, detail: str = "") -> None:
-        """Count finished steps and say what is at work."""
+    def reach(self, done: int, detail: str = "") -> None:
+        """Say how many steps are done, and what is at work."""
         if self._task is not None:
             title = f"{self._title}: {detail}" if detail else self._title
-            self._bars.update(self._task, advance=steps, description=title[:TITLE_COLUMNS])
+            self._bars.update(self._task, completed=done, description=title[:TITLE_COLUMNS])
 
     def finish(self, detail: str = "") -> None:
         """End the stage, with what came out of it in a few words."""

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.console import answer, note, say, warn
+from torquebench.cli.console import answer, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.progress import TerminalProgress
 
 __all__ = ["register"]
 
@@ -37,7 +38,8 @@ def backup(
     """
     from torquebench.station.backup import back_up
 
-    done = back_up(data_directory(data), target, note)
+    with TerminalProgress() as progress:
+        done = back_up(data_directory(data), target, progress)
     answer(
         runs=done.runs,
         known_runs=done.known_runs,
@@ -109,7 +111,8 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
     from torquebench.station.rebuilding import NOT_REBUILT
     from torquebench.station.rebuilding import rebuild as rebuild_registry
 
-    done = rebuild_registry(checked_directory(data), operator_name(), note)
+    with TerminalProgress() as progress:
+        done = rebuild_registry(checked_directory(data), operator_name(), progress)
     answer(**vars(done))
     if done.aside is not None:
         say(f"the registry as it was found lies in {done.aside}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from numbers import Real
 from typing import Any, ClassVar, Literal, Self, overload
@@ -32,19 +31,16 @@ from torquebench.compensation.columns import (
 from torquebench.compensation.estimator import Between, Estimator, Limit, OneOf, clone
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "FEATURES",
     "CompensationModel",
     "FloatArray",
-    "Progress",
     "feature_column",
     "features",
     "single_blas_thread",
 ]
-
-Progress = Callable[[float, str], None]
-"""Called with the fraction done (0 to 1) and a sentence, by fits that may take longer."""
 
 
 @functools.cache
@@ -153,9 +149,7 @@ class CompensationModel(Estimator, ABC):
         return 3
 
     @abstractmethod
-    def _fit(
-        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         """Fit to checked points; a point's noise variance is noise² / weight."""
 
     @abstractmethod
@@ -167,7 +161,7 @@ class CompensationModel(Estimator, ABC):
 
     # ---- the estimator's interface --------------------------------------------------------
 
-    def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress | None = None) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress = NO_PROGRESS) -> Self:
         """Fit the model to calibration points.
 
         Parameters
@@ -176,8 +170,8 @@ class CompensationModel(Estimator, ABC):
             Columns of `FEATURES`; see `features`. A data frame is read by its columns' names.
         y : array of shape (n,)
             Torque of the standard in N·m.
-        progress : callable, optional
-            Called with the fraction done and a sentence by fits that take long.
+        progress : Progress, optional
+            Told how far the fit is, in steps of `SHARES`, by fits that take long.
 
         Returns
         -------

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import lapack
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.estimator import Between, Limit, OneOf
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
@@ -27,6 +27,7 @@ from torquebench.compensation.network import (
     tangent_kernels,
 )
 from torquebench.compensation.state import storable
+from torquebench.progress import SHARES, Progress
 
 __all__ = ["BayesianNetworkModel", "NetworkMember", "train_member"]
 
@@ -316,9 +317,7 @@ class BayesianNetworkModel(CompensationModel):
     def _minimum_points(self) -> int:
         return 5
 
-    def _fit(
-        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         reading = X[:, 0]
         self.input_scaling_ = SpanScaling.of(reading)
         self.output_scaling_ = SpanScaling.of(y - reading)
@@ -332,8 +331,8 @@ class BayesianNetworkModel(CompensationModel):
                     self.training_inputs_, target, weights, start, self.iterations, self.tolerance
                 )
             )
-            if progress is not None:
-                progress((number + 1) / self.ensemble, f"start {number + 1} of {self.ensemble}")
+            done = number + 1
+            progress.reach(SHARES * done // self.ensemble, f"start {done} of {self.ensemble}")
         self.log_evidence_ = max(member.log_evidence for member in members)
         self.members_ = [
             member

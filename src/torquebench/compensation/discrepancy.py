@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torquebench.compensation.base import CompensationModel, Progress
+from torquebench.compensation.base import CompensationModel
 from torquebench.compensation.columns import FloatArray, by_names, feature_column, features
 from torquebench.compensation.curve_uncertainty import (
     COVERAGE_95,
@@ -22,6 +22,7 @@ from torquebench.compensation.curve_uncertainty import (
 )
 from torquebench.compensation.estimator import clone
 from torquebench.compensation.state import encode_value
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "FEWEST_POINTS",
@@ -99,7 +100,7 @@ class DiscrepancyUncertainty(CompensationModel):
         model._take(fitted, uncertainty)
         return model
 
-    def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress | None = None) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress = NO_PROGRESS) -> Self:
         """Fit the estimator, then compare its curve with the posterior of the same points.
 
         Parameters
@@ -201,9 +202,7 @@ class DiscrepancyUncertainty(CompensationModel):
         self.effective_parameters_ = fitted.effective_parameters_
         self.degrees_of_freedom_ = fitted.degrees_of_freedom_
 
-    def _fit(
-        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         raise NotImplementedError  # `fit` leaves it to the estimator
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
+from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
 from torquebench.compensation.hybrid.effects import path_clocks
 from torquebench.compensation.kernels import (
     PRIOR_MEAN,
@@ -19,6 +19,7 @@ from torquebench.compensation.kernels import (
     variance,
 )
 from torquebench.compensation.kinds import register
+from torquebench.progress import SHARES, Progress
 
 __all__ = ["GaussianProcessModel", "log_posterior"]
 
@@ -144,9 +145,7 @@ class GaussianProcessModel(CompensationModel):
     def _minimum_points(self) -> int:
         return 6
 
-    def _fit(
-        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         target = (y - X[:, 0]) / self.full_scale_nm_
         self.target_scale_ = max(1.0, float(np.max(np.abs(target))) / 3e-2)
         self.train_u_ = X[:, 0] / self.full_scale_nm_
@@ -158,8 +157,7 @@ class GaussianProcessModel(CompensationModel):
         )
         data = _Data(self._train_points(), self.train_target_, weights)
         mode = _find_mode(data)
-        if progress is not None:
-            progress(0.7, "averaging over hyper-parameters")
+        progress.reach(SHARES * 7 // 10, "averaging over hyper-parameters")
         self.thetas_, self.shares_ = _design(data, mode)
         self._after_restore()
         noise = self.target_scale_ * float(self.shares_ @ np.exp(self.thetas_[:, -1]))

@@ -25,9 +25,10 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
+from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
 from torquebench.compensation.hybrid.effects import path_clocks
 from torquebench.compensation.kinds import register
+from torquebench.progress import Progress
 
 __all__ = ["PRIOR_SCALES", "ChainPoints", "PhysicsModel", "chain_points", "physics_basis"]
 
@@ -173,7 +174,7 @@ class PhysicsModel(CompensationModel):
         X: FloatArray,
         y: FloatArray,
         weights: FloatArray,
-        progress: Progress | None,  # noqa: ARG002 - over at once
+        progress: Progress,  # noqa: ARG002 - over at once
     ) -> None:
         points = chain_points(X, self.full_scale_nm_)
         target = (y - X[:, 0]) / self.full_scale_nm_

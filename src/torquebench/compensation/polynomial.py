@@ -9,11 +9,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.estimator import Between, Limit, Truth
 from torquebench.compensation.kinds import register
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
+from torquebench.progress import Progress
 
 __all__ = ["OrthogonalPolynomial", "PolynomialModel", "fit_orthogonal"]
 
@@ -225,7 +226,7 @@ class PolynomialModel(CompensationModel):
         X: FloatArray,
         y: FloatArray,
         weights: FloatArray,
-        progress: Progress | None,  # noqa: ARG002 - over at once
+        progress: Progress,  # noqa: ARG002 - over at once
     ) -> None:
         reading = X[:, 0]
         sides = [np.ones(reading.size, dtype=bool)]

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numba import njit
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.estimator import Between, Limit, OneOf
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
@@ -23,6 +23,7 @@ from torquebench.compensation.network import (
     small_uniform_start,
 )
 from torquebench.errors import InputError
+from torquebench.progress import SHARES, Progress
 
 __all__ = ["PublishedNetworkModel"]
 
@@ -201,9 +202,7 @@ class PublishedNetworkModel(CompensationModel):
         self.range_margin = range_margin
         self.outliers = outliers
 
-    def _fit(
-        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         reading = X[:, 0]
         target = y - reading if self.mapping == "residual" else y
         self.input_scaling_ = SpanScaling.of(reading)
@@ -250,7 +249,7 @@ class PublishedNetworkModel(CompensationModel):
         x: FloatArray,
         target: FloatArray,
         weights: FloatArray,
-        progress: Progress | None,
+        progress: Progress,
     ) -> NetworkParameters:
         now = NetworkParameters.from_flat(start.flat)
         arrays = (now.input_weights, now.hidden_biases, now.output_weights)
@@ -273,8 +272,7 @@ class PublishedNetworkModel(CompensationModel):
             curve.append((done, rms))
             if self.target_error_nm is not None and rms < self.target_error_nm:
                 break
-            if progress is not None:
-                progress(done / self.epochs, f"gradient descent, epoch {done}")
+            progress.reach(SHARES * done // self.epochs, f"gradient descent, epoch {done}")
         self.training_curve_ = np.array(curve)
         return NetworkParameters(*arrays, bias)
 

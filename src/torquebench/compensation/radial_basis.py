@@ -9,11 +9,12 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.estimator import Between, Limit
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import SpanScaling
 from torquebench.compensation.state import storable
+from torquebench.progress import SHARES, Progress
 
 __all__ = ["RadialBasis", "RadialBasisModel"]
 
@@ -199,9 +200,7 @@ class RadialBasisModel(CompensationModel):
     def _minimum_points(self) -> int:
         return 8
 
-    def _fit(
-        self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress | None
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         reading = X[:, 0]
         self.input_scaling_ = SpanScaling.of(reading)
         self.output_scaling_ = SpanScaling.of(y - reading)
@@ -217,7 +216,7 @@ class RadialBasisModel(CompensationModel):
         self._estimate_uncertainty(x, target, weights)
 
     def _swarm(
-        self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress | None
+        self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
     ) -> RadialBasis:
         generator = np.random.default_rng(self.random_state)
         count = min(self.neurons, max(1, x.size // 4))
@@ -264,8 +263,8 @@ class RadialBasisModel(CompensationModel):
             outside = (position < low) | (position > high)
             velocity[outside] *= -0.5
             position = np.clip(position, low, high)
-            if progress is not None and step % 10 == 9:
-                progress((step + 1) / self.swarm_steps, f"swarm, step {step + 1}")
+            if step % 10 == 9:
+                progress.reach(SHARES * (step + 1) // self.swarm_steps, f"swarm, step {step + 1}")
         best = own_best[int(np.argmin(own_value))]
         network = RadialBasis(
             best[:count], best[count:-1], np.zeros(count), 0.0, float(np.exp(best[-1]))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.checks import (
     CalibrationPoints,
     OutlierWarning,
@@ -38,6 +38,7 @@ from torquebench.compensation.repeats import (
 )
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
+from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
 
 __all__ = [
     "CANDIDATES",
@@ -167,7 +168,12 @@ def behind_raw(
 
 
 def worse_than_raw(
-    name: str, model: CompensationModel, X: ArrayLike, y: ArrayLike, folds: int = 4
+    name: str,
+    model: CompensationModel,
+    X: ArrayLike,
+    y: ArrayLike,
+    folds: int = 4,
+    progress: Progress = NO_PROGRESS,
 ) -> str:
     """Leave out steps to see whether a fitted model is worse than the raw reading.
 
@@ -182,6 +188,8 @@ def worse_than_raw(
         Torque of the standard in N·m.
     folds : int, default 4
         Each leaves out every k-th step, so that the steps beside it stay in.
+    progress : Progress, optional
+        Told how far it is, in steps of `SHARES`.
 
     Returns
     -------
@@ -192,7 +200,7 @@ def worse_than_raw(
     fold_of_point, count = spread_folds(repeat_groups(features[:, 0]), folds)
     scored = fold_of_point >= 0
     scored[[point.row for point in model.wild_points_]] = False
-    errors = _left_out_errors(model, features, torque, fold_of_point, count, lambda *_: None)
+    errors = _left_out_errors(model, features, torque, fold_of_point, count, progress)
     return behind_raw(
         name,
         model,
@@ -286,7 +294,7 @@ def compare(
     groups: ArrayLike | None = None,
     folds: int = 10,
     outliers: str = "downweight",
-    progress: Progress | None = None,
+    progress: Progress = NO_PROGRESS,
 ) -> Comparison:
     """Compare models by cross-validation.
 
@@ -557,23 +565,20 @@ def _try_all(
     y: FloatArray,
     fold_of_point: IntArray,
     folds: int,
-    progress: Progress | None,
+    progress: Progress,
 ) -> tuple[dict[str, _Trial], dict[str, str]]:
     """Fit every candidate to all points and without each fold; keep what others refuse with."""
     trials: dict[str, _Trial] = {}
     refused: dict[str, str] = {}
     posteriors = _Posteriors(X, y)
     for number, (name, model) in enumerate(candidates.items()):
-
-        def report(fraction: float, text: str, number: int = number, name: str = name) -> None:
-            if progress is not None:
-                progress((number + fraction) / len(candidates), f"{name}, {text}")
-
+        share = 1.0 / len(candidates)
+        part = Part(progress, SHARES * number * share, prefix=f"{name}, ", share=share)
         try:
             started = time.perf_counter()
             fitted = _quiet_fit(posteriors.given_to(model), X, y)
             fit_time_s = time.perf_counter() - started
-            errors = _left_out_errors(model, X, y, fold_of_point, folds, report)
+            errors = _left_out_errors(model, X, y, fold_of_point, folds, part)
         except InputError as refusal:
             refused[name] = str(refusal)
         else:
@@ -619,7 +624,7 @@ def _left_out_errors(
     y: FloatArray,
     fold_of_point: IntArray,
     folds: int,
-    report: Progress,
+    progress: Progress,
 ) -> FloatArray:
     """Error at each point of a model that was fitted without its fold; NaN where never left out."""
     error = np.full(y.size, np.nan)
@@ -628,5 +633,5 @@ def _left_out_errors(
         here = fold_of_point == fold
         fitted = _quiet_fit(clone(form), X[~here], y[~here])
         error[here] = fitted.predict(X[here]) - y[here]
-        report((fold + 1) / folds, f"fold {fold + 1} of {folds}")
+        progress.reach(SHARES * (fold + 1) // folds, f"fold {fold + 1} of {folds}")
     return error

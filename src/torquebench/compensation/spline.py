@@ -9,9 +9,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress
+from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.estimator import Limit, OneOf
 from torquebench.compensation.kinds import register
+from torquebench.progress import Progress
 
 __all__ = ["SplineModel", "integrated_wiener_kernel"]
 
@@ -109,7 +110,7 @@ class SplineModel(CompensationModel):
         X: FloatArray,
         y: FloatArray,
         weights: FloatArray,
-        progress: Progress | None,  # noqa: ARG002 - over at once
+        progress: Progress,  # noqa: ARG002 - over at once
     ) -> None:
         reading, additional = X[:, 0], y - X[:, 0]
         self.span_nm_ = float(np.ptp(reading))

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from typing import Any
 
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import Comparison, compare
+from torquebench.progress import Progress
 from torquebench.records import json_text
 
 __all__ = ["compare_points"]
 
 
-def compare_points(
-    X: Any, y: Any, range_nm: float, progress: Callable[[float, str], None]
-) -> dict[str, Any]:
+def compare_points(X: Any, y: Any, range_nm: float, progress: Progress) -> dict[str, Any]:
     """Compare all candidates on some points; return the table as JSON."""
     found: Comparison = compare(X, y, range_nm=range_nm, progress=progress)
     scores = [

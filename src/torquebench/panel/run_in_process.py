@@ -9,6 +9,7 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from torquebench.errors import BenchError, TorquebenchError
+from torquebench.progress import NO_PROGRESS, NoProgress, Progress
 
 __all__ = ["ProcessEndedError", "run_in_process"]
 
@@ -24,7 +25,7 @@ class ProcessEndedError(BenchError):
 def run_in_process(
     function: Callable[..., Result],
     *arguments: Any,
-    on_progress: Callable[[float, str], None] = lambda _fraction, _sentence: None,
+    progress: Progress = NO_PROGRESS,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Call a function in a process of its own and wait for what it returns.
@@ -32,12 +33,11 @@ def run_in_process(
     Parameters
     ----------
     function : callable
-        Importable by name; takes the arguments and then, as the last one, a callable for its
-        progress (fraction, sentence).
+        Importable by name; takes the arguments and then, as the last one, a `Progress`.
     *arguments
         Values that can be pickled.
-    on_progress : callable
-        Called here with what the function reports.
+    progress : Progress
+        Told here what the function tells its own.
     cancelled : callable
         Asked every 0.2 s; True ends the process.
 
@@ -70,7 +70,7 @@ def run_in_process(
                     "the computing process ended without a result", "", "look at the free memory"
                 ) from None
             if kind == "progress":
-                on_progress(*content)
+                progress.reach(*content)
             elif kind == "failed":
                 raise content
             else:
@@ -81,11 +81,22 @@ def run_in_process(
         process.join()
 
 
+class _Sent(NoProgress):
+    """Sends what is reached to whoever waits."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def reach(self, done: int, detail: str = "") -> None:
+        """Send it."""
+        self._pipe.send(("progress", (done, detail)))
+
+
 def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, NICE)  # whatever the bench's own process has
     try:
-        found = function(*arguments, lambda *said: pipe.send(("progress", said)))
+        found = function(*arguments, _Sent(pipe))
         pipe.send(("done", found))
     except TorquebenchError as error:
         pipe.send(("failed", error))

@@ -6,11 +6,11 @@ import os
 from collections.abc import Sequence
 
 from torquebench.bench.description import BenchDescription
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.papers.models import fit_module
 from torquebench.papers.page import BenchResult
 from torquebench.papers.study import FAMILIES, Row, Series, contenders, run_study
 from torquebench.papers.tables import BenchTables
+from torquebench.progress import NO_PROGRESS, Part, Progress
 
 __all__ = ["STUDY_SEEDS", "page_study", "results_of", "seeded"]
 
@@ -30,11 +30,13 @@ def results_of(
     """Fit all models to all modules of all benches."""
     progress.start("Fitting the models", sum(len(each.modules) for each in tables))
     results: list[BenchResult] = []
+    done = 0
     for bench in tables:
         modules = {}
         for side, module in bench.modules.items():
             modules[side] = fit_module(module, trials=not results)
-            progress.advance(1, side)
+            done += 1
+            progress.reach(done, side)
         results.append(BenchResult(bench, modules))
     progress.finish()
     return results
@@ -57,7 +59,10 @@ def page_study(progress: Progress = NO_PROGRESS, *, quick: bool = False) -> tupl
     progress.start("Studying when BP beats the polynomial", total)
     rows: list[Row] = []
     workers = 1 if quick else min(STUDY_WORKERS, os.cpu_count() or 1)
+    done = 0
     for families, series in parts:
-        rows += run_study(seeds, families, (series,), wanted, progress.advance, workers=workers)
+        part = Part(progress, done)
+        rows += run_study(seeds, families, (series,), wanted, part, workers=workers)
+        done += len(seeds) * len(families)
     progress.finish()
     return rows, len(seeds)

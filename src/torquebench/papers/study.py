@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.compensation import MODELS, features
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "CLAIMED_RATIO",
@@ -364,7 +365,7 @@ def run_study(
     families: Iterable[str],
     series: Iterable[Series],
     wanted: Iterable[Contender],
-    advance: Callable[[], None] = lambda: None,
+    progress: Progress = NO_PROGRESS,
     *,
     workers: int = 1,
 ) -> list[Row]:
@@ -374,7 +375,7 @@ def run_study(
     ----------
     seeds, families, series, wanted
         What is combined.
-    advance : callable
+    progress : Progress
         Told after every chain and series.
     workers : int
         Processes that share the chains; with 1 this one does it.
@@ -390,9 +391,9 @@ def run_study(
             results = pool.map(_task, tasks, itertools.repeat(models))
         else:
             results = map(_task, tasks, itertools.repeat(models))
-        for part in results:
+        for number, part in enumerate(results, 1):
             found += part
-            advance()
+            progress.reach(number)
     return summarised(found)
 
 

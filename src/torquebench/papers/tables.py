@@ -20,7 +20,6 @@ from torquebench.campaign.measuring import (
     measure_friction,
     measure_verification,
 )
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
 from torquebench.errors import InputError
 from torquebench.papers.facts import (
@@ -31,6 +30,7 @@ from torquebench.papers.facts import (
     write_rows,
 )
 from torquebench.procedures import FrictionSettings
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.table_files import read_table
 from torquebench.records.table_formats import ENDINGS, READ
 from torquebench.records.tables import read_calibration_csv, write_calibration_csv

@@ -17,11 +17,11 @@ from sqlalchemy import select, text
 from sqlalchemy.engine import URL
 
 from torquebench.atomic_write import atomic_write
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.plant.database import PlantDatabase
 from torquebench.plant.facts import facts_of, points_table
 from torquebench.plant.folders import FolderStore
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder, UnavailableError, json_text
 from torquebench.records.chain import ChainHead
 from torquebench.records.run_states import DISCARDED
@@ -203,7 +203,8 @@ def _check_same(registry: Registry, mine: _Mine) -> None:
 
 def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress: Progress) -> None:
     end = registry.head().sequence
-    progress.start("Sending entries", max(end - done.head.sequence, 1))
+    first = done.head.sequence
+    progress.start("Sending entries", max(end - first, 1))
     while done.head.sequence < end:
         after = done.head.sequence
         query = (
@@ -220,7 +221,7 @@ def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress
                 f"the plant took no entry after {after}", "entries that continue its chain"
             )
         done.entries += len(entries)
-        progress.advance(len(entries))
+        progress.reach(done.head.sequence - first)
     progress.finish()
 
 
@@ -240,7 +241,7 @@ def _send_folders(
         if not missing:
             break
         progress.start("Sending run folders", len(missing))
-        for run_id, manifest in missing:
+        for number, (run_id, manifest) in enumerate(missing, 1):
             tried.add(run_id)
             try:
                 run = registry.run(run_id)
@@ -272,7 +273,7 @@ def _send_folders(
             )
             done.folders += 1
             done.size += pushed.size
-            progress.advance()
+            progress.reach(number)
         progress.finish()
 
 

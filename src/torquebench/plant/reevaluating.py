@@ -14,12 +14,12 @@ from sqlalchemy import insert, text
 
 from torquebench import __version__
 from torquebench.calibration import RAW
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.errors import InputError, RecordError
 from torquebench.plant.answer import Answer
 from torquebench.plant.database import Plant
 from torquebench.plant.reevaluation import Reevaluated, RunTask, SealedFolder, reevaluate_run
 from torquebench.plant.tables import reevaluations
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = ["Reevaluation", "differences", "reevaluate"]
 
@@ -148,7 +148,7 @@ def reevaluate(
             _keep(plant, label, tasks, found)
             done += len(found)
             problems += sum(bool(each.problem) for each in found)
-            progress.advance(len(found))
+            progress.reach(done)
     progress.finish(f"{done} runs" + (f", {problems} can't be" if problems else ""))
     return Reevaluation(label, done, int(known or 0), problems)
 

@@ -64,6 +64,8 @@ class Rehearsal(Generic[Result]):
         Every command in order.
     points : int
         Events that would be recorded in the stream "points".
+    steps : int
+        Steps that the plan's progress counts; 0 where it can't know.
     duration_s : float
         Bench time that it takes, without waiting longer for settling, s.
     result : object
@@ -72,6 +74,7 @@ class Rehearsal(Generic[Result]):
 
     moves: list[Move]
     points: int
+    steps: int
     duration_s: float
     result: Result
 
@@ -103,7 +106,7 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
         try:
             message = plan.send(answer)
         except StopIteration as end:
-            return Rehearsal(stage.moves, stage.points, stage.now_s, end.value)
+            return Rehearsal(stage.moves, stage.points, stage.steps, stage.now_s, end.value)
         try:
             answer = stage.answer(message)
         except (LimitError, InterlockError) as refusal:
@@ -183,7 +186,7 @@ class _Stage:
         self.stamp = Point()
         self.now_s = 0.0
         self.moves: list[Move] = []
-        self.points = 0
+        self.points = self.steps = 0
         self._ends_s: dict[object, float] = {}
         self._stream = ""
         self._setters: dict[int, tuple[str, Callable[[Any], None]]] = {
@@ -241,6 +244,8 @@ class _Stage:
             self._stream = message.kwargs["name"]
         elif message.command == "save":
             self.points += self._stream == "points"
+        elif message.command == "progress":
+            self.steps = max(self.steps, message.args[1])
         return None
 
     def _side_of(self, device: object) -> _SideState:

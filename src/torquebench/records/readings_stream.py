@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_file
 from torquebench.errors import InputError
+from torquebench.progress import NO_PROGRESS, SHARES, Progress
 from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import csv_encoding, is_comment, parse_csv
@@ -103,7 +104,7 @@ def compensate_file(
     *,
     timed: Follow | None = None,
     mapping: Sequence[str] = (),
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = NO_PROGRESS,
 ) -> CompensatedFile:
     """Compensate a file of readings into another, whole or not at all.
 
@@ -122,8 +123,8 @@ def compensate_file(
         Called instead where the file has ``time_s``, for blocks in the order of time.
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `columns.understood`.
-    progress : callable, optional
-        Called with the share that is done, 0 to 1.
+    progress : Progress, optional
+        Told one stage of `SHARES` steps.
 
     Raises
     ------
@@ -144,6 +145,7 @@ def compensate_file(
         kind = _ParquetSink if is_parquet(target) else _CsvSink
         sink = kind(opened.enter_context(atomic_file(target)), readings)
         found: list[tuple[int, float, float, float]] = []
+        progress.start(f"Compensating {source}", SHARES)
 
         def encoded(block: _Block, added: tuple[NDArray[np.float64], ...]) -> _Encoded:
             _, additional, expanded = added
@@ -163,8 +165,7 @@ def compensate_file(
             if result is not None:
                 sink.write(result[0])
                 found.append(result[1])
-            if progress is not None:
-                progress(share)
+            progress.reach(int(SHARES * share))
         if not found:
             raise InputError(f"{source} holds a header but no values", "at least one reading")
         sink.close()

@@ -11,8 +11,6 @@ from .entering import (
 )
 from .runs import (
     LONGEST_BEFORE_S as LONGEST_BEFORE_S,
-    Progress as Progress,
-    ProgressCallback as ProgressCallback,
     RunRecord as RunRecord,
 )
 from .unfinished import (

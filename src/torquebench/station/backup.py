@@ -11,7 +11,7 @@ import json
 import os
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -22,6 +22,7 @@ from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.bench.audit_chain import audit_end, check_audit, files_aside
 from torquebench.errors import InputError, RecordError
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import ChainHead, Registry, RunFolder, anchor_of, sha256_of_file
 from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK
 from torquebench.records.database_check import damage_of_file
@@ -76,7 +77,7 @@ class Backup:
     outside: list[str] = field(default_factory=list)
 
 
-def back_up(data: Path, target: Path, progress: Callable[[str], None] = lambda _: None) -> Backup:
+def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backup:
     """Copy a data directory, whose bench may be at work, into a folder; again and again.
 
     Parameters
@@ -84,7 +85,7 @@ def back_up(data: Path, target: Path, progress: Callable[[str], None] = lambda _
     data : pathlib.Path
     target : pathlib.Path
         A new or empty folder, or an earlier backup of the same records.
-    progress : callable
+    progress : Progress
         Told what is being copied.
 
     Raises
@@ -98,8 +99,8 @@ def back_up(data: Path, target: Path, progress: Callable[[str], None] = lambda _
     _require_target(data, target)
     private_folder(target)
     copy = target / f".{REGISTRY_FILE}.part"
+    progress.start("Copying the registry")
     try:
-        progress(REGISTRY_FILE)
         _copy_database(data / REGISTRY_FILE, copy)
         damage = damage_of_file(copy)
         if damage:
@@ -186,22 +187,22 @@ def _copy_database(source: Path, target: Path) -> None:
             ) from error
 
 
-def _copy_files(
-    registry: Registry, data: Path, target: Path, progress: Callable[[str], None]
-) -> Backup:
+def _copy_files(registry: Registry, data: Path, target: Path, progress: Progress) -> Backup:
     backup = Backup(registry.head())
     ended = {
         run.folder.name: run.manifest_sha256
         for run in registry.runs(limit=registry.number_of_runs() + 1)
         if run.finished is not None
     }
-    for folder in run_folders(data):
+    folders = run_folders(data)
+    progress.start("Copying run folders", len(folders))
+    for number, folder in enumerate(folders):
+        progress.reach(number, folder.name)
         copied = target / "runs" / folder.name
         registered = ended.pop(folder.name, None)
         if registered is not None and _manifest_sha256(copied) == registered:
             backup.known_runs += 1
             continue
-        progress(folder.name)
         problem = _copy_run(folder, copied, registered)
         if problem:
             backup.problems.append(problem)
@@ -210,14 +211,17 @@ def _copy_files(
         if not RunFolder(copied).sealed:
             backup.open_runs.append(folder.name)
     backup.problems += [f"run {name} has no folder" for name in ended]
-    for path in _other_files(data):
+    progress.reach(len(folders))
+    others = list(_other_files(data))
+    progress.start("Copying other files", len(others))
+    for number, path in enumerate(others):
+        progress.reach(number, path.name)
         name = path.relative_to(data)
         if path.suffix == ".sqlite":
             part = target / f".{path.name}.part"
             _copy_database(path, part)
             part.replace(target / name)
         elif not _same(path, target / name):
-            progress(str(name))
             _copy_file(path, target / name)
             backup.files += 1
     _copy_audit(data / AUDIT_FOLDER, target / AUDIT_FOLDER)

@@ -30,6 +30,7 @@ from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.chain import Timebase
 from torquebench.errors import BenchError, RecordError, TorquebenchError
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder
 from torquebench.records.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
@@ -38,7 +39,7 @@ from torquebench.station.matching import compensation_for
 from torquebench.station.recording import Recording, RunEnd
 from torquebench.station.registration import register_equipment
 from torquebench.station.registry_queue import RegistryQueue
-from torquebench.station.runs import ProgressCallback, RunRecord
+from torquebench.station.runs import RunRecord
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
 __all__ = ["Station", "data_directory"]
@@ -71,8 +72,8 @@ class Station:
             record = station.run(plan(station.devices), kind="calibrate-output")
 
     Commands that plans may use beside the usual ones: `Msg("sleep", None, seconds)` (what
-    `bps.sleep` sends) sleeps in bench time; `Msg("progress", None, done, total, message)`
-    reports progress to the callback given to `run`.
+    `bps.sleep` sends) sleeps in bench time; `Msg("progress", None, done, total, detail)`
+    tells the `Progress` given to `run` how many steps are done.
 
     Attributes
     ----------
@@ -304,7 +305,7 @@ class Station:
         *,
         kind: str,
         metadata: Mapping[str, Any] | None = None,
-        progress: ProgressCallback | None = None,
+        progress: Progress = NO_PROGRESS,
         on_pause: OnPause | None = None,
         before_s: float = 0.0,
     ) -> RunRecord:
@@ -320,8 +321,8 @@ class Station:
             What the run does, such as "calibrate-output": letters, digits and hyphens.
         metadata : mapping, optional
             Kept with the run: operator, profile and whatever else is known before.
-        progress : callable, optional
-            Called with every `Progress` that the plan reports, on the engine's thread.
+        progress : Progress, optional
+            Told how many steps of the plan are done, on the engine's thread.
         on_pause : callable, optional
             Called on the calling thread when a pause is reached; says how to go on. Without it
             the run waits for `resume` or `abort`.
@@ -356,7 +357,7 @@ class Station:
         plan: Plan,
         kind: str,
         metadata: dict[str, Any],
-        progress: ProgressCallback | None,
+        progress: Progress,
         on_pause: OnPause | None,
         before_s: float,
     ) -> RunRecord:
@@ -418,7 +419,7 @@ class Station:
         self.supervisor.limits.loosen()
         self._come_to_rest(disable=status != "completed")
         self.supervisor.wait_safe(self.description.safety.stall_s + REST_TIMEOUT_S)
-        self.engine.progress = None
+        self.engine.progress = NO_PROGRESS
         self.engine.attend = lambda: None
         recording.end(status, reason)
 

@@ -24,7 +24,7 @@ from bluesky.utils import (
 
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.safety import SafetySupervisor
-from torquebench.station.runs import Progress, ProgressCallback
+from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = ["BenchEngine", "Plan"]
 
@@ -82,7 +82,7 @@ class BenchEngine:
         self._procedure_s = procedure_s
         self._computing = False
         self._supervisor = supervisor
-        self.progress: ProgressCallback | None = None
+        self.progress: Progress = NO_PROGRESS
         self.on_interrupt: Callable[[], None] = self.abort
         self.on_held: Callable[[], None] = lambda: None
         self.attend: Callable[[], None] = lambda: None
@@ -249,8 +249,8 @@ class BenchEngine:
 
     async def _report(self, message: Msg) -> None:
         """Report progress to whoever watches."""
-        if self.progress is not None:
-            self.progress(Progress(*message.args))
+        done, _, detail = message.args
+        self.progress.reach(done, detail)
 
     async def _tighten(self, message: Msg) -> tuple[int, ...]:
         """Put narrower limits in force."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -20,6 +20,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.calibration import CalibrationData, Contradiction, Profile, propose_due_date
 from torquebench.compensation import StoredModel, load_model
 from torquebench.errors import RecordError, TorquebenchError
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     MANIFEST,
     CertificateEntry,
@@ -90,7 +91,7 @@ class Rebuilt:
     problems: list[str] = field(default_factory=list)
 
 
-def rebuild(data: Path, by: str, progress: Callable[[str], None] = lambda _: None) -> Rebuilt:
+def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
     """Make a lost or damaged registry anew, and enter what the registry doesn't know.
 
     A sound registry is only added to. A damaged one is kept under another name; where only its
@@ -101,7 +102,7 @@ def rebuild(data: Path, by: str, progress: Callable[[str], None] = lambda _: Non
     data : pathlib.Path
     by : str
         Who does it, for the record.
-    progress : callable
+    progress : Progress
         Told what is being entered.
 
     Raises
@@ -115,10 +116,12 @@ def rebuild(data: Path, by: str, progress: Callable[[str], None] = lambda _: Non
         _mend(data, done)
         with Registry(f"sqlite:///{(data / REGISTRY_FILE).resolve()}", data) as registry:
             known = {run.run_id for run in registry.runs(limit=registry.number_of_runs() + 1)}
-            for folder in run_folders(data):
-                if folder.name not in known:
-                    progress(folder.name)
-                    _enter(registry, folder, done)
+            missing = [each for each in run_folders(data) if each.name not in known]
+            progress.start("Entering runs", len(missing))
+            for number, folder in enumerate(missing):
+                progress.reach(number, folder.name)
+                _enter(registry, folder, done)
+            progress.reach(len(missing))
             _enter_certificates(registry, data, done)
             if done.anew or done.runs:
                 registry.note_rebuilt(done.runs, by=by, anew=done.anew)

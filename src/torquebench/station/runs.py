@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from torquebench.bench.safety import Alarm
 
-__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "Progress", "ProgressCallback", "RunRecord"]
+__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "RunRecord"]
 
 LONGEST_BEFORE_S = 60.0
 """What was acquired before a run began is kept for so long at most, s."""
 
 ExitStatus = Literal["success", "abort", "fail"]
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a running plan is."""
-
-    done: int
-    total: int
-    message: str
-
-
-ProgressCallback = Callable[[Progress], None]
 
 
 @dataclass(frozen=True)

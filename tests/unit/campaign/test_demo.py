@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.watching import Watching
 
 from torquebench.calibration import RAW, load_profile
 from torquebench.campaign.demo import DemoSettings, ModelChoice, run_demo
 from torquebench.campaign.measuring import RunAbortedError, measure_calibration, operator_name
 from torquebench.campaign.modules import dense_sweep
-from torquebench.campaign.progress import NoProgress
 from torquebench.campaign.results import DemoResult
 from torquebench.compensation import RECOMMENDED, load_model
 from torquebench.procedures import FrictionSettings
@@ -97,15 +97,14 @@ def test_without_truth_there_is_no_dense_sweep(tmp_path: Path) -> None:
 def test_an_abort_is_an_error_that_carries_its_record(tmp_path: Path) -> None:
     import threading
 
-    class AbortAtOnce(NoProgress):
-        def start(self, title: str, total: int | None = None) -> None:
-            super().start(title, total)
+    def abort_at_once(done: int, _detail: str) -> None:
+        if not done:
             thread.start()
 
     with Station.open(None, tmp_path) as station:
         thread = threading.Thread(target=station.abort, args=("the test",))
         with pytest.raises(RunAbortedError, match="the test") as aborted:
-            measure_calibration(station, "input", COARSE, progress=AbortAtOnce())
+            measure_calibration(station, "input", COARSE, progress=Watching(abort_at_once))
         thread.join()
         assert aborted.value.record.exit_status == "abort"
         assert station.registry.runs()[0].status == "aborted"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.watching import Watching
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import (
@@ -11,7 +12,6 @@ from torquebench.campaign.fitting import (
     fit_table,
     model_title,
 )
-from torquebench.campaign.progress import NoProgress
 from torquebench.compensation import CANDIDATES, MODELS, RECOMMENDED, make_model
 from torquebench.errors import InputError
 
@@ -31,31 +31,13 @@ def chain(seed: int = 1, wild: bool = False) -> CalibrationData:
     return CalibrationData(reading, standard, series, np.tile(branch, 2), 100.0)
 
 
-class Watcher(NoProgress):
-    def __init__(self) -> None:
-        self.stages: list[tuple[str, int | None]] = []
-        self.steps = 0
-        self.finished = 0
-
-    def start(self, title: str, total: int | None = None) -> None:
-        self.stages.append((title, total))
-
-    def advance(self, steps: int = 1, detail: str = "") -> None:
-        super().advance(steps, detail)
-        self.steps += steps
-
-    def finish(self, detail: str = "") -> None:
-        super().finish(detail)
-        self.finished += 1
-
-
 def test_every_choice_is_fitted_and_reports_all_its_steps() -> None:
-    watcher = Watcher()
+    watcher = Watching()
     choices = [ModelChoice("polynomial-2"), ModelChoice("spline"), ModelChoice("physics")]
     fitted = fit_models(chain(), choices, watcher, title="Fitting the input module")
     assert [item.name for item in fitted] == ["polynomial-2", "spline", "physics"]
     assert watcher.stages == [("Fitting the input module", 300)]
-    assert (watcher.steps, watcher.finished) == (300, 1)
+    assert (watcher.done[-1], watcher.finished) == (300, 1)
     assert all(item.model.range_nm == 100.0 for item in fitted)
 
 
@@ -92,13 +74,13 @@ def test_the_recommended_model_is_a_candidate() -> None:
 
 
 def test_a_table_gets_the_recommended_model_fitted_to_all_points() -> None:
-    watcher = Watcher()
+    watcher = Watching()
     found = fit_table(chain(), "data.csv", progress=watcher)
     assert (found.name, found.model.kind) == (RECOMMENDED, RECOMMENDED)
     assert found.comparison is None
     assert found.fitted.rms_nm < 0.1 * found.raw.rms_nm
     assert found.model.points_ == len(found.data)
-    assert watcher.steps == 100
+    assert watcher.stages == [("Fitting the model", 100)]
 
 
 def test_a_named_model_is_taken_and_its_wild_points_are_named() -> None:

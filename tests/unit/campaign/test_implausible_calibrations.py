@@ -13,9 +13,9 @@ from torquebench.campaign.finishing import finish_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models, fit_table
 from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.modules import RegisteredCalibration
-from torquebench.campaign.progress import NoProgress
 from torquebench.compensation import load_model
 from torquebench.errors import InputError, RecordError
+from torquebench.progress import NoProgress
 from torquebench.records import Registry
 from torquebench.station import Station
 from torquebench.twin import FaultKind
@@ -33,13 +33,11 @@ class Breaks(NoProgress):
     kind: FaultKind
     amount: float
     after: int
-    done: int = 0
 
-    def advance(self, steps: int = 1, detail: str = "") -> None:
-        super().advance(steps, detail)
+    def reach(self, done: int, detail: str = "") -> None:
+        super().reach(done, detail)
         twin = self.station.drivers.counter.twin
-        self.done += steps
-        if self.done == self.after:
+        if done == self.after:
             twin.inject_fault(
                 self.channel, self.kind, start_s=twin.time_s, duration_s=1e6, amount=self.amount
             )

@@ -11,7 +11,7 @@ def test_plain_where_nobody_looks() -> None:
     console = Console(file=io.StringIO(), width=80)
     with TerminalProgress(console) as progress:
         progress.start("Calibrating the input module", 200)
-        progress.advance(200)
+        progress.reach(200)
         progress.start("Fitting")
         progress.finish("4 models")
     text = console.file.getvalue()
@@ -24,7 +24,7 @@ def test_bars_stay_within_80_columns() -> None:
     console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
     with TerminalProgress(console) as progress:
         progress.start("No-load friction of the reducer", 162)
-        progress.advance(80, "repeat 2")
+        progress.reach(80, "repeat 2")
         progress.finish()
     visible = console.file.getvalue().replace("\r", "\n").split("\n")
     assert any("162/162" in line for line in visible)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.watching import Watching
 
 from torquebench.compensation import (
     FEATURES,
@@ -140,15 +141,13 @@ def test_a_declared_range_smaller_than_the_data_is_refused() -> None:
 
 
 def test_progress_reaches_the_end(quick_model: QuickModel) -> None:
-    reports: list[tuple[float, str]] = []
     X = READING[:, None]
     for kind in ("published-network", "bayesian-network", "radial-basis"):
-        reports.clear()
-        quick_model(kind).fit(X, STANDARD, progress=lambda done, text: reports.append((done, text)))
-        fractions = [fraction for fraction, _ in reports]
-        assert fractions == sorted(fractions)
-        assert fractions[-1] == 1.0
-        assert all(text for _, text in reports)
+        watching = Watching()
+        quick_model(kind).fit(X, STANDARD, progress=watching)
+        assert watching.done == sorted(watching.done)
+        assert watching.done[-1] == 100
+        assert all(detail for _, detail in watching.reached)
 
 
 def test_long_predictions_come_in_blocks_without_a_seam(quick_model: QuickModel) -> None:

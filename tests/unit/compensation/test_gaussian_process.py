@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import multivariate_normal
+from tests.watching import Watching
 
 from torquebench.compensation import GaussianProcessModel, features, model_from_state
 from torquebench.compensation.gaussian_process import log_posterior
@@ -133,7 +134,7 @@ def test_state_gives_the_same_predictions_bit_for_bit() -> None:
 
 def test_progress_is_told() -> None:
     data = make_chain("quadratic", 4).calibration(30)
-    told: list[float] = []
-    GaussianProcessModel().fit(data.X, data.standard_nm, progress=lambda f, _: told.append(f))
-    assert told
-    assert all(0 <= fraction <= 1 for fraction in told)
+    watching = Watching()
+    GaussianProcessModel().fit(data.X, data.standard_nm, progress=watching)
+    assert watching.done
+    assert all(0 <= done <= 100 for done in watching.done)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.watching import Watching
 
 from torquebench.compensation import (
     Comparison,
@@ -146,12 +147,11 @@ def test_own_models_under_own_names() -> None:
 
 
 def test_progress_goes_from_model_to_model() -> None:
-    reports: list[tuple[float, str]] = []
-    compare(*repeated(6), FAST, progress=lambda done, text: reports.append((done, text)))
-    fractions = [fraction for fraction, _ in reports]
-    assert fractions == sorted(fractions)
-    assert fractions[-1] == pytest.approx(1.0)
-    assert reports[0][1].startswith("polynomial-1, fold 1 of")
+    watching = Watching()
+    compare(*repeated(6), FAST, progress=watching)
+    assert watching.done == sorted(watching.done)
+    assert watching.done[-1] == 100
+    assert watching.reached[0][1].startswith("polynomial-1, fold 1 of")
 
 
 @pytest.mark.parametrize(

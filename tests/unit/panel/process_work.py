@@ -1,19 +1,19 @@
 """What tests compute in a process of its own."""
 
 import time
-from collections.abc import Callable
 
 from torquebench.errors import InputError
+from torquebench.progress import Progress
 
 
-def doubled(value: float, progress: Callable[[float, str], None]) -> float:
-    progress(0.5, "half")
+def doubled(value: float, progress: Progress) -> float:
+    progress.reach(50, "half")
     return 2.0 * value
 
 
-def refusing(_progress: Callable[[float, str], None]) -> None:
+def refusing(_progress: Progress) -> None:
     raise InputError("found", "allowed", "remedy")
 
 
-def endless(_progress: Callable[[float, str], None]) -> None:
+def endless(_progress: Progress) -> None:
     time.sleep(600.0)

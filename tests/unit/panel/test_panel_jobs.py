@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.unit.panel.process_work import doubled, endless, refusing
+from tests.watching import Watching
 
 from torquebench.bench.prompts import QueuedOperator
 from torquebench.compensation import load_model
@@ -471,9 +472,9 @@ def test_a_revoked_program_commands_no_longer(service: BenchService) -> None:
 
 
 def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
-    said: list[tuple[float, str]] = []
-    found = run_in_process(doubled, 21.0, on_progress=lambda *each: said.append(each))
-    assert (found, said) == (42.0, [(0.5, "half")])
+    watching = Watching()
+    assert run_in_process(doubled, 21.0, progress=watching) == 42.0
+    assert watching.reached == [(50, "half")]
     with pytest.raises(InputError, match="remedy"):
         run_in_process(refusing)
     with pytest.raises(ProcessEndedError):

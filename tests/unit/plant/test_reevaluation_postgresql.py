@@ -14,10 +14,10 @@ from tests import postgresql_server
 from tests.plant_bench import add_run, backlash_results
 from tests.system.command_line import run, widest_line
 
-from torquebench.campaign.progress import NoProgress
 from torquebench.campaign.reducers.results import plain_budget
 from torquebench.errors import InputError
 from torquebench.plant import Plant, differences, forward, reevaluate
+from torquebench.progress import NoProgress
 from torquebench.records import Registry
 from torquebench.uncertainty import Budget
 
@@ -106,7 +106,7 @@ def test_every_scheduler_gives_the_same_bits(recorded: Plant, tmp_path: Path) ->
 
 def test_what_was_broken_off_goes_on_where_it_was(recorded: Plant) -> None:
     class Stopped(NoProgress):
-        def advance(self, _steps: int = 1, _detail: str = "") -> None:
+        def reach(self, _done: int, _detail: str = "") -> None:
             raise KeyboardInterrupt
 
     first = reevaluate(recorded, "serial", label="again", limit=3)

@@ -4,12 +4,13 @@ import threading
 import warnings
 
 import numpy as np
+from tests.watching import Watching
 
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.compensation import make_model
 from torquebench.procedures import calibrate, rehearse
 from torquebench.records import RunFolder
-from torquebench.station import Progress, Station
+from torquebench.station import Station
 
 PROFILE = load_profile("adaptive").with_options(points=44)
 
@@ -23,11 +24,11 @@ def test_a_rehearsal_goes_up_to_the_budget_without_computing(station: Station) -
 
 
 def test_points_are_placed_between_series_of_one_run(station: Station) -> None:
-    seen: list[Progress] = []
+    seen = Watching()
     record = station.run(
         calibrate(station.devices, "output", PROFILE),
         kind="calibrate-output",
-        progress=seen.append,
+        progress=seen,
     )
     data, placement = record.result.data, record.result.placement
     assert len(data) == 44
@@ -43,11 +44,8 @@ def test_points_are_placed_between_series_of_one_run(station: Station) -> None:
         assert len(set(np.sign(data.nominal_nm[here]).tolist()) - {0.0}) <= 1
     assert np.all(np.diff(data.time_s) > 0.0)
 
-    done = [each.done for each in seen]
-    assert done == sorted(done)
-    assert {each.total for each in seen} == {seen[0].total}
-    assert done[-1] <= seen[0].total
-    assert any("placing" in each.message for each in seen)
+    assert seen.done == sorted(seen.done)
+    assert any("placing" in detail for _, detail in seen.reached)
 
     folder = RunFolder.open(record.folder)
     start = next(document for _, document in folder.documents("start"))
@@ -90,12 +88,14 @@ def test_placed_points_do_what_many_more_even_ones_do(station: Station) -> None:
 def test_a_run_can_be_aborted_while_points_are_placed(station: Station) -> None:
     person = threading.Thread(target=station.abort, args=("enough",))
 
-    def watch(step: Progress) -> None:
-        if "placing" in step.message:
+    def watch(_done: int, detail: str) -> None:
+        if "placing" in detail:
             person.start()
 
     record = station.run(
-        calibrate(station.devices, "output", PROFILE), kind="calibrate-output", progress=watch
+        calibrate(station.devices, "output", PROFILE),
+        kind="calibrate-output",
+        progress=Watching(watch),
     )
     person.join()
     assert record.exit_status == "abort"

@@ -4,12 +4,13 @@ import threading
 
 import numpy as np
 import pytest
+from tests.watching import Watching
 
 import torquebench
 from torquebench.calibration import load_profile
 from torquebench.procedures import calibrate, verify
 from torquebench.records import RunFolder
-from torquebench.station import Progress, Station
+from torquebench.station import Station
 
 PROFILE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 
@@ -94,9 +95,9 @@ def test_a_pause_takes_the_load_off_and_the_branch_is_approached_again(station: 
     undisturbed = station.run(calibrate(station.devices, "output", PROFILE), kind="first")
     torques, seen = [], []
 
-    def pause_on_the_falling_branch(progress: Progress) -> None:
-        if progress.message.startswith("series 1, point 7") and not seen:
-            seen.append(progress.done)
+    def pause_on_the_falling_branch(done: int, detail: str) -> None:
+        if detail.startswith("series 1, point 7") and not seen:
+            seen.append(done)
             station.pause()
 
     def look(paused: Station) -> str:
@@ -107,7 +108,7 @@ def test_a_pause_takes_the_load_off_and_the_branch_is_approached_again(station: 
     record = station.run(
         calibrate(station.devices, "output", PROFILE),
         kind="second",
-        progress=pause_on_the_falling_branch,
+        progress=Watching(pause_on_the_falling_branch),
         on_pause=look,
     )
     assert record.exit_status == "success"
@@ -138,8 +139,8 @@ def test_the_turning_point_of_a_falling_branch_is_found() -> None:
 
 
 def test_an_abort_leaves_no_torque_and_a_readable_record(station: Station) -> None:
-    def abort_at_the_third_point(progress: Progress) -> None:
-        if progress.message.startswith("series 1, point 3"):
+    def abort_at_the_third_point(_done: int, detail: str) -> None:
+        if detail.startswith("series 1, point 3"):
             # From a thread of its own: the callback runs on the engine's.
             aborting.append(threading.Thread(target=station.abort, args=("the test",)))
             aborting[0].start()
@@ -149,7 +150,7 @@ def test_an_abort_leaves_no_torque_and_a_readable_record(station: Station) -> No
     record = station.run(
         calibrate(station.devices, "output", PROFILE),
         kind="calibrate-output",
-        progress=abort_at_the_third_point,
+        progress=Watching(abort_at_the_third_point),
     )
     aborting[0].join()
     assert record.exit_status == "abort"

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from tests.watching import Watching
 
 from torquebench.errors import InputError
 from torquebench.procedures import FrictionSettings, Plan, friction_sweep, rehearse
 from torquebench.procedures.reducers.setup import turn_at
 from torquebench.procedures.setup import Setup, power_on, set_up
-from torquebench.station import Progress, Station
+from torquebench.station import Station
 
 
 def test_windows_hold_whole_revolutions() -> None:
@@ -62,9 +63,9 @@ def test_a_pause_stops_the_shaft_and_the_sweep_goes_on(station: Station) -> None
     settings = FrictionSettings(speeds_rpm=(300.0, 600.0), repeats=1)
     speeds, asked = [], []
 
-    def pause_once(progress: Progress) -> None:
-        if progress.done == 2 and not asked:
-            asked.append(progress.done)
+    def pause_once(done: int, _detail: str) -> None:
+        if done == 2 and not asked:
+            asked.append(done)
             station.pause()
 
     def look(paused: Station) -> str:
@@ -74,7 +75,7 @@ def test_a_pause_stops_the_shaft_and_the_sweep_goes_on(station: Station) -> None
     record = station.run(
         friction_sweep(station.devices, settings),
         kind="no-load-friction",
-        progress=pause_once,
+        progress=Watching(pause_once),
         on_pause=look,
     )
     assert record.exit_status == "success"

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.watching import Watching
 
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.turning_runs import measure_turning, read_begun, rehearse_turning
@@ -95,21 +96,12 @@ def test_an_aborted_run_keeps_its_series_and_goes_on_with_the_others(
     file, chosen = tmp_path / "empty.csv", profile(repeats=2)
     legs = len(chosen.legs("input"))
 
-    class Stopping:
-        """Aborts in the second series."""
-
-        def start(self, _title: str, _total: int) -> None:
-            self.left = legs + 2
-
-        def advance(self, steps: int = 1) -> None:
-            self.left -= steps
-            if self.left <= 0:
-                station.abort("enough")
-
-        def finish(self) -> None: ...
+    def stop(done: int, _detail: str) -> None:
+        if done >= legs + 2:  # in the second series
+            station.abort("enough")
 
     with pytest.raises(RunAbortedError):
-        measure_turning(station, "input", chosen, file, progress=Stopping())  # type: ignore[arg-type]
+        measure_turning(station, "input", chosen, file, progress=Watching(stop))
     first = columns(file)
     serial = station.description.input.transducer.serial
     assert "# series_done = 1 of 2" in file.read_text()
@@ -147,21 +139,12 @@ def test_an_aborted_turning_calibration_goes_on_with_the_other_speeds(
     chosen, file = profile(kind="calibration", torque_shares=[1.0]), tmp_path / "points.csv"
     of_a_speed = len(chosen.points("input", 50.0)) // 2
 
-    class Stopping:
-        """Aborts at the second speed."""
-
-        def start(self, _title: str, _total: int) -> None:
-            self.left = of_a_speed + 2
-
-        def advance(self, steps: int = 1) -> None:
-            self.left -= steps
-            if self.left <= 0:
-                station.abort("enough")
-
-        def finish(self) -> None: ...
+    def stop(done: int, _detail: str) -> None:
+        if done >= of_a_speed + 2:  # at the second speed
+            station.abort("enough")
 
     with pytest.raises(RunAbortedError):
-        measure_turning(station, "input", chosen, file, progress=Stopping())  # type: ignore[arg-type]
+        measure_turning(station, "input", chosen, file, progress=Watching(stop))
     first = read_calibration_csv(file)
     assert len(first) == of_a_speed
     begun = read_begun(file, "input", chosen, station.description.input.transducer.serial)

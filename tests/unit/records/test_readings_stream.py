@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.watching import Watching
 
 from torquebench.errors import InputError
 from torquebench.records import ReadingsTable, readings_stream
@@ -52,15 +53,14 @@ def test_columns_come_first_as_they_are_and_three_are_added(tmp_path: Path) -> N
 
 def test_summary_and_progress(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("reading_nm,branch\n1,up\n2,down\n" * 1 + "3,up\n" * 200)
-    shares: list[float] = []
-    done = compensate_file(
-        tmp_path / "a.csv", tmp_path / "b.csv", compensate, progress=shares.append
-    )
+    watching = Watching()
+    done = compensate_file(tmp_path / "a.csv", tmp_path / "b.csv", compensate, progress=watching)
     assert (done.rows, done.lowest_nm, done.highest_nm) == (202, -1.0, 1.0)
     assert done.largest_uncertainty_nm == 0.5
     assert not done.simulated
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
+    assert watching.stages == [(f"Compensating {tmp_path / 'a.csv'}", 100)]
+    assert watching.done == sorted(watching.done)
+    assert watching.done[-1] == 100
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, RootObject, TdmsWriter
+from tests.watching import Watching
 
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv
@@ -129,7 +130,7 @@ def test_readings_of_any_format_are_compensated_in_batches(
         source,
         {"time_s": ("s", np.arange(1234.0).tolist()), "Drehmoment": ("kN·m", reading.tolist())},
     )
-    blocks, shares = [], []
+    blocks, watching = [], Watching()
 
     def compensate(readings: Any) -> tuple[Any, ...]:
         blocks.append(len(readings))
@@ -137,11 +138,11 @@ def test_readings_of_any_format_are_compensated_in_batches(
         return value + 1.0, np.ones(value.size), np.full(value.size, 0.5)
 
     done = compensate_file(
-        source, target, compensate, mapping=["reading=Drehmoment"], progress=shares.append
+        source, target, compensate, mapping=["reading=Drehmoment"], progress=watching
     )
     assert done.rows == sum(blocks) == 1234
     assert ending == "csv" or max(blocks) == 100
-    assert shares[-1] == 1.0
+    assert watching.done[-1] == 100
     torque = read_table(target)
     assert "drehmoment [kn·m]" in torque.header
     np.testing.assert_allclose(

@@ -8,7 +8,6 @@ from typing import Any
 
 from torquebench import __version__
 from torquebench.campaign.measuring import OnPause, measure, operator_name
-from torquebench.campaign.progress import Progress
 from torquebench.campaign.reducers.catalogue import ReducerTest
 from torquebench.campaign.reducers.preparation import Known, Preparation
 from torquebench.campaign.reducers.results import (
@@ -21,6 +20,7 @@ from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.campaign.reducers.work import Evaluated
 from torquebench.procedures import Plan
+from torquebench.progress import Progress
 from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
 from torquebench.station import SPECIMEN, RunRecord, Station
 from torquebench.uncertainty import Verdict

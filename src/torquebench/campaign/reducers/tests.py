@@ -10,7 +10,6 @@ from typing import Any
 from torquebench import __version__
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
-from torquebench.campaign.progress import NO_PROGRESS, Progress
 from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests
 from torquebench.campaign.reducers.preparation import preparations
 from torquebench.campaign.reducers.results import (
@@ -23,6 +22,7 @@ from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_
 from torquebench.campaign.reducers.specimen import Specimen
 from torquebench.errors import ModelMismatchError, TorquebenchError
 from torquebench.procedures import Rehearsal, rehearse
+from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import ReducerDescription
 from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S

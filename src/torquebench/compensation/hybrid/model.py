@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.base import CompensationModel, FloatArray, Progress, feature_column
+from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.estimator import Between, Limit
 from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
@@ -31,6 +31,7 @@ from torquebench.compensation.hybrid.inference import (
 from torquebench.compensation.hybrid.posterior_variance import curve_variance
 from torquebench.compensation.hybrid.search import explore
 from torquebench.compensation.kinds import register
+from torquebench.progress import Progress
 
 __all__ = ["HybridModel"]
 
@@ -124,7 +125,7 @@ class HybridModel(CompensationModel):
         X: FloatArray,
         y: FloatArray,
         weights: FloatArray,
-        progress: Progress | None,  # noqa: ARG002 - over at once
+        progress: Progress,  # noqa: ARG002 - over at once
     ) -> None:
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
         target = (y - X[:, 0]) / self.full_scale_nm_

@@ -86,6 +86,7 @@ from torquebench.panel.service.jobs.runner import (
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
+from torquebench.progress import SHARES
 from torquebench.records import REGISTERS, CalibrationEntry, RunFolder
 from torquebench.records.time_check import expired_standard
 from torquebench.reports.certificate import run_profile
@@ -340,13 +341,13 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
     """Compare in a process of its own, so that the bench keeps its time."""
     entry, data = calibration_data(context.station, request.calibration_id)
     job = context.job
-    job.start("Comparing models", 100)
+    job.start("Comparing models", SHARES)
     found = run_in_process(
         compare_points,
         data.features(COMPARED_COLUMNS),
         data.standard_nm,
         data.range_nm,
-        on_progress=job.fraction,
+        progress=job,
         cancelled=job.cancelled.is_set,
     )
     return JobResult(

@@ -32,7 +32,6 @@ from torquebench.reports.certificate import (
     issue_certificate,
     kept_letterhead,
 )
-from torquebench.station import Progress
 
 __all__ = ["CHECK_KINDS", "CertificateRequest", "CheckRequest", "ZeroRequest"]
 
@@ -68,19 +67,15 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
     station, job = context.station, context.job
     sides = tuple(dict.fromkeys(request.sides))
     job.start("Zero", len(sides))
-
-    def watch(step: Progress) -> None:
-        job.advance(0, step.message)
-
     record = station.run(
         zero_modules(station.devices, sides),
         kind="zero",
         metadata={"operator": context.actor.label},
-        progress=watch,
+        progress=job,
     )
     if record.exit_status != "success":
         raise RunAbortedError(record)
-    job.advance(len(sides))
+    job.reach(len(sides))
     details: dict[str, Any] = {}
     for side in sides:
         scale = station.description.module(side).transducer.scale()
@@ -174,7 +169,7 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
     )
     record = registry.patiently(lambda: build_record(registry, calibration, issue))
     issued = issue_certificate(registry, record)
-    job.advance()
+    job.reach(1)
     conformity = record.conformity
     judged = "" if conformity is None else f": {conformity.verdict.label}"
     return JobResult(

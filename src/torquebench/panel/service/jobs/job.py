@@ -112,14 +112,8 @@ class Job:
             self._stage, self._total, self._done = title, total, 0
             self._stage_since, self._detail = time.monotonic(), ""
 
-    def advance(self, steps: int = 1, detail: str = "") -> None:
-        """Count finished steps."""
-        with self._lock:
-            self._done += steps
-            self._detail = detail
-
-    def detail(self, detail: str, done: int) -> None:
-        """Say what is at work, and how many steps are done."""
+    def reach(self, done: int, detail: str = "") -> None:
+        """Say how many steps are done, and what is at work."""
         with self._lock:
             self._done, self._detail = done, detail
 
@@ -131,12 +125,6 @@ class Job:
             seconds = time.monotonic() - self._stage_since
             self._stages.append(JobStage(self._stage, detail, seconds))
             self._stage, self._total, self._done, self._detail = "", None, 0, ""
-
-    def fraction(self, fraction: float, sentence: str = "") -> None:
-        """Set a stage of 100 steps to a fraction."""
-        with self._lock:
-            self._done = round(100 * min(max(fraction, 0.0), 1.0))
-            self._detail = sentence
 
     # -- what people ask of it --------------------------------------------------------------
 

@@ -23,7 +23,7 @@ from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobReques
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.panel.service.live.hub import SIGNALS, torque_windows
 from torquebench.procedures.recording import LONGEST_RECORDING_S, record_signals
-from torquebench.station import LONGEST_BEFORE_S, Progress
+from torquebench.station import LONGEST_BEFORE_S
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["RECORDING_KINDS", "TRIGGER_SIGNALS", "RecordRequest", "Trigger", "crossing"]
@@ -121,10 +121,6 @@ def run_record(context: JobContext, request: RecordRequest) -> JobResult:
     name, note = plain(request.name, 80), plain(request.note, 500)
     began_s, trigger = _begin(context, request)
     job.start("Recording", None if request.duration_s is None else round(request.duration_s))
-
-    def watch(step: Progress) -> None:
-        job.detail(step.message, step.done)
-
     record = station.run(
         record_signals(station.devices, job.finishing, duration_s=request.duration_s),
         kind="recording",
@@ -135,7 +131,7 @@ def run_record(context: JobContext, request: RecordRequest) -> JobResult:
             "trigger": trigger,
             "before_s": request.before_s,
         },
-        progress=watch,
+        progress=job,
         before_s=request.before_s + max(0.0, station.clock.now() - began_s),
     )
     if record.exit_status != "success":
@@ -178,7 +174,7 @@ def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple
     unit = next(each.unit for each in SIGNALS if each.name == trigger.signal)
     said = f"{trigger.signal} {trigger.direction} through {trigger.level:g} {unit}"
     context.job.start("Waiting for the trigger")
-    context.job.advance(0, said)
+    context.job.reach(0, said)
     armed = False
     while True:
         _still_wanted(context)
