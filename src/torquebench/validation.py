@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from torquebench.errors import InputError
 
-__all__ = ["ConflictError", "parse_toml", "refuse_future", "validated"]
+__all__ = ["ConflictError", "as_input_error", "parse_toml", "refuse_future", "validated"]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -57,13 +57,26 @@ def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Mod
     try:
         return model.model_validate(dict(values))
     except ValidationError as error:
-        raise _as_input_error(model, error, source) from error
+        raise as_input_error(error.errors(include_url=False), source, model) from error
 
 
-def _as_input_error(model: type[BaseModel], error: ValidationError, source: str) -> InputError:
+def as_input_error(
+    details: Sequence[ErrorDetails], source: str, model: type[BaseModel] | None
+) -> InputError:
+    """Say what pydantic found: the first wrong key, and the names of further ones.
+
+    Parameters
+    ----------
+    details : sequence of ErrorDetails
+        As pydantic or FastAPI list them.
+    source : str
+        A file, or the part of a request.
+    model : type of BaseModel, optional
+        What the values are checked against; without it pydantic's own words are given.
+    """
     # A misspelt key explains the missing one, so it comes first.
     order = {"extra_forbidden": 0, "conflict": 2}
-    details = sorted(error.errors(include_url=False), key=lambda item: order.get(item["type"], 1))
+    details = sorted(details, key=lambda item: order.get(item["type"], 1))
     first = details[0]
     key, found, allowed, remedy = _explain(model, first)
     others = [_dotted(item["loc"], item) for item in details[1:]]
@@ -73,7 +86,7 @@ def _as_input_error(model: type[BaseModel], error: ValidationError, source: str)
     return InputError(f"{source}: {key} {found}".replace("  ", " "), allowed, remedy)
 
 
-def _explain(model: type[BaseModel], detail: ErrorDetails) -> tuple[str, str, str, str]:
+def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, str, str, str]:
     location = detail["loc"]
     key = _dotted(location, detail)
     kind = detail["type"]
@@ -110,8 +123,10 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "…"
 
 
-def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[BaseModel] | None:
-    present: type[BaseModel] | None = model
+def _model_at(
+    model: type[BaseModel] | None, location: Sequence[int | str]
+) -> type[BaseModel] | None:
+    present = model
     for part in location:
         if present is None or not isinstance(part, str) or part not in present.model_fields:
             return None
@@ -124,7 +139,7 @@ def _model_at(model: type[BaseModel], location: Sequence[int | str]) -> type[Bas
     return present
 
 
-def _field_at(model: type[BaseModel], location: Sequence[int | str]) -> FieldInfo | None:
+def _field_at(model: type[BaseModel] | None, location: Sequence[int | str]) -> FieldInfo | None:
     names = [part for part in location if isinstance(part, str) and not _is_union_branch(part)]
     section = _model_at(model, names[:-1])
     return section.model_fields.get(names[-1]) if section and names else None

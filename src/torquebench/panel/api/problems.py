@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from fastapi import FastAPI, Request
+from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, Field
+from fastapi.routing import APIRoute
+from pydantic import BaseModel, Field, create_model
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import Route
@@ -32,6 +35,7 @@ from torquebench.panel.service import (
     PermissionDeniedError,
     SignInError,
 )
+from torquebench.validation import as_input_error
 
 __all__ = ["PROBLEMS", "ProblemDetails", "add_handlers", "problem_response"]
 
@@ -127,13 +131,33 @@ def _refused(_request: Request, error: Exception) -> Response:
     )
 
 
-def _invalid(_request: Request, error: Exception) -> Response:
+def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    found = [
-        ".".join(str(part) for part in each["loc"]) + f": {each['msg']}"
-        for each in error.errors()[:5]
+    place = error.errors()[0]["loc"][0]
+    details: list[Any] = [
+        {**each, "loc": each["loc"][1:]} for each in error.errors() if each["loc"][0] == place
     ]
-    return problem_response(422, "Unusable input", "; ".join(found), kind="torquebench:InputError")
+    return _refused(
+        request, as_input_error(details, str(place), _model_of(request.scope.get("route"), place))
+    )
+
+
+def _model_of(route: object, place: str) -> type[BaseModel] | None:
+    """Return the model of a request's body, query or path."""
+    if not isinstance(route, APIRoute):
+        return None
+    if place == "body":
+        body = route.body_field.field_info.annotation if route.body_field is not None else None
+        return body if isinstance(body, type) and issubclass(body, BaseModel) else None
+    fields = (f for each in _dependants(route.dependant) for f in getattr(each, f"{place}_params"))
+    given: Any = {each.alias: (each.field_info.annotation, each.field_info) for each in fields}
+    return create_model(place, **given)
+
+
+def _dependants(top: Dependant) -> Iterator[Dependant]:
+    yield top
+    for below in top.dependencies:
+        yield from _dependants(below)
 
 
 def _http(request: Request, error: Exception) -> Response:
