@@ -57,6 +57,7 @@ def _add_commands(wanted: str) -> None:
         plant_questions,
         reducer_test,
         simulate,
+        teds,
         turn,
         verification,
     )
@@ -85,6 +86,7 @@ def _add_commands(wanted: str) -> None:
     evaluate_reducer.register(evaluate.app)
     app.add_typer(evaluate.app)
     app.add_typer(plant_questions.app)
+    app.add_typer(teds.app)
 
 
 _add_commands(sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else "")

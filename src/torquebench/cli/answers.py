@@ -261,6 +261,49 @@ class ExportedModel(TypedDict):
     files: list[str]
 
 
+class DataSheet(TypedDict):
+    """A transducer's electronic data sheet, as `teds read` writes it."""
+
+    basic: dict[str, Any]
+    templates: list[dict[str, Any]]
+    text: NotRequired[str]
+    free_bits: NotRequired[str]
+    unread: NotRequired[dict[str, str]]
+
+
+class DataSheetShown(TypedDict):
+    """What a memory holds."""
+
+    sheet: DataSheet
+
+
+class DataSheetRead(TypedDict):
+    """What a memory holds, and the file that it was written to."""
+
+    sheet: DataSheet
+    files: list[str]
+
+
+class CalibrationCurve(TypedDict):
+    """A compensation as calibration curve, and how far it deviates from the compensation."""
+
+    segments: int
+    power: int
+    residual_nm: float
+    residual_percent_fs: float
+    branch_residual_nm: float
+    branch_residual_percent_fs: float
+
+
+class DataSheetWritten(TypedDict):
+    """What was written as the content of a memory; `bytes` without checksums."""
+
+    sheet: DataSheet
+    bytes: int
+    curve: CalibrationCurve | None
+    files: list[str]
+
+
 class BudgetLine(TypedDict):
     """One quantity of a budget; `share` is of the variance, 0 to 1."""
 
@@ -943,6 +986,9 @@ ANSWERS: dict[str, type] = {
     "records discard": Entered,
     "records list": Listed,
     "records show": Shown,
+    "teds show": DataSheetShown,
+    "teds read": DataSheetRead,
+    "teds write": DataSheetWritten,
     "evaluate static": EvaluatedStatic,
     "evaluate dynamics": EvaluatedDynamics,
     **{f"evaluate {name}": EvaluatedReducer for name in _REDUCER_EVALUATIONS},
