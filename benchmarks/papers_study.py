@@ -91,11 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     found = []
     for family, series, models in parts():
-        started = time.process_time()
+        started = time.perf_counter()
         found.append(
             (family, run_study(range(chosen.seeds), (family,), (series,), models, workers=2))
         )
-        print(f"{family}, {series}: {time.process_time() - started:.0f} s", flush=True)
+        print(f"{family}, {series}: {time.perf_counter() - started:.0f} s", flush=True)
         if chosen.write:
             PAGE.write_text(page(found, chosen.seeds), encoding="utf-8")
     if not chosen.write:

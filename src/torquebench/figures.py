@@ -71,6 +71,8 @@ class Curve:
         Whether this is the uncompensated reading (drawn grey, behind the rest).
     band : numpy.ndarray of shape (n,), optional
         Half width of a band about a line, in the unit of the ordinate.
+    style : str
+        Line style or marker of Matplotlib; without it what the figure gives all its curves.
     """
 
     label: str
@@ -78,6 +80,7 @@ class Curve:
     y: NDArray[np.float64]
     raw: bool = False
     band: NDArray[np.float64] | None = None
+    style: str = ""
 
 
 def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:

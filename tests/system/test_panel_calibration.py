@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from tests.system.panel_browser import PEOPLE, SLOW, Visitor, browser, running_panel
 
+from torquebench.records import Registry, RunFolder
+
 pytestmark = SLOW
 
 
@@ -53,8 +55,14 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ben.sees("Least error at points left out:")
     ben.press("Next step")
     ben.choose("Groups", "2")
+    ben.press("Record of the mounting")
+    ben.fill("Coaxiality found", "0.012")
     ben.press("Mount the verification standard and begin")
     ben.sees("Sign off and put into use")
+    with Registry.open(ben.panel.folder / "data") as registry:
+        verification = next(run for run in registry.runs() if run.kind == "verify-output")
+        kept = RunFolder.open(verification.folder).metadata
+    assert kept["mounting_record"] == {"coaxiality_mm": 0.012}
     assert "may look at this but not change it" in ben.text
 
     ana.sees("Model to be used")

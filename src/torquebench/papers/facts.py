@@ -57,7 +57,7 @@ def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, s
         module = description.module(side)
         transducer = module.transducer
         found[f"transducer, {side}"] = (
-            f"{transducer.model}, ±{module.range_nm:g} N·m, {transducer.option_khz} kHz"
+            f"{transducer.model}, serial {transducer.serial}, used to ±{module.range_nm:g} N·m"
         )
         model = module.drive.model
         named = "" if model == "unknown" else f"{model}, "

@@ -96,6 +96,9 @@ _WORDS = {
 }
 
 
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
 def load_design(path: Path) -> Design:
     """Read a chain from a TOML file: `name`, `range_nm` and the fields of `mechanics.Chain`.
 
@@ -145,12 +148,29 @@ def _odd(design: Design, form: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     return torque, {name: sign * part for name, part in zip(names, parts, strict=True)}
 
 
+def _style(name: str) -> str:
+    """Return a line through which what lies below the sum can be seen."""
+    return "--" if name == "sum" else "-"
+
+
+def _scientific(value: float, digits: int = 3) -> str:
+    """Return a value with a power of ten where it is very large or small.
+
+    Examples
+    --------
+    >>> _scientific(4.17e14), _scientific(-4.11e-9), _scientific(0.2)
+    ('4.17×10¹⁴', '-4.11×10⁻⁹', '0.2')
+    """
+    mantissa, _, power = f"{value:.{digits}g}".partition("e")
+    return f"{mantissa}×10{str(int(power)).translate(_RAISED)}" if power else mantissa
+
+
 def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
     """Return figure and tables of the parts, the sensitivities and the coaxiality limit."""
     torque, parts = _odd(design, "consistent")
     _, printed = _odd(design, "published")
     consistent = Panel(
-        [Curve(name, torque, part) for name, part in parts.items()],
+        [Curve(name, torque, part, style=_style(name)) for name, part in parts.items()],
         "torque in N·m",
         "additional torque in N·m",
         range_nm=design.range_nm,
@@ -159,7 +179,7 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
     right = torque > 0.0
     as_printed = Panel(
         [
-            Curve(name, torque[right], np.maximum(np.abs(part[right]), 1e-12))
+            Curve(name, torque[right], np.maximum(np.abs(part[right]), 1e-12), style=_style(name))
             for name, part in printed.items()
         ],
         "torque in N·m",
@@ -174,7 +194,7 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
             name,
             number(value),
             number(100.0 * value / design.range_nm),
-            f"{printed_at_full[name]:.3g}",
+            _scientific(printed_at_full[name]),
         ]
         for name, value in at_full.items()
     ]
@@ -204,8 +224,9 @@ def additional_torque_blocks(design: Design) -> tuple[Answer, Blocks]:
         ),
     ]
     ours = (
-        f"{number(at_full['sum'])} N·m ({number(100.0 * at_full['sum'] / design.range_nm)} % FS) "
-        f"at {design.range_nm:g} N·m; 0.03 mm: {number(effect)} N·m"
+        f"at {design.range_nm:g} N·m: {number(at_full['sum'])} N·m "
+        f"({number(100.0 * at_full['sum'] / design.range_nm)} % FS), a coaxiality error of 0.03 mm "
+        f"alone {number(effect)} N·m"
     )
     return Answer(ours, "shown", "quadratic in the torque; dimensions are an example"), blocks
 
@@ -216,9 +237,10 @@ def _sensitivity_table(design: Design) -> Table:
         if name == "torque_nm":
             continue
         value = float(getattr(design.chain, name))
-        percent = float(found.derivative) * 0.01 * value
+        slope = float(found.derivative)
+        percent = slope * 0.01 * value
         rows.append(
-            (abs(percent), [_WORDS[name], f"{value:.4g}", f"{float(found.derivative):.3g}",
+            (abs(percent), [_WORDS[name], _scientific(value, 4), _scientific(slope),
                             found.unit, number(percent) if percent else "0"])
         )  # fmt: skip
     rows.sort(key=lambda row: -row[0])
@@ -309,10 +331,11 @@ def section_blocks() -> tuple[Answer, Blocks]:
     solid = section_torsion(circle(float(np.sqrt(4.0 * ring.area_m2 / np.pi))))
     blocks: Blocks = [
         Table(
-            ("a/b", "β_s", "θ ratio, closed form", "θ ratio, finite elements"),
+            ("a/b", "β", "θ ratio, closed form", "θ ratio, finite elements"),
             rows,
-            "Twist per length of a rectangle by that of a circle of the same area. Finite "
-            "elements: Saint-Venant torsion of the section's outline.",
+            "Twist per length θ of a rectangle by that of a circle of the same area. The "
+            "rectangle's torsion constant is β a b³. Finite elements: Saint-Venant torsion of the "
+            "section's outline.",
         ),
         Figure(figure, "The ratio over a/b; above 1 everywhere, and it grows without bound."),
         Facts(

@@ -113,10 +113,11 @@ def loading_figures(data: CalibrationData) -> list[Figure]:
         markers=True,
         limits=(-LOADING_LIMIT_PERCENT, LOADING_LIMIT_PERCENT),
     )
+    side = f" of the {data.side} module" if data.side else ""
     return [
         Figure(
             panels_figure([panel], height=2.0),
-            "Loading: standard minus the torque that was asked for, at every step. "
+            f"Loading{side}: standard minus the torque that was asked for, at every step. "
             f"Dashed: ±{LOADING_LIMIT_PERCENT:g} % of range.",
         )
     ]

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Panel", "bodies_figure", "panels_figure"]
 
+_LINES = ("-", "--", ":")
 _LIMIT = {"color": "#9A3412", "linestyle": "--", "linewidth": 0.9}
 
 
@@ -87,14 +88,19 @@ def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 
 
 
 def _draw(axes: Any, panel: Panel, legend: int) -> None:
-    style = {"linestyle": "none", "marker": "o"} if panel.markers else {"linestyle": "-"}
     colours = iter(COLOURS * 3)
     for curve in panel.curves:
         colour = RAW_COLOUR if curve.raw else next(colours)
         label = curve.label or None
-        axes.plot(
-            curve.x, curve.y, **style, color=colour, markersize=2.2, linewidth=1.2, label=label
-        )
+        style = curve.style or ("o" if panel.markers else "-")
+        drawn: Any = {"linestyle": style}
+        if style not in _LINES:
+            size = 3.6 if curve.style else 2.2
+            drawn = {"linestyle": "none", "marker": style, "markersize": size}
+        axes.plot(curve.x, curve.y, **drawn, color=colour, linewidth=1.2, label=label)
+        if curve.band is not None:
+            low, high = curve.y - curve.band, curve.y + curve.band
+            axes.fill_between(curve.x, low, high, color=colour, alpha=0.2, linewidth=0)
     for limit in panel.limits:
         axes.axhline(limit, **_LIMIT)
     if "x" in panel.logarithmic:

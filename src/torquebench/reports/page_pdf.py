@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import tempfile
 from collections.abc import Iterator
 from importlib import resources
@@ -20,6 +22,14 @@ from torquebench.reports.page import Facts, Figure, Page, Table, write_page
 __all__ = ["check_suffix", "page_pdf", "write_report"]
 
 SUFFIXES = (".html", ".pdf")
+LINE = 110
+"""Characters of a table's row that fit between the margins."""
+GAP = 4
+"""Characters that the space between two columns takes."""
+_TOGETHER = re.compile(
+    r"(?<=\d) (?=(?:%|N·m|mm|rpm|bar|epochs|N·m/arcmin|arcmin|arcsec)(?!\w)|\d{3}(?!\d))"
+    r"|(?<=[≤≥<>]) (?=\d)"
+)
 
 
 def page_pdf(page: Page) -> bytes:
@@ -44,7 +54,7 @@ def page_pdf(page: Page) -> bytes:
         "sections": [
             {
                 "heading": section.heading,
-                "text": section.text,
+                "text": _unbroken(section.text),
                 "blocks": [_plain(block, figures) for block in section.blocks],
             }
             for section in page.sections
@@ -70,23 +80,65 @@ def page_pdf(page: Page) -> bytes:
     return document
 
 
+def _unbroken(text: str) -> str:
+    """Keep a number and its unit on one line."""
+    return _TOGETHER.sub("\N{NO-BREAK SPACE}", text)
+
+
+def _shares(table: Table) -> list[float]:
+    """Return each column's share of the width that is left; 0 is as wide as its text.
+
+    Columns of numbers are as wide as their text, sentences share the rest by their length, and
+    where there are none, the last column of words or the first beside numbers takes it. Where
+    columns of numbers would need most of the line, their headings are broken.
+    """
+    columns = list(zip(table.header, *table.rows, strict=True))
+    wide = sum(max(map(len, column)) + GAP for column in columns)
+    if not any(table.sentences):
+        shares = [0.0] * len(columns)
+        if wide <= LINE:
+            shares[-1 if table.words else 0] = 1.0
+        return shares
+    numbers = [
+        max(len(head) // 2, *map(len, (*head.split(), *cells))) + GAP if not sentences else 0
+        for (head, *cells), sentences in zip(columns, table.sentences, strict=True)
+    ]
+    whole = sum(
+        max(map(len, column)) + GAP
+        for column, sentences in zip(columns, table.sentences, strict=True)
+        if not sentences
+    )
+    texts = [
+        math.sqrt(sum(map(len, column))) if sentences else 0.0
+        for column, sentences in zip(columns, table.sentences, strict=True)
+    ]
+    if whole <= 0.6 * LINE:
+        return texts
+    left = max(LINE - sum(numbers), LINE // 4)
+    return [
+        float(number or left * text / sum(texts))
+        for number, text in zip(numbers, texts, strict=True)
+    ]
+
+
 def _plain(block: Facts | Table | Figure, figures: dict[str, str]) -> dict[str, Any]:
     """Return a block for the template, and put its figure aside."""
     if isinstance(block, Facts):
-        return {"kind": "facts", "rows": [list(item) for item in block.items]}
+        return {"kind": "facts", "rows": [[name, _unbroken(text)] for name, text in block.items]}
     if isinstance(block, Table):
         return {
             "kind": "table",
             "header": list(block.header),
-            "rows": [list(row) for row in block.rows],
-            "caption": block.caption,
+            "rows": [[_unbroken(cell) for cell in row] for row in block.rows],
+            "caption": _unbroken(block.caption),
+            "shares": _shares(block),
             "sentences": list(block.sentences),
             "emphasised": block.emphasised,
             "words": block.words,
         }
     name = f"figure-{len(figures) + 1}.svg"
     figures[name] = block.svg
-    return {"kind": "figure", "file": name, "caption": block.caption}
+    return {"kind": "figure", "file": name, "caption": _unbroken(block.caption)}
 
 
 def _texts(content: Any) -> Iterator[str]:

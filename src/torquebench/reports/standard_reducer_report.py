@@ -13,6 +13,9 @@ from torquebench.reports.page import Facts, Figure, Page, Section, Table
 __all__ = ["friction_check_figure", "friction_check_table", "standard_reducer_page"]
 
 
+_MARKERS = ("o", "^", "s", "D", "v")
+
+
 def friction_check_table(check: FrictionCheck) -> Table:
     """Return known torque, every repeat, error and repeatability at each speed."""
     repeats = max(len(point.measured_nm) for point in check.points)
@@ -48,17 +51,34 @@ def friction_check_table(check: FrictionCheck) -> Table:
 
 
 def friction_check_figure(check: FrictionCheck) -> str:
-    """Draw the known friction and every repeat over the speed."""
+    """Draw the known friction and every repeat over the speed, and below how far they differ."""
     speed = np.array([point.speed_rpm for point in check.points])
     known = np.array([point.known_nm for point in check.points])
+    known_u = np.array([point.known_u_nm for point in check.points])
+    friction = [Curve("known", speed, known, raw=True, style="-")]
+    errors = [Curve("U of the known", speed, 0.0 * speed, raw=True, band=known_u, style="-")]
     repeats = max(len(point.measured_nm) for point in check.points)
-    curves = [Curve("known", speed, known, raw=True)]
     for k in range(repeats):
-        measured = [(p.speed_rpm, p.measured_nm[k]) for p in check.points if len(p.measured_nm) > k]
-        rpm, torque = np.array(measured).T
-        curves.append(Curve(f"run {k + 1}", rpm, torque))
-    panel = Panel(curves, "input speed in rpm", "no-load torque in N·m", markers=True)
-    return panels_figure([panel])
+        rows = [(p.speed_rpm, p.measured_nm[k], p.known_nm)
+                for p in check.points if len(p.measured_nm) > k]  # fmt: skip
+        rpm, torque, certified = np.array(rows).T
+        marker = _MARKERS[k % len(_MARKERS)]
+        friction.append(Curve(f"run {k + 1}", rpm, torque, style=marker))
+        errors.append(Curve(f"run {k + 1}", rpm, torque - certified, style=marker))
+    limit = check.tolerance_percent / 100.0 * check.range_nm
+    return panels_figure(
+        [
+            Panel(friction, "input speed in rpm", "no-load torque in N·m", title="friction"),
+            Panel(
+                errors,
+                "input speed in rpm",
+                "error in N·m",
+                limits=(-limit, limit),
+                range_nm=check.range_nm,
+                title="measured minus known",
+            ),
+        ]
+    )
 
 
 def standard_reducer_page(
@@ -104,7 +124,8 @@ def standard_reducer_page(
     )
     figure = Figure(
         friction_check_figure(check),
-        "No-load torque at the input, output free: as certified and as measured.",
+        "No-load torque at the input, output free: as certified and as measured, and the "
+        f"difference. Dashed: ±{limit}.",
     )
     return Page(
         "Standard reducer: known against measured friction",

@@ -1,7 +1,9 @@
+import io
 import re
 from pathlib import Path
 
 import numpy as np
+import pypdf
 import pytest
 
 from torquebench.calibration import summarise_errors
@@ -13,8 +15,11 @@ from torquebench.figures import (
     group_figure,
     staircase_figure,
 )
+from torquebench.reducers import CertifiedFriction, check_friction
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table, render_page, write_page
+from torquebench.reports.page_pdf import page_pdf
+from torquebench.reports.standard_reducer_report import friction_check_figure
 
 
 def _figures() -> dict[str, str]:
@@ -103,3 +108,63 @@ def test_the_errors_table_names_units_and_the_rule_for_readings() -> None:
     assert list(table.rows[0])[1] == "0.100"
     assert "5 % of full scale" in table.caption
     assert [cell for cell in table.header if "% FS" in cell]
+
+
+def _words_of_pdf(table: Table, rows_above: int = 0) -> list[list[tuple[str, float]]]:
+    """Return every page's words with their abscissas in points."""
+    above = Table(["a", "b"], [["1", "2"]] * rows_above, "Above.")
+    sections = [Section("Part", "", [above] if rows_above else []), Section("Next", "", [table])]
+    document = page_pdf(Page("Title", "", sections))
+    return [_placed(sheet) for sheet in pypdf.PdfReader(io.BytesIO(document)).pages]
+
+
+def _placed(sheet: pypdf.PageObject) -> list[tuple[str, float]]:
+    words: list[tuple[str, float]] = []
+
+    def keep(text: str, moved: list[float], placed: list[float], _font: object, _s: float) -> None:
+        if text.strip():
+            words.append((text.strip(), placed[4] * moved[0] + moved[4]))
+
+    sheet.extract_text(visitor_text=keep)
+    return words
+
+
+def test_wide_headings_in_a_pdf_leave_the_first_column_its_place() -> None:
+    header = [
+        "group",
+        "raw reading, N·m",
+        *(f"a model with a long name {k}, N·m" for k in range(5)),
+    ]
+    (words,) = _words_of_pdf(Table(header, [["1", *["0.0123 / 0.0045"] * 6]] * 3))
+    (group,) = (x for word, x in words if word.startswith("group"))
+    (raw,) = (x for word, x in words if word.startswith("raw"))
+    assert raw - group > 30.0
+
+
+def test_sentences_in_a_pdf_get_more_room_than_short_names() -> None:
+    rows = [["7. A cantilever support against a hollow cylinder", "long " * 40, "met"]]
+    (words,) = _words_of_pdf(Table(["item", "what the papers say", "verdict"], rows, words=True))
+    (papers,) = (x for word, x in words if word.startswith("what the"))
+    (verdict,) = (x for word, x in words if word == "verdict")
+    assert verdict - papers > 250.0
+
+
+def test_a_short_table_in_a_pdf_is_not_divided_between_pages() -> None:
+    pages = _words_of_pdf(Table(["place", "value"], [["row", "1"]] * 12, "Below it."), 36)
+    with_rows = [number for number, words in enumerate(pages) if any("row" in w for w, _ in words)]
+    with_caption = [number for number, words in enumerate(pages)
+                    if any("Below" in w for w, _ in words)]  # fmt: skip
+    assert len(pages) > 1
+    assert with_rows == with_caption == [len(pages) - 1]
+
+
+def test_the_friction_of_a_standard_reducer_is_drawn_with_its_error() -> None:
+    known = tuple(
+        CertifiedFriction(speed_rpm=rpm, torque_nm=0.3, expanded_uncertainty_nm=0.01)
+        for rpm in (100.0, 600.0)
+    )
+    speed, repeat = np.tile([100.0, 600.0], 2), np.repeat([1, 2], 2)
+    check = check_friction(speed, np.array([0.31, 0.3, 0.3, 0.29]), repeat, known, 50.0, 0.1)
+    svg = friction_check_figure(check)
+    assert svg.count('id="axes_') >= 2
+    assert 'id="FillBetweenPolyCollection_1"' in svg

@@ -480,7 +480,7 @@ class SimulatedBench:
         return sweep.reading_nm, sweep.branch
 
     def mounting(self) -> dict[str, float | str]:
-        """Return what a dial gauge and the clamp's gauge show; its operator mounts at once."""
+        """Return what a dial gauge and the clamp's gauge show; its operator takes no time."""
         drawn = self.options.parameters()
         offsets = [
             chain.coaxiality_error_m
@@ -490,7 +490,6 @@ class SimulatedBench:
         return {
             "coaxiality_mm": round(1e3 * max(offsets), 4),
             "clamp_pressure_bar": CLAMP_BAR,
-            "duration_min": 0.0,
             "lubricant": self.options.lubricant,
             "lubricant_hours": self.options.lubricant_hours,
         }

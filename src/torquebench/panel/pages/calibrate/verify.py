@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, panel, table, words
+from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.reports.errors_table import number
 
@@ -61,6 +62,7 @@ class VerifyStep:
             self._tolerance = Field(
                 text("verify.tolerance"), "0.1", unit="% FS", inputmode="decimal"
             )
+            self._mounting = MountingForm(text)
             self._clear = clear_choice(self._page.visitor)
             button(text("verify.start"), self._begin, "primary", picture="play_arrow")
 
@@ -74,6 +76,7 @@ class VerifyStep:
             "calibration_id": self._page.workflow.calibration_id,
             "groups": int(self._groups.value),
             "tolerance_percent_fs": tolerance,
+            **self._mounting.request(),
         }
         if self._clear is not None:
             request["bench_clear"] = "clear" in self._clear.values
