@@ -502,7 +502,7 @@ def draw_noise(family: str, rng: np.random.Generator) -> Noise:
     if family == "heavy-tailed":
         return Noise(freedom=3.0)
     if family == "contaminated":
-        return Noise(wild=0.06)
+        return Noise(outliers=0.06)
     if family == "drifting":
         drift = _sign(rng) * rng.uniform(1e-4, 5e-4)
         return Noise(drift=drift, drift_bend=rng.uniform(0.7, 1.4))

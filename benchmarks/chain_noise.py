@@ -8,12 +8,12 @@ import numpy as np
 
 from benchmarks.chain_shapes import FloatArray
 
-__all__ = ["NORMAL", "REPEATABILITY", "WILD_FACTOR", "Noise"]
+__all__ = ["NORMAL", "OUTLIER_FACTOR", "REPEATABILITY", "Noise"]
 
 REPEATABILITY = 2e-4
 """Standard deviation of one reading, as a fraction of full scale (0.02 % FS)."""
 
-WILD_FACTOR = 5.0
+OUTLIER_FACTOR = 5.0
 """How much wider than the others contaminated readings scatter."""
 
 
@@ -21,8 +21,8 @@ WILD_FACTOR = 5.0
 class Noise:
     """Noise of one reading, as fractions of full scale.
 
-    ``freedom`` is Student's degrees of freedom (infinite: normal), and ``wild`` the share of
-    readings whose noise is ``WILD_FACTOR`` times as large; either is scaled so that the standard
+    ``freedom`` is Student's degrees of freedom (infinite: normal), and ``outliers`` the share of
+    readings whose noise is ``OUTLIER_FACTOR`` times as large; either is scaled so that the standard
     deviation of all readings stays ``scale``. ``drift`` is what the zero gains from the first to
     the last reading,
     and ``drift_bend`` bends it (exponent of the elapsed fraction of the time); with a ``lag`` above
@@ -34,7 +34,7 @@ class Noise:
 
     scale: float = REPEATABILITY
     freedom: float = np.inf
-    wild: float = 0.0
+    outliers: float = 0.0
     drift: float = 0.0
     drift_bend: float = 1.0
     lag: float = 0.0
@@ -46,7 +46,7 @@ class Noise:
         """Random part, without drift."""
         if np.isfinite(self.freedom):
             return np.asarray(self.core * rng.standard_t(self.freedom, size))
-        factor = np.where(rng.uniform(size=size) < self.wild, WILD_FACTOR, 1.0)
+        factor = np.where(rng.uniform(size=size) < self.outliers, OUTLIER_FACTOR, 1.0)
         return self.core * factor * rng.standard_normal(size)
 
     @property
@@ -54,16 +54,16 @@ class Noise:
         """Scale of the distribution's middle part."""
         if np.isfinite(self.freedom):
             return float(self.scale * np.sqrt((self.freedom - 2) / self.freedom))
-        return float(self.scale / np.sqrt(1 - self.wild + self.wild * WILD_FACTOR**2))
+        return float(self.scale / np.sqrt(1 - self.outliers + self.outliers * OUTLIER_FACTOR**2))
 
     def weights(self, residual: FloatArray) -> FloatArray:
         """Weights by which least squares becomes maximum likelihood, at these residuals."""
         scaled = residual**2 / self.core**2
         if np.isfinite(self.freedom):
             return np.asarray((self.freedom + 1) / (self.freedom + scaled))
-        middle = (1 - self.wild) * np.exp(-0.5 * scaled)
-        wild = self.wild / WILD_FACTOR * np.exp(-0.5 * scaled / WILD_FACTOR**2)
-        return np.asarray((middle + wild / WILD_FACTOR**2) / (middle + wild + 1e-300))
+        middle = (1 - self.outliers) * np.exp(-0.5 * scaled)
+        outlying = self.outliers / OUTLIER_FACTOR * np.exp(-0.5 * scaled / OUTLIER_FACTOR**2)
+        return np.asarray((middle + outlying / OUTLIER_FACTOR**2) / (middle + outlying + 1e-300))
 
     def drifted(self, size: int) -> FloatArray:
         """Drift of ``size`` readings taken at even times."""

@@ -233,7 +233,7 @@ def _with_constants(
 def _amplitudes(matrix: FloatArray, target: FloatArray, noise: Noise) -> FloatArray:
     """Least squares, or maximum likelihood of the noise's own distribution by iterated weights."""
     amplitudes = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    if np.isinf(noise.freedom) and noise.wild == 0.0:
+    if np.isinf(noise.freedom) and noise.outliers == 0.0:
         return np.asarray(amplitudes)
     for _ in range(100):
         root = np.sqrt(noise.weights(target - matrix @ amplitudes))

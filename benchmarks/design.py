@@ -32,7 +32,7 @@ COARSE, EVEN = 24, (50, 100, 150, 200)
 def fit(chain: Chain, X: FloatArray, y: FloatArray) -> CompensationModel:
     """Fit the recommended model."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a wild point is part of the game
+        warnings.simplefilter("ignore")  # an outlier is part of the game
         return make_model(RECOMMENDED, range_nm=chain.range_nm).fit(X, y)
 
 

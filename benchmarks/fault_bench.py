@@ -313,7 +313,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("every tenth pulse doubled", _signal("doubled_pulses", "torque", 10.0), False),
     Kind("frequency out of modulation", _signal("out_of_modulation", "torque"), False),
     Kind("frequency frozen", _signal("frozen", "torque"), needs_power=False),
-    Kind("wild reading", _signal("wild_value", "torque", 0.6), needs_power=False),
+    Kind("outlier reading", _signal("outlier", "torque", 0.6), needs_power=False),
     Kind("standard silent", _signal("silent", "reference")),
     Kind("standard frozen", _signal("frozen", "reference")),
     Kind("standard's span changes", _lasting("wrong_span", "reference", 1.03)),

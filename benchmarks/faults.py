@@ -82,7 +82,7 @@ MET_LATER = (
     "drive keeps what it does",
     "drive does the opposite",
     "disk full for documents",
-    "wild reading",
+    "outlier reading",
 )
 """Met with the next command or point, or where it exceeds a limit: counted from the alarm."""
 ENDS_ACQUISITION = ("counter lost", "probes fail")

@@ -10,7 +10,7 @@ minutes.
 
 ==============  =================================================================================
 overload        the drive pulls beyond the limit; counted from the true torque's crossing it
-wild reading    the transducer's frequency jumps beyond the limit; from the jump
+outlier reading    the transducer's frequency jumps beyond the limit; from the jump
 drive fault     the drive reports a fault and goes off; from then
 stop asked for  somebody calls `Station.emergency_stop`; from the call
 lost signal     the transducer falls silent; from the end of the tolerated `signal_loss_s`
@@ -51,7 +51,7 @@ LOADED_NM = 800.0
 PATIENCE_S = 10.0
 PERCENTILES = (50.0, 90.0, 99.0, 100.0)
 LOOKS_S = (0.0025, 0.005, 0.01, 0.05)
-CAUSES = ("overload", "wild reading", "drive fault", "stop asked for", "lost signal")
+CAUSES = ("overload", "outlier reading", "drive fault", "stop asked for", "lost signal")
 TRIALS, QUICK_TRIALS = 60, 5
 USUAL_LOAD = 4
 FAULT_S = 0.15
@@ -124,11 +124,11 @@ def overload(station: Station, draw: np.random.Generator) -> Callable[[], float]
     return moment
 
 
-def wild_reading(station: Station, draw: np.random.Generator) -> Callable[[], float]:
+def outlier_reading(station: Station, draw: np.random.Generator) -> Callable[[], float]:
     """Let the reading jump, from a moment between two looks on."""
     bench = cast(SimulatedBench, station.drivers.counter)
     start_s = station.clock.now() + 0.1 + float(draw.uniform(0.0, 0.05))
-    bench.twin.inject_fault("output_torque", "wild_value", start_s=start_s, duration_s=FAULT_S)
+    bench.twin.inject_fault("output_torque", "outlier", start_s=start_s, duration_s=FAULT_S)
     return lambda: wall_of(station, start_s)
 
 
@@ -159,7 +159,7 @@ def stop_asked_for(station: Station, draw: np.random.Generator) -> Callable[[], 
 
 
 CAUSING = dict(
-    zip(CAUSES, (overload, wild_reading, drive_fault, stop_asked_for, lost_signal), strict=True)
+    zip(CAUSES, (overload, outlier_reading, drive_fault, stop_asked_for, lost_signal), strict=True)
 )
 
 

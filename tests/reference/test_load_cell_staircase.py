@@ -1,4 +1,4 @@
-"""Two load cells in series, weights of 10 lb added and removed: plateaus, hysteresis, wild values.
+"""Two load cells in series, weights of 10 lb added and removed: plateaus, hysteresis, outliers.
 
 Source: CIE324 swing project, University at Buffalo (MIT). Steps are in lb and indications in raw
 counts; the evaluation is in relative quantities, so the unit doesn't matter to it.
@@ -20,8 +20,8 @@ def plateaus(time_s, counts):
     start = np.median(counts[:20])
     level = np.rint((counts - start) / STEP_COUNTS)
     near = np.abs((counts - start) / STEP_COUNTS - level) < 0.08
-    wild = counts < -1e6
-    known = np.flatnonzero(near & ~wild)
+    outlying = counts < -1e6
+    known = np.flatnonzero(near & ~outlying)
     cuts = np.flatnonzero(np.diff(level[known])) + 1
     found = []
     for members in np.split(known, cuts):
@@ -54,16 +54,16 @@ def test_staircase_and_hysteresis_of_the_first_cell(reference_data):
     assert np.max(np.abs(result.interpolation(1).deviation_percent)) < 0.3
 
 
-def test_wild_values_do_not_reach_the_plateaus(reference_data):
+def test_outliers_do_not_reach_the_plateaus(reference_data):
     table = np.loadtxt(reference_data("cie324-loadcell/LoadCellCalibrationData.txt"), delimiter=",")
     time_s = table[:, 0] / 1000.0
     for column in (10, 11):
         counts = table[:, column]
-        wild = counts < -1e6
-        assert wild.sum() == 4
+        outlying = counts < -1e6
+        assert outlying.sum() == 4
         steady, found = plateaus(time_s, counts)
         assert sum(value.rejected for value in steady) >= 4
-        # The same staircase without the wild values at all: the plateaus agree within their noise.
-        _, clean = plateaus(time_s[~wild], counts[~wild])
+        # The same staircase without the outliers at all: the plateaus agree within their noise.
+        _, clean = plateaus(time_s[~outlying], counts[~outlying])
         np.testing.assert_allclose(found, clean, atol=60)
         np.testing.assert_allclose(np.diff(found)[:4], 1e4, rtol=0.02)

@@ -63,7 +63,7 @@ def test_a_quadratic_wins_on_the_load_cell_and_leaves_the_run_to_run_scatter(
     reading = deflection * (load.max() / deflection.max())
     comparison = compare(reading[:, None], load)
     assert "worse" not in comparison.score("polynomial-2").reason
-    assert not comparison.wild_points
+    assert not comparison.outliers
     assert comparison.noise is not None
     assert comparison.noise.degrees_of_freedom == 20
     # Ratio of variances within what 20 degrees of freedom allow in 99 of 100 repetitions.

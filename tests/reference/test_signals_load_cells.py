@@ -45,14 +45,14 @@ def test_plateaus_give_their_published_values(reference_data):
     assert all(step.standard_error < 10 for step in steady)
 
 
-def test_a_wild_value_changes_a_plateau_by_less_than_its_error(recording):
+def test_a_outlier_changes_a_plateau_by_less_than_its_error(recording):
     time, first, _ = recording
     low, high = 40, 155
     window = slice(low, high)
-    wild = np.flatnonzero(np.abs(first[window]) > 1e6)
-    assert wild.size == 1
+    outlying = np.flatnonzero(np.abs(first[window]) > 1e6)
+    assert outlying.size == 1
     whole = steady_value(time[window], first[window], settling_limit=0.0)
     without = steady_value(
-        np.delete(time[window], wild), np.delete(first[window], wild), settling_limit=0.0
+        np.delete(time[window], outlying), np.delete(first[window], outlying), settling_limit=0.0
     )
     assert abs(whole.value - without.value) < 0.1 * without.standard_error

@@ -1,4 +1,4 @@
-"""Export a model's table, budget a reading, and treat wild points as chosen: by command."""
+"""Export a model's table, budget a reading, and treat outliers as chosen: by command."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from torquebench.compensation import load_model, make_model
 RANGE = 2000.0
 
 
-def points(*, wild_nm: float = 0.0) -> CalibrationData:
+def points(*, outlier_nm: float = 0.0) -> CalibrationData:
     """Points of a chain with a loop, up and down in both directions."""
     share = np.linspace(0.05, 1.0, 12)
     share = np.concatenate([share, share[::-1], -share, -share[::-1]])
@@ -21,7 +21,7 @@ def points(*, wild_nm: float = 0.0) -> CalibrationData:
     noise = 1e-4 * np.random.default_rng(4).standard_normal(share.size)
     loop = 3e-4 * np.sign(share) * branch * (1.0 - np.abs(share))
     reading = RANGE * (0.997 * share + 1e-3 * share**2 + loop + noise)
-    reading[7] += wild_nm
+    reading[7] += outlier_nm
     return CalibrationData(reading, RANGE * share, np.repeat([1, 2], 24), branch, RANGE)
 
 
@@ -83,8 +83,8 @@ def test_a_budget_says_what_contributes_and_whether_monte_carlo_agrees(
     assert "outside the calibrated range" in " ".join(outside.stderr.split())
 
 
-def test_a_wild_point_is_named_or_refused_by_choice(tmp_path: Path) -> None:
-    data = points(wild_nm=25.0)
+def test_an_outlier_is_named_or_refused_by_choice(tmp_path: Path) -> None:
+    data = points(outlier_nm=25.0)
     cells = zip(data.reading_nm, data.standard_nm, data.branch, data.series, strict=True)
     names = {1: "up", -1: "down"}
     lines = [f"{r:.4f},{s:.4f},{names[int(b)]},{n}" for r, s, b, n in cells]

@@ -34,7 +34,7 @@ from torquebench.errors import BenchError
 SAMPLE = (
     "transducer silent",
     "standard frozen",
-    "wild reading",
+    "outlier reading",
     "drive doesn't answer",
     "drive pulls too much",
     "drive acknowledges and stays on",

@@ -201,7 +201,7 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
     model = make_model(settings.model, range_nm=data.range_nm)
     X = data.features(1 + max(FEATURES.index(name) for name in model.used_features))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the fit that is kept says what is wild or averaged
+        warnings.simplefilter("ignore")  # the fit that is kept names its outliers
         model.fit(X, data.standard_nm)
         count = min(settings.points_at_a_time, settings.points - len(data))
         found = propose_points(

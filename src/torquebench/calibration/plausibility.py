@@ -357,8 +357,8 @@ def find_split(data: CalibrationData, limits: Plausibility | None = None) -> Spl
 
     For every place in measuring order, a change of zero and span from there on is added to smooth
     curves with hysteresis in each direction. The change that explains most is a split where it is
-    significant, exceeds the limit and the points' scatter, and explains more than the two wildest
-    points do.
+    significant, exceeds the limit and the points' scatter, and explains more than the two largest
+    outliers do.
 
     Parameters
     ----------
@@ -453,7 +453,7 @@ def _gains(smooth: _Smooth) -> FloatArray:
 
 
 def _gain_of_outliers(smooth: _Smooth, count: int) -> float:
-    """Return by how much the sum of squares falls without the wildest points."""
+    """Return by how much the sum of squares falls without the largest outliers."""
     rest = smooth.rest.copy()
     leverage = np.sum(smooth.axes**2, axis=1)
     free = np.maximum(1.0 - leverage, 1e-3)

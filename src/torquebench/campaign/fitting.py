@@ -364,8 +364,8 @@ def fit_table(
         progress.start("Leaving out steps", SHARES)
         behind = [worse_than_raw(name, model, X, data.standard_nm, progress=progress)]
         progress.finish()
-    wild = [replace(each, series=int(data.series[each.row])) for each in model.wild_points_]
-    good = np.delete(np.arange(len(data)), [each.row for each in wild])
+    outlying = [replace(each, series=int(data.series[each.row])) for each in model.outliers_]
+    good = np.delete(np.arange(len(data)), [each.row for each in outlying])
     rows = data.features(COMPARED_COLUMNS)[good]
     return FitResult(
         source=source,
@@ -378,7 +378,7 @@ def fit_table(
         raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
         remarks=(
-            *(f"outlier, weighted down: {point}" for point in wild),
+            *(f"outlier, weighted down: {point}" for point in outlying),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),

@@ -6,7 +6,7 @@ from .checks import (
     WHOLE_SHARE as WHOLE_SHARE,
     OutlierWarning as OutlierWarning,
     PointsReducedWarning as PointsReducedWarning,
-    WildPoint as WildPoint,
+    Outlier as Outlier,
 )
 from .columns import (
     BRANCH_WORDS as BRANCH_WORDS,

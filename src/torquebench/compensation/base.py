@@ -15,7 +15,7 @@ from threadpoolctl import ThreadpoolController
 from torquebench.compensation.checks import (
     WHOLE_SHARE,
     CalibrationPoints,
-    WildPoint,
+    Outlier,
     check_points,
     point_weights,
     reduce_points,
@@ -95,8 +95,8 @@ class CompensationModel(Estimator, ABC):
         Limits of the readings that `predict` accepts, margin included.
     points_ : int
         Number of calibration points that `fit` was given.
-    wild_points_ : list of WildPoint
-        Wild points that were found.
+    outliers_ : list of Outlier
+        outliers that were found.
     noise_nm_ : float
         Standard deviation of a single calibration point about the model, in N·m.
     effective_parameters_ : float
@@ -129,7 +129,7 @@ class CompensationModel(Estimator, ABC):
     doubtful: ClassVar[bool] = False
     """Whether the kind may well be worse than the raw reading, so that a fit looks at that."""
 
-    wild_points_: list[WildPoint]
+    outliers_: list[Outlier]
     full_scale_nm_: float
     reading_low_nm_: float
     reading_high_nm_: float
@@ -194,7 +194,7 @@ class CompensationModel(Estimator, ABC):
             model=self.kind or type(self).__name__,
         )
         self._set_range(points.reading)
-        weights, self.wild_points_ = point_weights(points, self.outliers)
+        weights, self.outliers_ = point_weights(points, self.outliers)
         points, weights = reduce_points(points, weights, self.maximum_points, self.used_features)
         try:
             with single_blas_thread():

@@ -15,11 +15,11 @@ from torquebench.errors import InputError
 __all__ = [
     "WHOLE_SHARE",
     "CalibrationPoints",
+    "Outlier",
     "OutlierWarning",
     "PointsReducedWarning",
-    "WildPoint",
     "check_points",
-    "find_wild_points",
+    "find_outliers",
     "point_weights",
     "reduce_points",
     "trend_free",
@@ -29,11 +29,11 @@ WHOLE_SHARE = 0.9
 """Share of the range from which on a calibration counts as one to full scale: readings of the last
 step are a little off it, and placed points needn't lie on it."""
 
-# A point is wild this many standard deviations beyond its neighbours; more where few points make
+# An outlier is this many standard deviations beyond its neighbours; more where few points make
 # the standard deviation uncertain. Normal noise has such a point in less than 1 of 1000 data sets.
-_WILD_SCALES, _WILD_SCALES_PER_POINT = 6.0, 60.0
+_OUTLIER_SCALES, _OUTLIER_SCALES_PER_POINT = 6.0, 60.0
 # and at least this share of the largest torque: spline engagement makes real bumps up to 0.05 % FS
-_WILD_SHARE_OF_LARGEST = 5e-4
+_OUTLIER_SHARE_OF_LARGEST = 5e-4
 _CONTRADICTION_SCALES = 10.0
 _CONTRADICTION_SHARE_OF_SPAN = 1e-3
 _NEIGHBOURS_PER_SIDE = 3
@@ -50,7 +50,7 @@ class PointsReducedWarning(UserWarning):
 
 @storable
 @dataclass(frozen=True)
-class WildPoint:
+class Outlier:
     """A calibration point that lies far from all its neighbours.
 
     Attributes
@@ -157,7 +157,7 @@ def check_points(
     _refuse_contradictions(points)
 
 
-def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray, list[WildPoint]]:
+def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray, list[Outlier]]:
     """Weight of every point, with outliers treated as chosen.
 
     Parameters
@@ -171,7 +171,7 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
     -------
     weights : float64 array of shape (n,)
         1 for good points; noise variance of a point is noise² / weight.
-    wild : list of WildPoint
+    outlying : list of Outlier
 
     Raises
     ------
@@ -181,16 +181,16 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
     weights = np.ones(points.y.size)
     if outliers == "keep":
         return weights, []
-    positions, wild = find_wild_points(points)
-    if not wild:
+    positions, outlying = find_outliers(points)
+    if not outlying:
         return weights, []
-    names = "; ".join(str(point) for point in wild[:5])
-    if len(wild) > 5:
-        names += f"; and {len(wild) - 5} more"
+    names = "; ".join(str(point) for point in outlying[:5])
+    if len(outlying) > 5:
+        names += f"; and {len(outlying) - 5} more"
     if outliers == "refuse":
         raise InputError(
             f"outlier among the calibration points: {names}",
-            f"points within {_wild_scales(weights.size):.2g} times the scatter of their neighbours",
+            f"points within {_scales(weights.size):.2g} times the scatter of their neighbours",
             'record the point again, leave it out, or choose outliers="downweight"',
         )
     warnings.warn(
@@ -198,20 +198,20 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
         OutlierWarning,
         stacklevel=3,
     )
-    for position, point in zip(positions, wild, strict=True):
+    for position, point in zip(positions, outlying, strict=True):
         weights[position] = min(1.0, (point.scatter_nm / point.residual_nm) ** 2)
     # A model has to divide by weights; a point that is 10 000 scatters off has no say anyway.
-    return np.maximum(weights, 1e-8), wild
+    return np.maximum(weights, 1e-8), outlying
 
 
-def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoint]]:
+def find_outliers(points: CalibrationPoints) -> tuple[list[int], list[Outlier]]:
     """Find points that lie far outside the values of all their neighbours.
 
     A robust quadratic per direction with branch terms takes the trend away. What is left of a
     point is compared with its three neighbours in reading on either side, over all series and
-    branches: a step at torque reversal or an engagement bump, which neighbours share, isn't wild;
-    a point beyond every neighbour by six times the local scatter (more with few points) and by
-    0.05 % of the largest torque is.
+    branches. An outlier lies beyond every neighbour by six times the local scatter (more with few
+    points) and by 0.05 % of the largest torque; a step at torque reversal or an engagement bump,
+    which neighbours share, is none.
 
     Parameters
     ----------
@@ -222,11 +222,11 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
     -------
     positions : list of int
         Positions in `points`.
-    wild : list of WildPoint
+    outlying : list of Outlier
         The same points, named.
     """
-    found: dict[int, WildPoint] = {}
-    least = _WILD_SHARE_OF_LARGEST * float(np.max(np.abs(points.y)))
+    found: dict[int, Outlier] = {}
+    least = _OUTLIER_SHARE_OF_LARGEST * float(np.max(np.abs(points.y)))
     kept = np.arange(points.y.size)
     for _ in range(5):
         if kept.size < _FEWEST_FOR_SCATTER:
@@ -234,17 +234,17 @@ def find_wild_points(points: CalibrationPoints) -> tuple[list[int], list[WildPoi
         residual = trend_free(points.X[kept], points.y[kept])
         centre, excess = _against_neighbours(residual)
         scatter = _scatter(residual, centre)
-        limit = max(_wild_scales(kept.size) * scatter, least)
-        wild = np.flatnonzero(excess > limit)
-        if wild.size == 0:
+        limit = max(_scales(kept.size) * scatter, least)
+        outlying = np.flatnonzero(excess > limit)
+        if outlying.size == 0:
             break
         # Next to an outlier a good one can look bad: take the worst of each neighbourhood first.
-        wild = np.array(
-            [i for i in wild if excess[i] >= np.max(excess[_around(int(i), kept.size)])]
+        outlying = np.array(
+            [i for i in outlying if excess[i] >= np.max(excess[_around(int(i), kept.size)])]
         )
-        for i in wild:
+        for i in outlying:
             found[int(kept[i])] = _name(points, int(kept[i]), residual[i] - centre[i], scatter)
-        kept = np.delete(kept, wild)
+        kept = np.delete(kept, outlying)
     positions = sorted(found)
     return positions, [found[position] for position in positions]
 
@@ -356,7 +356,7 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
     for start, stop in zip(starts, np.r_[starts[1:], group.size], strict=True):
         values = points.y[order[start:stop]]
         near_median = np.abs(values - np.median(values)) <= limit
-        # Of three or more, a majority shows which one is wild; two contradict each other.
+        # Of three or more, a majority shows which one is the outlier; two contradict each other.
         if values[-1] - values[0] > limit and 2 * np.count_nonzero(near_median) <= values.size + (
             values.size == 2
         ):
@@ -408,8 +408,8 @@ def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(residual, dtype=np.float64)
 
 
-def _wild_scales(count: int) -> float:
-    return _WILD_SCALES + _WILD_SCALES_PER_POINT / count
+def _scales(count: int) -> float:
+    return _OUTLIER_SCALES + _OUTLIER_SCALES_PER_POINT / count
 
 
 def _around(index: int, count: int) -> slice:
@@ -436,9 +436,9 @@ def _scatter(residual: FloatArray, centre: FloatArray) -> float:
 
 def _name(
     points: CalibrationPoints, position: int, residual_nm: float, scatter_nm: float
-) -> WildPoint:
+) -> Outlier:
     series = int(points.X[position, 2]) if points.X.shape[1] > 2 else 0
-    return WildPoint(
+    return Outlier(
         row=int(points.rows[position]),
         series=series,
         reading_nm=float(points.reading[position]),

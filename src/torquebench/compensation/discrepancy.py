@@ -197,7 +197,7 @@ class DiscrepancyUncertainty(CompensationModel):
         self.full_scale_nm_ = fitted.full_scale_nm_
         self.reading_low_nm_ = fitted.reading_low_nm_
         self.reading_high_nm_ = fitted.reading_high_nm_
-        self.points_, self.wild_points_ = fitted.points_, fitted.wild_points_
+        self.points_, self.outliers_ = fitted.points_, fitted.outliers_
         self.noise_nm_ = fitted.noise_nm_
         self.effective_parameters_ = fitted.effective_parameters_
         self.degrees_of_freedom_ = fitted.degrees_of_freedom_

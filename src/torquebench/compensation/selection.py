@@ -15,9 +15,9 @@ from scipy.special import ndtr, stdtrit
 from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.checks import (
     CalibrationPoints,
+    Outlier,
     OutlierWarning,
     PointsReducedWarning,
-    WildPoint,
     check_points,
     point_weights,
 )
@@ -199,7 +199,7 @@ def worse_than_raw(
     features, torque = _checked(X, y)
     fold_of_point, count = spread_folds(repeat_groups(features[:, 0]), folds)
     scored = fold_of_point >= 0
-    scored[[point.row for point in model.wild_points_]] = False
+    scored[[point.row for point in model.outliers_]] = False
     errors = _left_out_errors(model, features, torque, fold_of_point, count, progress)
     return behind_raw(
         name,
@@ -229,8 +229,8 @@ class Comparison:
     full_scale_nm : float
     folds, steps, points : int
         Number of folds, of steps (groups of points) and of points that were scored.
-    wild_points : tuple of WildPoint
-        Points that were found wild; they aren't scored.
+    outliers : tuple of Outlier
+        Outliers; they aren't scored.
     raw : LeftOut
         Errors of the raw reading at the same points.
     """
@@ -244,7 +244,7 @@ class Comparison:
     folds: int
     steps: int
     points: int
-    wild_points: tuple[WildPoint, ...]
+    outliers: tuple[Outlier, ...]
     raw: LeftOut
 
     @property
@@ -331,7 +331,7 @@ def compare(
     ------
     InputError
         When there are too few steps, a column is constant, points contradict each other, one is
-        wild (with ``outliers="refuse"``), or no candidate takes the data.
+        an outlier (with ``outliers="refuse"``), or no candidate takes the data.
 
     Notes
     -----
@@ -357,11 +357,11 @@ def compare(
     step = repeat_groups(features[:, 0]) if groups is None else _consecutive(groups, torque.size)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutlierWarning)  # the result names them
-        wild = point_weights(points, outliers)[1]
-    wild_rows = [point.row for point in wild]
+        outlying = point_weights(points, outliers)[1]
+    outlying_rows = [point.row for point in outlying]
     fold_of_point, fold_count = spread_folds(step, folds)
     scored = fold_of_point >= 0
-    scored[wild_rows] = False
+    scored[outlying_rows] = False
     candidates = {
         name: model.with_range(full_scale) for name, model in _candidates(models, outliers).items()
     }
@@ -382,15 +382,15 @@ def compare(
         models=fitted,
         refused=refused,
         noise=noise_floor(
-            np.delete(features, wild_rows, axis=0),
-            np.delete(torque, wild_rows),
-            np.delete(step, wild_rows),
+            np.delete(features, outlying_rows, axis=0),
+            np.delete(torque, outlying_rows),
+            np.delete(step, outlying_rows),
         ),
         full_scale_nm=full_scale,
         folds=fold_count,
         steps=int(step.max()) + 1,
         points=int(np.count_nonzero(scored)),
-        wild_points=tuple(wild),
+        outliers=tuple(outlying),
         raw=LeftOut.of((features[:, 0] - torque)[scored]),
     )
 

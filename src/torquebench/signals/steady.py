@@ -18,7 +18,7 @@ _CANDIDATES = 8
 _LIMIT = 6.0
 _SPREAD = 1.4826
 # With more than this share of outliers, they aren't single values.
-_MOST_WILD = 0.1
+_MOST_OUTLIERS = 0.1
 # Samples per term of a fit, at least.
 _SAMPLES_PER_TERM = 2
 
@@ -166,7 +166,7 @@ def steady_value(
     dropped = best.rejected + int(
         np.sum(outlying & (times >= best.start_s) & (times <= best.stop_s))
     )
-    few = dropped <= _MOST_WILD * (best.samples + dropped)
+    few = dropped <= _MOST_OUTLIERS * (best.samples + dropped)
     return replace(best, rejected=dropped, settled=best.settled and few)
 
 

@@ -337,7 +337,7 @@ class BenchTwin:
         kind : str
             "silent" no edges; "frozen" the frequency sticks at its last value; "missing_pulses"
             every ``amount``-th edge is lost (default 100); "doubled_pulses" every ``amount``-th
-            edge gets a second one 200 ns later (default 100); "wild_value" the frequency jumps by
+            edge gets a second one 200 ns later (default 100); "outlier" the frequency jumps by
             ``amount`` of the zero frequency (default 0.2); "wrong_span" its distance from the zero
             frequency is ``amount`` times as large (default 1.03); "out_of_modulation" the frequency
             falls to ``amount`` of the zero frequency (default 0.1); "encoder_slip" ``amount``

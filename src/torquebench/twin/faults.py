@@ -24,7 +24,7 @@ _DEFAULT_AMOUNT: dict[FaultKind, float] = {
     "frozen": 0.0,
     "missing_pulses": 100.0,
     "doubled_pulses": 100.0,
-    "wild_value": 0.2,
+    "outlier": 0.2,
     "wrong_span": 1.03,
     "out_of_modulation": 0.1,
     "encoder_slip": 1000.0,
@@ -70,7 +70,7 @@ def broken_frequency(
     """Frequencies at the steps' borders with the faults of the frequency in them."""
     result = frequency_hz
     for fault in faults:
-        if fault.kind not in ("frozen", "wild_value", "wrong_span", "out_of_modulation"):
+        if fault.kind not in ("frozen", "outlier", "wrong_span", "out_of_modulation"):
             continue
         hit = (ticks >= fault.start_tick) & (ticks < fault.stop_tick)
         if not hit.any():
@@ -80,7 +80,7 @@ def broken_frequency(
             if fault.held_hz is None:
                 fault.held_hz = float(frequency_hz[int(np.argmax(hit))])
             result[hit] = fault.held_hz
-        elif fault.kind == "wild_value":
+        elif fault.kind == "outlier":
             result[hit] += fault.amount * zero_hz
         elif fault.kind == "wrong_span":
             result[hit] = zero_hz + fault.amount * (result[hit] - zero_hz)

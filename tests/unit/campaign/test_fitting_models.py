@@ -16,7 +16,7 @@ from torquebench.compensation import CANDIDATES, MODELS, RECOMMENDED, make_model
 from torquebench.errors import InputError
 
 
-def chain(seed: int = 1, wild: bool = False) -> CalibrationData:
+def chain(seed: int = 1, outlying: bool = False) -> CalibrationData:
     """Return a chain with a quadratic error, up and down in both directions, 100 N·m."""
     rng = np.random.default_rng(seed)
     rising = np.linspace(5.0, 100.0, 20)
@@ -25,7 +25,7 @@ def chain(seed: int = 1, wild: bool = False) -> CalibrationData:
     standard = np.concatenate([loop, -loop])
     reading = 0.99 * standard + 1e-5 * np.abs(standard) * standard
     reading = reading + rng.normal(0.0, 0.01, standard.size)
-    if wild:
+    if outlying:
         reading[30] += 2.0
     series = np.repeat([1, 2], loop.size)
     return CalibrationData(reading, standard, series, np.tile(branch, 2), 100.0)
@@ -41,8 +41,8 @@ def test_every_choice_is_fitted_and_reports_all_its_steps() -> None:
     assert all(item.model.range_nm == 100.0 for item in fitted)
 
 
-def test_a_wild_point_is_a_remark_and_no_warning_on_the_terminal() -> None:
-    (fitted,) = fit_models(chain(wild=True), [ModelChoice("polynomial-2")])
+def test_an_outlier_is_a_remark_and_no_warning_on_the_terminal() -> None:
+    (fitted,) = fit_models(chain(outlying=True), [ModelChoice("polynomial-2")])
     assert len(fitted.remarks) == 1
     assert "row 30" in fitted.remarks[0]
 
@@ -83,8 +83,8 @@ def test_a_table_gets_the_recommended_model_fitted_to_all_points() -> None:
     assert watcher.stages == [("Fitting the model", 100)]
 
 
-def test_a_named_model_is_taken_and_its_wild_points_are_named() -> None:
-    found = fit_table(chain(wild=True), "data.csv", "polynomial-5", compared=True)
+def test_a_named_model_is_taken_and_its_outliers_are_named() -> None:
+    found = fit_table(chain(outlying=True), "data.csv", "polynomial-5", compared=True)
     assert found.name == "polynomial-5"
     assert found.comparison is not None
     assert found.comparison.score("polynomial-5").name == "polynomial-5"

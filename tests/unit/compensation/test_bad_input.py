@@ -16,7 +16,7 @@ from torquebench.compensation import (
     PolynomialModel,
     features,
 )
-from torquebench.compensation.checks import CalibrationPoints, find_wild_points, reduce_points
+from torquebench.compensation.checks import CalibrationPoints, find_outliers, reduce_points
 from torquebench.errors import InputError
 
 QuickModel = Callable[..., CompensationModel]
@@ -102,14 +102,14 @@ def test_exact_duplicates_are_just_repeats(quick_model: QuickModel, kind: str) -
 
 
 @given(seed=st.integers(0, 10_000), row=st.integers(0, 47), size=st.floats(15.0, 2000.0))
-def test_one_wild_point_is_named(seed: int, row: int, size: float) -> None:
+def test_one_outlier_is_named(seed: int, row: int, size: float) -> None:
     torque, standard, branch = chain(seed)
     standard[row] += size
     X = features(torque, branch=branch, series=np.arange(48) // 24)
     points = CalibrationPoints(X, standard, np.arange(48)).sorted()
-    _, wild = find_wild_points(points)
-    assert row in [point.row for point in wild]
-    point = next(point for point in wild if point.row == row)
+    _, outlying = find_outliers(points)
+    assert row in [point.row for point in outlying]
+    point = next(point for point in outlying if point.row == row)
     assert point.series == row // 24
     assert point.standard_nm == standard[row]
     assert point.residual_nm == pytest.approx(size, abs=4.0)
@@ -117,15 +117,15 @@ def test_one_wild_point_is_named(seed: int, row: int, size: float) -> None:
 
 
 @given(seed=st.integers(0, 10_000), noise=st.sampled_from([0.0, 0.02, 0.4, 2.0]))
-def test_a_chain_with_step_bump_and_hysteresis_has_no_wild_points(seed: int, noise: float) -> None:
+def test_a_chain_with_step_bump_and_hysteresis_has_no_outliers(seed: int, noise: float) -> None:
     torque, standard, branch = chain(seed, noise=noise)
     for X in (features(torque), features(torque, branch=branch)):
         points = CalibrationPoints(X, standard, np.arange(torque.size)).sorted()
-        assert find_wild_points(points)[1] == []
+        assert find_outliers(points)[1] == []
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_wild_point_is_down_weighted_refused_or_kept_by_choice(
+def test_an_outlier_is_down_weighted_refused_or_kept_by_choice(
     quick_model: QuickModel, kind: str
 ) -> None:
     torque, standard, branch = chain()
@@ -136,14 +136,14 @@ def test_a_wild_point_is_down_weighted_refused_or_kept_by_choice(
         quick_model(kind, outliers="refuse").fit(X, standard)
     with pytest.warns(OutlierWarning, match="row 20"):
         model = quick_model(kind).fit(X, standard)
-    assert [point.row for point in model.wild_points_] == [20]
+    assert [point.row for point in model.outliers_] == [20]
     others = np.arange(torque.size) != 20
     assert np.max(np.abs(model.predict(X) - clean)[others]) < 3.0
     kept = quick_model(kind, outliers="keep").fit(X, standard)
-    assert kept.wild_points_ == []
+    assert kept.outliers_ == []
 
 
-def test_several_wild_points_are_all_named() -> None:
+def test_several_outliers_are_all_named() -> None:
     torque, standard, branch = chain(steps=26)
     rows = [3, 40, 41, 90]
     standard[rows] += [30.0, -25.0, 40.0, 60.0]

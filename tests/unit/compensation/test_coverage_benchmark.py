@@ -86,7 +86,7 @@ def test_with_constants_unknown_the_known_form_does_worse() -> None:
     assert told < untold
 
 
-@pytest.mark.parametrize("noise", [Noise(), Noise(freedom=3.0), Noise(wild=0.06)])
+@pytest.mark.parametrize("noise", [Noise(), Noise(freedom=3.0), Noise(outliers=0.06)])
 def test_every_noise_has_the_same_standard_deviation(noise: Noise) -> None:
     drawn = noise.draw(400_000, np.random.default_rng(1))
     assert np.std(drawn) == pytest.approx(REPEATABILITY, rel=0.1)

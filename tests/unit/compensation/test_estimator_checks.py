@@ -56,7 +56,7 @@ def test_scikit_learn_check(
     estimator: CompensationModel, check: Callable[[CompensationModel], None]
 ) -> None:
     with warnings.catch_warnings():
-        # scikit-learn's test sets have points that are wild for a torque chain, and checks that
+        # scikit-learn's test sets have points that are outliers for a torque chain, and checks that
         # want a warning of their own.
         warnings.simplefilter("ignore", OutlierWarning)
         check(estimator)

@@ -104,13 +104,13 @@ def explored(chain: Chain, points: int) -> tuple[Problem, list[Member]]:
     return explore(problem, 3e-4)
 
 
-def test_wild_readings_are_outvoted() -> None:
-    wild = Chain("", 9, LINEAR, Noise(wild=0.08))
+def test_outlier_readings_are_outvoted() -> None:
+    outlying = Chain("", 9, LINEAR, Noise(outliers=0.08))
     ratio = []
     for repeat in range(4):
-        data = wild.calibration(80, repeat)
+        data = outlying.calibration(80, repeat)
         model = HybridModel(range_nm=2000, outliers="keep").fit(data.X, data.standard_nm)
-        ratio.append(model.noise_nm_ / 2000 / wild.noise.scale)
+        ratio.append(model.noise_nm_ / 2000 / outlying.noise.scale)
     # The scale of the many good readings, not of all: the core is 0.62 of the standard deviation.
     assert np.median(ratio) < 0.85
 

@@ -171,14 +171,14 @@ def test_a_model_fits_only_what_it_was_made_with(path: Path) -> None:
         unknown.check_fits(transducer_serial="T40B-0007")
 
 
-def test_wild_points_stay_on_record(tmp_path: Path) -> None:
+def test_outliers_stay_on_record(tmp_path: Path) -> None:
     X, y = chain(1)
     y[5] += 100.0
     with pytest.warns(OutlierWarning):
         model = PolynomialModel().fit(X, y)
     again = load_model(save_model(tmp_path / "m.json", StoredModel(model, PROVENANCE)))
-    assert again.model.wild_points_ == model.wild_points_
-    assert again.model.wild_points_[0].row == 5
+    assert again.model.outliers_ == model.outliers_
+    assert again.model.outliers_[0].row == 5
 
 
 json_values = st.recursive(

@@ -118,11 +118,11 @@ def test_the_noise_floor_comes_from_repeats_of_the_same_branch() -> None:
     assert noise_floor(STEPS[:, None], quadratic(STEPS)) is None
 
 
-def test_a_wild_point_is_named_and_not_scored() -> None:
+def test_an_outlier_is_named_and_not_scored() -> None:
     X, y = repeated(3)
     y[7] += 40.0
     comparison = compare(X, y, FAST)
-    assert [point.row for point in comparison.wild_points] == [7]
+    assert [point.row for point in comparison.outliers] == [7]
     assert comparison.score("polynomial-2").worst_nm < 2.0
     assert comparison.noise is not None
     assert comparison.noise.standard_deviation_nm < 1.0
@@ -194,12 +194,12 @@ def test_few_steps_are_said_and_call_nothing_worse_by_luck() -> None:
     assert selected.count(True) >= 4
 
 
-def test_a_wild_point_is_kept_or_refused_by_choice() -> None:
+def test_an_outlier_is_kept_or_refused_by_choice() -> None:
     X, y = repeated(3)
     y[9] += 30.0
-    assert [point.row for point in compare(X, y, FAST).wild_points] == [9]
+    assert [point.row for point in compare(X, y, FAST).outliers] == [9]
     kept = compare(X, y, FAST, outliers="keep")
-    assert not kept.wild_points
+    assert not kept.outliers
     assert kept.points == compare(X, y, FAST).points + 1
     with pytest.raises(InputError, match="outlier among the calibration points"):
         compare(X, y, FAST, outliers="refuse")

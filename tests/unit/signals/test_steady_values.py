@@ -163,7 +163,7 @@ class TestRipple:
         assert estimate_period(np.arange(8.0), np.ones(8)) is None
 
 
-class TestWildValues:
+class TestOutliers:
     @given(
         place=st.integers(0, 49),
         size=st.sampled_from([-8_388_608.0, 1e4, -500.0, 20.0]),

@@ -43,7 +43,7 @@ _LEAST_LOAD = 0.2
 _FEWEST_POINTS = 8
 _BEND = 0.045
 """Usual size of bumps over temperature, as a share of the linear part over 20 K."""
-_WILD = 5.0
+_OUTLIER = 5.0
 _RUNNING_IN_GAIN = 6.0
 _LEAST_EXTENSION_K = 10.0
 _NODE_K = 2.0
@@ -416,7 +416,7 @@ def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
     residuals = [target - columns @ fit.mean for columns, target, _ in runs]
     noise = 1.4826 * float(np.median(np.abs(np.concatenate(residuals))))
     slowness = float(np.mean([_slowness(each) for each in residuals]))
-    kept = [np.flatnonzero(np.abs(each) <= _WILD * noise) for each in residuals]
+    kept = [np.flatnonzero(np.abs(each) <= _OUTLIER * noise) for each in residuals]
     cleaned = [
         (
             columns[rows],

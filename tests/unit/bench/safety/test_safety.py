@@ -59,7 +59,7 @@ def test_a_standard_is_protected_like_the_modules_own_transducer(open_bench: Ope
     with open_bench(output__range_nm=400, output__limits__torque_nm=500) as bench:
         bench.load_output(300.0)
         bench.clock.wait(0.5)
-        bench.simulated.twin.inject_fault("output_reference", "wild_value", amount=0.2)
+        bench.simulated.twin.inject_fault("output_reference", "outlier", amount=0.2)
         with pytest.raises(LimitError, match="output_reference"):
             bench.clock.wait(5.0)
         assert_safe(bench, AlarmKind.TORQUE_LIMIT, "output_reference")

@@ -102,7 +102,7 @@ def test_a_module_that_disagrees_with_the_standard_stops_the_bench(bench: LowBen
     bench.load_output(500.0)
     bench.clock.wait(0.5)
     # 120 N·m beside the truth: within every limit, no fault of any pulse train.
-    bench.simulated.twin.inject_fault("output_torque", "wild_value", duration_s=2.0, amount=0.03)
+    bench.simulated.twin.inject_fault("output_torque", "outlier", duration_s=2.0, amount=0.03)
     with pytest.raises(SignalFault, match="output_torque and output_reference are"):
         bench.clock.wait(2.0)
 
