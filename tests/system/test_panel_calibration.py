@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.system.panel_browser import PEOPLE, SLOW, Visitor, browser, running_panel
@@ -34,11 +35,24 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     visitors: tuple[Visitor, Visitor],
 ) -> None:
     ben, ana = visitors
+    ana.sign_in("Ana", "/calibrate")
+    ana.press("Upload or edit own profiles")
+    ana.sees("Add one from a TOML file")
+    shipped = resources.files("torquebench.calibration") / "profiles" / "rapid-in-situ.toml"
+    ana.driver.find_element("css selector", "input[type=file]").send_keys(str(shipped))
+    ana.sees("Kept under the name")
+    ana.fill("Kept under the name", "own-rapid")
+    ana.fill("Title", "Rapid, as we do it")
+    ana.sees("What would change")
+    ana.press("Apply these changes")
+    ana.sees("Changed and logged.")
+
     ben.sign_in("Ben", "/calibrate")
     ben.choose("Profile", "small-torques")
     ben.fill("Largest torque", "60")
     ben.sees("60 N·m; the limit is 2400 N·m")
     ben.open("/calibrate")
+    ben.choose("Profile", "own-rapid")
     ben.choose("Step of the staircase, % of range", "20")
     ben.sees("What would happen")
     assert "the limit is 2400 N·m" in ben.text
@@ -50,6 +64,21 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sign_in("Ana", "/calibrate")
     ana.sees("In command: Ben")
     ana.sees("Before and after")
+
+    ben.press("Back")
+    ben.sees("Error of the raw reading")
+    ben.press("Back")
+    ben.sees("Mount the calibrator and begin")
+    assert ben.field("Profile").get_attribute("value") == "own-rapid"
+    ben.driver.back()
+    ben.sees("Error of the raw reading")
+    ben.driver.back()
+    ben.sees("Shown models")
+    raw, left = (spread(ben, place) for place in (0, 1))
+    assert left["axis"] < 0.4 * raw["axis"]  # scaled to what the models leave
+    assert left["colours"] == raw["colours"][1:]
+    ben.press("polynomial, degree 2")
+    ben.wait(lambda: len(spread(ben, 1)["colours"]) == 1, "one model's residuals")
 
     ben.press("Compare all models")
     ben.sees("Least error at points left out:")
@@ -66,6 +95,14 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     assert "may look at this but not change it" in ben.text
 
     ana.sees("Model to be used")
+    ana.sees("Verdict at fresh points, tolerance 0.1 % FS")
+    ana.press("Preview the certificate")
+    pages = (
+        "return [...document.querySelectorAll('.certificate-pages img')].map(e => e.naturalWidth)"
+    )
+    ana.wait(lambda: len(ana.driver.execute_script(pages)) >= 2, "the certificate's pages")
+    assert min(ana.driver.execute_script(pages)) > 600
+    assert not list((ana.panel.folder / "data" / "certificates").glob("*"))
     ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Sign and put into use")
     ana.sees("Ben commands the bench")
@@ -99,6 +136,19 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("Nobody is in command")
     ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
     assert ana.problems() == ben.problems() == []
+
+
+def spread(visitor: Visitor, place: int) -> dict[str, Any]:
+    """Return the height of a chart's axis and the colours of its lines."""
+    script = """
+    const place = document.querySelectorAll('.chart')[arguments[0]];
+    const chart = getElement(Number(place.id.slice(1))).chart;
+    const [low, high] = chart.getModel().getComponent('yAxis').axis.scale.getExtent();
+    const colours = chart.getOption().series.map((each) => each.itemStyle.color);
+    return { axis: high - low, colours };
+    """
+    found: dict[str, Any] = visitor.driver.execute_script(script, place)
+    return found
 
 
 def switch_a_correction(ben: Visitor, ana: Visitor) -> None:

@@ -104,6 +104,7 @@ def _series(line: Line, *, names: bool) -> dict[str, Any]:
         },
         "labelLayout": {"hideOverlap": False, "moveOverlap": "shiftY"},
         "animation": False,
+        "clip": False,  # ends of axes may lie a hair within the values
         "lineStyle": {
             "width": 2,
             "type": "dashed" if line.dashed else "solid",
@@ -159,6 +160,8 @@ class Chart:
                 "top": 0,
                 "left": 0,
                 "type": "scroll",
+                "itemWidth": 18,
+                "itemHeight": 10,
                 "textStyle": {"fontSize": 14, ":color": _colour("--ink")},
                 ":pageIconColor": _colour("--ink"),
             },

@@ -21,10 +21,16 @@ class Tabs:
     titles : mapping of name to title
     views : mapping of name to callable
         Each makes a part.
+    first : str
+        The part to begin with; by default the first one.
     """
 
     def __init__(
-        self, label: str, titles: Mapping[str, str], views: Mapping[str, Callable[[], Any]]
+        self,
+        label: str,
+        titles: Mapping[str, str],
+        views: Mapping[str, Callable[[], Any]],
+        first: str = "",
     ) -> None:
         self._views = views
         self._buttons: dict[str, Any] = {}
@@ -34,7 +40,7 @@ class Tabs:
                 on_press(made, partial(self.show, name))
                 self._buttons[name] = made
         self._content = box("div", "stack")
-        self.show(next(iter(titles)))
+        self.show(first if first in titles else next(iter(titles)))
 
     def show(self, name: str) -> None:
         """Show one part."""

@@ -223,7 +223,8 @@ class JobPanel:
                 problem_note(self._text, job.problem, title=self._text(f"job.state_{job.state}"))
             elif job.result is not None:
                 kind = {"": "", "pass": "good", "fail": "bad"}.get(job.result.verdict, "warn")
-                note(self._text.core(job.result.headline), kind)
+                verdict = self._text.maybe(f"verdict.{job.result.verdict}", "")
+                note(self._text.core(job.result.headline), kind, title=verdict)
 
     def _answer(self, number: int, done: bool) -> None:
         visitor = self._visitor

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,6 +36,8 @@ class Visitor:
         "light", "dark" or empty for the device's own.
     dismissed : Dismissed
         Shared by all pages of the server.
+    query : mapping of str to str
+        What stands behind the question mark of the page's address.
     shown_jobs : set of str
         Jobs that the page itself shows.
     messages : Messages
@@ -47,6 +49,7 @@ class Visitor:
     text: Text
     look: str
     dismissed: Dismissed
+    query: Mapping[str, str] = field(default_factory=dict)
     shown_jobs: set[str] = field(default_factory=set)
     messages: Messages = None  # type: ignore[assignment]  # set by the frame
 
@@ -100,4 +103,5 @@ def visitor_of(service: BenchService, request: Request, dismissed: Dismissed) ->
         service.people.actor(token, touch=False)
     except NotSignedInError:
         return None
-    return Visitor(service, token, text_of(request), look_of(request), dismissed)
+    query = dict(request.query_params)
+    return Visitor(service, token, text_of(request), look_of(request), dismissed, query)

@@ -51,7 +51,13 @@ from torquebench.panel.service.records.queries import RecordQueries
 from torquebench.panel.service.records.table_import import TableImport
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import Event, PanelStore
-from torquebench.reports.certificate import kept_letterhead
+from torquebench.reports.certificate import (
+    DEFAULT_TOLERANCE_PERCENT_FS,
+    Issue,
+    build_record,
+    certificate_pages,
+    kept_letterhead,
+)
 from torquebench.station import LONGEST_BEFORE_S, Station, data_directory
 
 __all__ = ["JOB_KINDS", "BenchService"]
@@ -544,6 +550,44 @@ class BenchService:
             "calibrations", calibration_id, checked_by=actor.name, accepted=accepted, remark=remark
         )
         self.note(actor, "signed a calibration", calibration_id=calibration_id, accepted=accepted)
+
+    def certificate_preview(
+        self,
+        calibration_id: int,
+        *,
+        model_id: int | None = None,
+        languages: Sequence[str] = ("en",),
+        tolerance_percent_fs: float = DEFAULT_TOLERANCE_PERCENT_FS,
+    ) -> list[bytes]:
+        """Return the pages of a draft of a certificate as pictures; nothing is kept.
+
+        Parameters
+        ----------
+        calibration_id : int
+        model_id : int, optional
+            The model that would be put into use; by default the one in use, or the latest.
+        languages : sequence of str
+            The first one is shown.
+        tolerance_percent_fs : float
+
+        Raises
+        ------
+        RecordError, InputError
+            There is no such calibration, it was changed, or its certificate would be refused.
+        """
+        registry = self.station.registry
+        laboratory, customer = kept_letterhead(registry.root).parties
+        issue = Issue(
+            (),
+            laboratory=laboratory,
+            customer=customer,
+            languages=languages,
+            tolerance_percent_fs=tolerance_percent_fs,
+            draft=True,
+            model_id=model_id,
+        )
+        record = build_record(registry, registry.calibration(calibration_id), issue)
+        return certificate_pages(record, next(iter(languages), "en"))
 
     def issue_certificate(self, actor: Actor, request: Mapping[str, Any], password: str) -> JobView:
         """Issue a certificate as a job, signed with the password; raises like `sign_off`."""

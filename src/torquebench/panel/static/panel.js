@@ -16,8 +16,10 @@
     const power = 10 ** Math.floor(Math.log10(tenth));
     return power * [1, 2, 5, 10].find((step) => step * power >= tenth * 0.999);
   };
-  window.chartLow = (span) => Math.floor(span.min / chartStep(span) + 1e-9) * chartStep(span);
-  window.chartHigh = (span) => Math.ceil(span.max / chartStep(span) - 1e-9) * chartStep(span);
+  // What lies a hair beyond a round end, as a torque that is held does, is drawn all the same.
+  const HAIR = 0.02;
+  window.chartLow = (span) => Math.floor(span.min / chartStep(span) + HAIR) * chartStep(span);
+  window.chartHigh = (span) => Math.ceil(span.max / chartStep(span) - HAIR) * chartStep(span);
 
   // A chart that was made before its place had a width keeps 100 px: NiceGUI skips that resize.
   setInterval(() => {
@@ -273,6 +275,11 @@
   document.addEventListener("pointermove", (event) => {
     if (held && event.buttons === 0) setTimeout(letGo);
   }, true);
+
+  // Back and forward through the wizard's steps, whose addresses the server has put there.
+  window.addEventListener("popstate", () => {
+    if (window.location.pathname === "/calibrate" && !window.location.hash) window.location.reload();
+  });
 
   function remember(name, value) {
     const secure = window.location.protocol === "https:" ? "; Secure" : "";

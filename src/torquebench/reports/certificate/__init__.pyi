@@ -35,6 +35,7 @@ from .record import (
     CertificateRecord as CertificateRecord,
 )
 from .typesetting import (
+    certificate_pages as certificate_pages,
     certificate_pdf as certificate_pdf,
 )
 from .source import (

@@ -83,6 +83,8 @@ class Issue:
         it can't be registered.
     refuse_unreviewed : bool
         Whether what nobody has reviewed is refused, rather than said on every page.
+    model_id : int, optional
+        Of a draft: the model that would be put into use; by default the one in use, or the latest.
     """
 
     authorised_by: Sequence[str]
@@ -94,6 +96,7 @@ class Issue:
     issued: date | None = None
     draft: bool = False
     refuse_unreviewed: bool = True
+    model_id: int | None = None
 
 
 def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
@@ -148,7 +151,7 @@ def build_record(
         Where nobody authorises, a real laboratory has no name, or the calibration has no run.
     """
     names = _authorising(issue)
-    source = Source.of(registry, calibration)
+    source = Source.of(registry, calibration, issue.model_id if issue.draft else None)
     data = source.data
     _require_laboratory(source, issue)
     deviations = find_deviations(source.calibration_record(), source.profile)

@@ -71,8 +71,12 @@ class Source:
     changes: tuple[str, ...]
 
     @classmethod
-    def of(cls, registry: Registry, calibration: CalibrationEntry) -> "Source":
+    def of(
+        cls, registry: Registry, calibration: CalibrationEntry, model_id: int | None = None
+    ) -> "Source":
         """Read and check what the certificate of a calibration rests on.
+
+        Its model is the one in use or the latest, unless another one is asked for.
 
         Raises
         ------
@@ -106,7 +110,10 @@ class Source:
             raise RecordError(f"run {run.run_id} was {run.status}: {run.reason}", "a completed run")
         profile = run_profile(folder)
         data = assign_nominal(run_data(folder), profile)
-        model_entry = model_of_calibration(registry, calibration)
+        if model_id is None:
+            model_entry = model_of_calibration(registry, calibration)
+        else:
+            model_entry = registry.model(model_id)
         return cls(
             run=run,
             folder=folder,

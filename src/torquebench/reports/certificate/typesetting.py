@@ -20,10 +20,12 @@ from torquebench.reports.certificate.fonts import fonts_for
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import CertificateRecord
 
-__all__ = ["certificate_pdf", "code_svg", "errors_svg"]
+__all__ = ["certificate_pages", "certificate_pdf", "code_svg", "errors_svg"]
 
 PDF_STANDARD: Final = "a-2u"
 """PDF/A for archives: fonts embedded, text that can be searched and copied."""
+PICTURE_PPI: Final = 110.0
+"""Of pages that are shown on a screen."""
 
 
 def certificate_pdf(
@@ -50,6 +52,17 @@ def certificate_pdf(
     InputError
         Where there is no such language, or no font for the text.
     """
+    return _typeset(record, language, installed, format="pdf", pdf_standards=[PDF_STANDARD])[0]
+
+
+def certificate_pages(record: CertificateRecord, language: str) -> list[bytes]:
+    """Return the pages of a certificate as PNG, to be looked at; raises like `certificate_pdf`."""
+    return _typeset(record, language, None, format="png", ppi=PICTURE_PPI)
+
+
+def _typeset(
+    record: CertificateRecord, language: str, installed: typst.Fonts | None, **kind: Any
+) -> list[bytes]:
     content = certificate_content(record, language)
     fonts, families = fonts_for(_texts(content), installed)
     content["fonts"] = families
@@ -65,16 +78,13 @@ def certificate_pdf(
         compiler = typst.Compiler(str(folder / "main.typ"), root=str(folder), font_paths=fonts)
         try:
             document = compiler.compile(
-                format="pdf",
-                pdf_standards=[PDF_STANDARD],
-                timestamp=datetime.combine(record.issued, time(), UTC),
+                timestamp=datetime.combine(record.issued, time(), UTC), **kind
             )
         except typst.TypstError as error:
             raise InputError(
                 f"the certificate can't be set: {error}", remedy="report the record with this text"
             ) from error
-    assert isinstance(document, bytes)
-    return document
+    return [document] if isinstance(document, bytes) else document or []
 
 
 def code_svg(record: CertificateRecord) -> bytes:

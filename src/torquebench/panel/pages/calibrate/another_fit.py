@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import CANDIDATES, PublishedNetworkModel
-from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, panel, words
 from torquebench.panel.text import Text
@@ -103,7 +103,9 @@ def titled(text: Text, model: Mapping[str, Any]) -> str:
     return f"{title} ({', '.join(said)})" if said else title
 
 
-def training_chart(text: Text, models: Mapping[str, Mapping[str, Any]]) -> None:
+def training_chart(
+    text: Text, models: Mapping[str, Mapping[str, Any]], colours: Mapping[int, str]
+) -> None:
     """Show the training curve of every network, where there is one."""
     trained = [model for model in models.values() if model.get("training_curve")]
     if not trained:
@@ -114,9 +116,9 @@ def training_chart(text: Text, models: Mapping[str, Mapping[str, Any]]) -> None:
                 titled(text, model),
                 model["training_curve"]["epoch"],
                 model["training_curve"]["rms_nm"],
-                colour,
+                colours[int(model["model_id"])],
             )
-            for colour, model in zip(COLOURS, trained, strict=False)
+            for model in trained
         ]
         Chart(
             text("fit.training_label"),

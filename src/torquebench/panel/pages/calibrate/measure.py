@@ -19,6 +19,7 @@ from torquebench.panel.pages.job_panel import duration_words, problem_note
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.records.table_import import profile_titles
+from torquebench.panel.pages.settings.editor import shown
 from torquebench.panel.service import JobPreview
 from torquebench.panel.text import Text
 
@@ -46,6 +47,8 @@ class PrepareStep:
         """Make the step's elements."""
         text, visitor = self._text, self._page.visitor
         interrupted_note(visitor)
+        job = self._page.workflow.calibrate
+        before: Mapping[str, Any] = {} if job is None else job.request
         with box("div", "columns"):
             with panel(text("prepare.what")), box("div", "stack"):
                 ranges = visitor.service.snapshot().sides
@@ -53,20 +56,32 @@ class PrepareStep:
                     side: (text(f"side.{side}"), f"±{ranges[side].range_nm:g} N·m")
                     for side in reversed(SIDES)
                 }
-                self._side = Choice(text("prepare.side"), sides, "output", on_change=self._preview)
+                self._side = Choice(
+                    text("prepare.side"),
+                    sides,
+                    before.get("side", "output"),
+                    on_change=self._preview,
+                )
                 profiles = profile_titles(visitor)
+                profile = before.get("profile", FIRST_PROFILE)
                 self._profile = Field(
                     text("prepare.profile"),
-                    FIRST_PROFILE,
+                    profile if profile in profiles else FIRST_PROFILE,
                     options=profiles,
                     on_change=lambda _: self._preview(),
                 )
+                with box("p", "small"):
+                    words("a", text("prepare.own_profiles"), href="/settings?part=profiles")
                 step = {"": text("prepare.as_profile"), "5": "5 %", "10": "10 %", "20": "20 %"}
                 self._step = Field(
-                    text("prepare.step"), options=step, on_change=lambda _: self._preview()
+                    text("prepare.step"),
+                    _as_before(before.get("step_percent"), step),
+                    options=step,
+                    on_change=lambda _: self._preview(),
                 )
                 self._up_to = Field(
                     text("prepare.up_to"),
+                    shown(before.get("up_to_nm")),
                     kind="number",
                     unit="N·m",
                     hint=text("prepare.up_to_hint"),
@@ -76,14 +91,23 @@ class PrepareStep:
                 )
                 repeats = {"": text("prepare.as_profile"), "1": "1", "2": "2", "3": "3", "10": "10"}
                 self._repeats = Field(
-                    text("prepare.repeats"), options=repeats, on_change=lambda _: self._preview()
+                    text("prepare.repeats"),
+                    _as_before(before.get("repeats"), repeats),
+                    options=repeats,
+                    on_change=lambda _: self._preview(),
                 )
                 rising = {"": text("prepare.as_profile"), "rising": text("prepare.rising_only")}
                 self._rising = Field(
-                    text("prepare.branches"), options=rising, on_change=lambda _: self._preview()
+                    text("prepare.branches"),
+                    "rising" if before.get("rising_only") else "",
+                    options=rising,
+                    on_change=lambda _: self._preview(),
                 )
                 kinds = {name: text.core(model_title(name)) for name in MODELS}
-                self._models = Choice(text("prepare.models"), kinds, MODELS[:2], several=True)
+                fitted = tuple(name for name in before.get("models") or () if name in MODELS)
+                self._models = Choice(
+                    text("prepare.models"), kinds, fitted or MODELS[:2], several=True
+                )
                 self._mounting = MountingForm(text)
                 self._clear = clear_choice(visitor)
             with panel(text("prepare.checks")), box("div", "stack"):
@@ -91,7 +115,7 @@ class PrepareStep:
                 self._start = button(
                     text("prepare.start"), self._begin, "primary", picture="play_arrow"
                 )
-        self._plan = box("div")
+                self._plan = box("div")
         self._preview()
 
     def refresh(self) -> None:
@@ -146,7 +170,8 @@ class PrepareStep:
     def _preview(self) -> None:
         self._waiting = None
         self._plan.clear()
-        with self._plan, panel(self._text("preview.title")):
+        with self._plan, box("div", "stack"):
+            words("h2", self._text("preview.title"))
             try:
                 preview = self._page.visitor.service.jobs.preview("calibrate", self._request())
             except TorquebenchError as error:
@@ -156,6 +181,12 @@ class PrepareStep:
 
     def _begin(self) -> None:
         self._page.start("calibrate", self._request())
+
+
+def _as_before(value: Any, options: Mapping[str, str]) -> str:
+    """Return the option of a value that was asked for before; the first one without."""
+    said = "" if value is None else f"{value:g}"
+    return said if said in options else ""
 
 
 def preview_panel(text: Text, preview: JobPreview) -> None:

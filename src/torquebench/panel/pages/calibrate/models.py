@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from torquebench.panel.components.charts import COLOURS, Chart, Line
-from torquebench.panel.components.controls import button
+from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.controls import Choice, button
 from torquebench.panel.components.elements import box, note, panel, table, words
 from torquebench.panel.pages.calibrate.another_fit import AnotherFit, titled, training_chart
 from torquebench.reports.errors_table import number
@@ -28,44 +27,72 @@ class ModelsStep:
         text, workflow = self._text, self._page.workflow
         assert workflow.calibrate is not None
         assert workflow.calibrate.result is not None
-        details = workflow.calibrate.result.details
-        with panel(text("models.before_after")):
+        self._points = workflow.calibrate.result.details["points"]
+        with panel(text("models.before_after")), box("div", "stack"):
             words("p", text.core(workflow.calibrate.result.headline))
-            Chart(
-                text("models.curves_label"),
-                text("measure.standard_axis"),
-                text("measure.error_axis"),
-                self._curves(details),
-                tall=True,
+            self._side_by_side()
+            models = workflow.models
+            titles = {name: titled(text, model) for name, model in models.items()}
+            self._shown = Choice(
+                text("models.shown"), titles, tuple(models), several=True, on_change=self._draw
             )
+            axes = (text("measure.standard_axis"), text("measure.error_axis"))
+            with box("div", "columns"):
+                with box("div"):
+                    words("h3", text("models.curves"))
+                    self._curves = Chart(text("models.curves_label"), *axes, tall=True)
+                with box("div"):
+                    words("h3", text("models.residuals"))
+                    self._residuals = Chart(text("models.residuals_label"), *axes, tall=True)
+            self._draw()
         with panel(text("models.compared")), box("div", "stack"):
             self._comparison()
-        training_chart(text, workflow.models)
+        training_chart(text, workflow.models, workflow.colours)
         if self._page.visitor.has_role("metrologist"):
             AnotherFit(self._page).build()
 
     def refresh(self) -> None:
         """Nothing grows here: the job's panel says how far it is."""
 
-    def _curves(self, details: Mapping[str, Any]) -> list[Line]:
-        points = details["points"]
-        standard = points["standard_nm"]
-        order = sorted(range(len(standard)), key=standard.__getitem__)
-        x = [standard[place] for place in order]
-        lines = [
-            Line(
-                self._text("live.line_raw"),
-                x,
-                [points["reading_nm"][place] - standard[place] for place in order],
-                "--series-raw",
-                points=True,
+    def _side_by_side(self) -> None:
+        text = self._text
+        rows = []
+        for model in self._page.workflow.models.values():
+            summary = model["summary"]
+            parameters = [f"{name} {value}" for name, value in model["parameters"].items()]
+            rows.append(
+                (
+                    text.core(model["title"]),
+                    text("fit.rising_only") if model["rising_only"] else text("models.all_points"),
+                    number(summary["worst_nm"]),
+                    number(summary["worst_percent_fs"]),
+                    number(summary["rms_nm"]),
+                    ", ".join(parameters) or text("models.usual"),
+                )
             )
-        ]
-        for colour, model in zip(COLOURS, self._page.workflow.models.values(), strict=False):
-            torque = model["torque_nm"]
-            y = [torque[place] - standard[place] for place in order]
-            lines.append(Line(titled(self._text, model), x, y, colour, points=True, symbol="rect"))
-        return lines
+        headings = (("model", False), ("fitted_to", False), ("worst", True),
+                    ("worst_percent", True), ("rms", True), ("settings", False))  # fmt: skip
+        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
+        table(text("models.before_after"), columns, rows)
+
+    def _draw(self) -> None:
+        """Draw the chosen models: what they take off the reading, and what they leave."""
+        workflow, points = self._page.workflow, self._points
+        standard, reading = points["standard_nm"], points["reading_nm"]
+        raw = [shown - true for shown, true in zip(reading, standard, strict=True)]
+        curves = [Line(self._text("live.line_raw"), standard, raw, "--series-raw", points=True)]
+        residuals = []
+        for name, model in workflow.models.items():
+            if name not in self._shown.values:
+                continue
+            torque, colour = model["torque_nm"], workflow.colours[int(model["model_id"])]
+            title = titled(self._text, model)
+            taken = [shown - left for shown, left in zip(reading, torque, strict=True)]
+            left = [each - true for each, true in zip(torque, standard, strict=True)]
+            curves.append(Line(title, standard, taken, colour))
+            residuals.append(Line(title, standard, left, colour, points=True))
+        self._curves.show(curves)
+        self._residuals.show(residuals)
 
     def _comparison(self) -> None:
         text, workflow = self._text, self._page.workflow

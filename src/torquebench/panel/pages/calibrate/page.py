@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
+from nicegui import ui
+
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, panel, to_the_top, words
 from torquebench.panel.pages.calibrate.workflow import (
@@ -35,9 +37,13 @@ class CalibratePage:
     """An open wizard: which step it shows, and the workflow it shows it of."""
 
     def __init__(
-        self, visitor: Visitor, views: Mapping[Step, Callable[[CalibratePage], StepView]]
+        self,
+        visitor: Visitor,
+        views: Mapping[Step, Callable[[CalibratePage], StepView]],
+        asked: str = "",
     ) -> None:
         self.visitor, self.text, self._views = visitor, visitor.text, views
+        self._asked = asked
         self.step: Step = "prepare"
         self.workflow = CalibrationWorkflow()
         self._shown: tuple[Any, ...] | None = None
@@ -63,7 +69,7 @@ class CalibratePage:
             if self._reached is not None:
                 to_the_top()
             self._reached = workflow.reached
-            self.step = workflow.reached
+            self.step = self._first_step(workflow.reached)
         known = (self.step, workflow.reached, _state(workflow))
         if known != self._shown:
             self._shown = known
@@ -74,6 +80,12 @@ class CalibratePage:
         self._job.refresh(self._job_of_step())
         if self._view is not None:
             self._view.refresh()
+
+    def _first_step(self, reached: Step) -> Step:
+        """Return the step that the page's address names, once; else the furthest."""
+        asked, self._asked = self._asked, ""
+        step = next((each for each in STEPS if each == asked), reached)
+        return step if STEPS.index(step) <= STEPS.index(reached) + 1 else reached
 
     def _job_of_step(self) -> Any:
         workflow = self.workflow
@@ -88,7 +100,10 @@ class CalibratePage:
         return by_step[self.step]
 
     def show(self, step: Step) -> None:
-        """Go to a step."""
+        """Go to a step; the browser's own "back" then leads to the one before."""
+        if step != self.step:
+            ui.navigate.history.replace(f"/calibrate?step={self.step}")
+            ui.navigate.history.push(f"/calibrate?step={step}")
         self.step = step
         self.refresh()
 
@@ -130,7 +145,7 @@ class CalibratePage:
         place, calibrated = STEPS.index(self.step), self.workflow.calibration_id is not None
         with box("div", "spread"):
             with box("div", "line"):
-                if place > 1:
+                if place > 1 or (place == 1 and not self._measuring()):
                     button(self.text("calibrate.back"), lambda: self.show(STEPS[place - 1]),
                            picture="arrow_back")  # fmt: skip
                 if self.workflow.calibrate is not None and not self.workflow.calibrate.open:
@@ -139,6 +154,10 @@ class CalibratePage:
                 kind = "primary" if self._next_is_due() else ""
                 button(self.text("calibrate.next"), lambda: self.show(STEPS[place + 1]), kind,
                        picture="arrow_forward")  # fmt: skip
+
+    def _measuring(self) -> bool:
+        calibrate = self.workflow.calibrate
+        return calibrate is not None and calibrate.open
 
     def _next_is_due(self) -> bool:
         workflow = self.workflow

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Choice, Field, button, typed_number
-from torquebench.panel.components.elements import box, note, panel, words
+from torquebench.panel.components.elements import box, note, panel, tag, words
 from torquebench.panel.pages.calibrate.another_fit import titled
+from torquebench.panel.pages.calibrate.certificate_preview import CertificatePreview
 from torquebench.panel.pages.downloads import certificate_buttons
+from torquebench.reports.errors_table import number
 
 if TYPE_CHECKING:
     from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["CertificateStep", "SignStep"]
 
+VERDICTS = {
+    "pass": ("good", "check_circle"),
+    "conditionalPass": ("warn", "warning"),
+    "conditionalFail": ("warn", "warning"),
+    "fail": ("bad", "error"),
+}
+"""Kind and picture of each."""
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
 
 
@@ -32,14 +42,11 @@ class SignStep:
             number = workflow.calibration_id
             assert number is not None
             words("p", text("sign.explained"))
-            if workflow.verify is None or workflow.verify.result is None:
+            if workflow.verified:
+                self._verdicts()
+            else:
                 note(text("sign.unverified"), "warn")
-            elif workflow.verify.result.verdict not in ("pass", ""):
-                note(
-                    text.core(workflow.verify.result.headline),
-                    "warn",
-                    title=text("sign.not_passed"),
-                )
+            CertificatePreview(self._page, self._asked).build()
             if not visitor.has_role("metrologist"):
                 role = text(f"role.{visitor.looker.role}")
                 note(text("frame.not_allowed", role=role), "warn")
@@ -81,6 +88,39 @@ class SignStep:
             )
             with box("div", "line"):
                 button(text("sign.button"), self._sign, "primary", picture="draw")
+
+    def _verdicts(self) -> None:
+        """Say how every model stands at the fresh points."""
+        text, workflow = self._text, self._page.workflow
+        assert workflow.verify is not None
+        assert workflow.verify.result is not None
+        tolerance = f"{workflow.verify.result.details['tolerance_percent_fs']:g}"
+        words("h3", text("sign.verdicts", tolerance=tolerance))
+        with box("ul", "stack"):
+            for name, found in workflow.verified.items():
+                worst = found["result"]["against_standard"]
+                with box("li", "line"):
+                    verdict = found["verdict"]
+                    tag(text(f"verdict.{verdict}"), *VERDICTS[verdict])
+                    words("span", titled(text, workflow.models[name]))
+                    said = text(
+                        "sign.worst",
+                        worst=number(worst["worst_nm"]),
+                        percent=number(worst["worst_percent_fs"]),
+                    )
+                    words("span", said, "muted number")
+
+    def _asked(self) -> Mapping[str, Any]:
+        """Return what the preview of the certificate is of: the model that is chosen here."""
+        models, chosen = self._page.workflow.models, getattr(self, "_model", None)
+        name = chosen.value if chosen is not None else next(iter(models), "")
+        asked: dict[str, Any] = {"languages": (self._text.language,)}
+        if name in models:
+            asked["model_id"] = models[name]["model_id"]
+        verify = self._page.workflow.verify
+        if verify is not None and verify.result is not None:
+            asked["tolerance_percent_fs"] = verify.result.details["tolerance_percent_fs"]
+        return asked
 
     def _contradictions(self, name: str | None = None) -> list[dict[str, str]]:
         """Return what the calibration contradicts, for one model or any, each once."""
@@ -162,6 +202,13 @@ class CertificateStep:
         )
         with box("div", "line"):
             button(text("certificate.button"), self._issue, "primary", picture="workspace_premium")
+        CertificatePreview(self._page, self._request).build()
+
+    def _request(self) -> dict[str, Any]:
+        return {
+            "languages": tuple(name for name in LANGUAGES if name in self._languages.values),
+            "tolerance_percent_fs": typed_number(self._tolerance.value),
+        }
 
     def refresh(self) -> None:
         """Nothing grows here."""
@@ -169,17 +216,12 @@ class CertificateStep:
     def _issue(self) -> None:
         visitor, text = self._page.visitor, self._text
         try:
-            tolerance = typed_number(self._tolerance.value)
+            request = {"calibration_id": self._page.workflow.calibration_id, **self._request()}
         except ValueError:
             self._tolerance.wrong(text("verify.tolerance_wrong"))
             return
         self._tolerance.wrong("")
         self._password.wrong("")
-        request = {
-            "calibration_id": self._page.workflow.calibration_id,
-            "languages": tuple(name for name in LANGUAGES if name in self._languages.values),
-            "tolerance_percent_fs": tolerance,
-        }
         try:
             visitor.service.issue_certificate(visitor.actor, request, self._password.value)
         except TorquebenchError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.mounting_form import MountingForm
@@ -106,34 +106,33 @@ class VerifyStep:
         limit = details["tolerance_percent_fs"] / 100.0 * details["range_nm"]
         with box("div", "columns"):
             with panel(text("verify.by_group")):
-                self._by_group(models)
+                self._by_group(self._page.workflow.verified)
             with panel(text("verify.by_torque")):
                 Chart(
-                    text("measure.errors_label"),
+                    text("models.residuals_label"),
                     text("measure.standard_axis"),
                     text("measure.error_axis"),
                     [
-                        Line(text.core(models[name]["title"]), details["standard_nm"],
-                             models[name]["error_nm"], _colour(place), points=True)
-                        for place, name in enumerate(names)
+                        Line(text.core(model["title"]), details["standard_nm"],
+                             model["error_nm"], self._colour(model), points=True)
+                        for model in self._page.workflow.verified.values()
                     ],
                     limits=(-limit, limit),
                 )  # fmt: skip
 
-    def _by_group(self, models: dict[str, Any]) -> None:
+    def _colour(self, model: Mapping[str, Any]) -> str:
+        return self._page.workflow.colours[int(model["model_id"])]
+
+    def _by_group(self, models: Mapping[str, Any]) -> None:
         text = self._text
         lines = []
         count = 0
-        for place, model in enumerate(models.values()):
+        for model in models.values():
             worst = [group["worst_nm"] for group in model["result"]["groups"]]
             count = max(count, len(worst))
-            lines.append(Line(text.core(model["title"]), [], worst, _colour(place)))
+            lines.append(Line(text.core(model["title"]), [], worst, self._colour(model)))
         names = [str(place) for place in range(1, count + 1)]
         Chart(
             text("verify.by_group_label"), text("verify.group"), text("verify.worst_axis"), lines,
             names=names,
         )  # fmt: skip
-
-
-def _colour(place: int) -> str:
-    return "--series-raw" if place == 0 else COLOURS[(place - 1) % len(COLOURS)]

@@ -27,6 +27,6 @@ STEPS: Mapping[Step, Callable[[CalibratePage], StepView]] = {
 
 def calibrate_page(visitor: Visitor) -> None:
     """Build the wizard's page."""
-    page = CalibratePage(visitor, STEPS)
+    page = CalibratePage(visitor, STEPS, visitor.query.get("step", ""))
     with frame(visitor, "calibrate", page.refresh):
         page.build()

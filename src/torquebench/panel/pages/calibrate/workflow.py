@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
+from torquebench.panel.components.charts import COLOURS
 from torquebench.panel.service import JobView
 
 __all__ = ["STEPS", "CalibrationWorkflow", "Dismissed", "Step", "find_workflow"]
@@ -79,6 +80,22 @@ class CalibrationWorkflow:
                 key = f"{name} {number}" if name in found else name
                 found[key] = {**model, "model_id": number}
         return dict(sorted(found.items(), key=lambda item: int(item[1]["model_id"])))
+
+    @property
+    def colours(self) -> dict[int, str]:
+        """Colour of every model by its number: the same in all steps."""
+        numbers = sorted(int(model["model_id"]) for model in self.models.values())
+        return {number: COLOURS[place % len(COLOURS)] for place, number in enumerate(numbers)}
+
+    @property
+    def verified(self) -> dict[str, dict[str, Any]]:
+        """What the verification found of every model, by the model's name; empty before it."""
+        if self.verify is None or self.verify.result is None:
+            return {}
+        found = {each["model_id"]: each for each in self.verify.result.details["models"].values()}
+        models = self.models.items()
+        return {name: found[model["model_id"]] for name, model in models
+                if model["model_id"] in found}  # fmt: skip
 
     @property
     def verified_best(self) -> str:

@@ -215,4 +215,5 @@ def settings_page(visitor: Visitor) -> None:
         "history": lambda: _History(visitor).build(),
     }
     with frame(visitor, "settings"):
-        Tabs(text("settings.title"), {name: text(f"settings.{name}") for name in views}, views)
+        titles = {name: text(f"settings.{name}") for name in views}
+        Tabs(text("settings.title"), titles, views, visitor.query.get("part", ""))

@@ -1,0 +1,63 @@
+"""What a certificate would state, page by page, before anybody signs."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from nicegui import run
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.job_panel import problem_note
+
+if TYPE_CHECKING:
+    from torquebench.panel.pages.calibrate.page import CalibratePage
+
+__all__ = ["CertificatePreview"]
+
+
+class CertificatePreview:
+    """A button, and below it the pages of a draft.
+
+    Parameters
+    ----------
+    page : CalibratePage
+    asked : callable
+        Returns languages, tolerance and model as they are chosen now.
+    """
+
+    def __init__(self, page: CalibratePage, asked: Callable[[], Mapping[str, Any]]) -> None:
+        self._page, self._asked = page, asked
+
+    def build(self) -> None:
+        """Make the button."""
+        with box("div", "line"):
+            button(self._page.text("certificate.preview"), self._show, picture="preview")
+        self._place = box("div", "stack")
+
+    async def _show(self) -> None:
+        """Set the draft beside everything else, and show its pages."""
+        text, service = self._page.text, self._page.visitor.service
+        number = self._page.workflow.calibration_id
+        assert number is not None
+        self._place.clear()
+        try:
+            asked = dict(self._asked())
+            pages = await run.io_bound(service.certificate_preview, number, **asked)
+        except ValueError:
+            pages, problem = [], text("verify.tolerance_wrong")
+            with self._place:
+                words("p", problem, "bad-text", role="alert")
+            return
+        except TorquebenchError as error:
+            with self._place:
+                problem_note(text, error)
+            return
+        with self._place, box("div", "certificate-pages"):
+            for place, content in enumerate(pages, start=1):
+                data = base64.b64encode(content).decode()
+                label = text("certificate.page", number=place, of=len(pages))
+                box("img", src=f"data:image/png;base64,{data}", alt=label)
