@@ -10,7 +10,13 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
-from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
+from torquebench.cli.options import (
+    CSV_ENDINGS,
+    DEFAULT_DATA,
+    DataOption,
+    check_output,
+    data_directory,
+)
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
 
@@ -44,7 +50,7 @@ def compare(
 
     check_reports(report or [])
     if result is not None:
-        check_output(result)
+        check_output(result, endings=CSV_ENDINGS)
     numbers = [_number(name) for name in (first, second)]
 
     from torquebench.campaign.calibration_comparison import compare_calibrations

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from torquebench.cli.console import answer, note, say, say_file, warn
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output_folder, data_directory
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -100,6 +100,8 @@ def certificate(
 
         from torquebench.reports.certificate import build_record, issue_certificate
 
+        if out is not None:
+            check_output_folder(out)
         judged = tolerance if conformity else None
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
         unrefused = replace(issue, refuse_unreviewed=issue.refuse_unreviewed and not checked_by)

@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -26,6 +27,7 @@ __all__ = [
     "answer",
     "answer_line",
     "begin_output",
+    "claim_file",
     "is_json",
     "is_quiet",
     "leave_standard_output",
@@ -53,6 +55,7 @@ class _Output:
     json: bool = False
     quiet: bool = False
     standard_output_is_a_file: bool = False
+    written: set[Path] = field(default_factory=set)
     answer: dict[str, Any] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     error: dict[str, str] | None = None
@@ -125,13 +128,33 @@ def leave_standard_output() -> None:
     Raises
     ------
     InputError
-        Where `--json` writes to standard output, too.
+        Where `--json` or another file of the command goes there, too.
     """
     if _output.json:
         raise InputError(
             "a file and --json for standard output", "one of both", "name a file with --out"
         )
+    if _output.standard_output_is_a_file:
+        raise InputError(
+            "two files for standard output", "one", "name another file for one of them"
+        )
     _output.standard_output_is_a_file = True
+
+
+def claim_file(path: Path) -> None:
+    """Note that the command writes a file, so that it doesn't write another into its place.
+
+    Raises
+    ------
+    InputError
+        Where the command writes this one already.
+    """
+    target = path.resolve()
+    if target in _output.written:
+        raise InputError(
+            f"{path} twice", "two different files", "name another file for one of them"
+        )
+    _output.written.add(target)
 
 
 def out() -> Console:
@@ -159,7 +182,8 @@ def say(text: str) -> None:
 
 def say_file(title: str, path: object) -> None:
     """Print where a file was written, and add it to the answer's `files`."""
-    named = f"{title}: {path}" if title else str(path)
+    shown = "standard output" if str(path) == "-" else path
+    named = f"{title}: {shown}" if title else str(shown)
     out().print(named, markup=False, soft_wrap=not title)
     answer(files=[str(path)])
 

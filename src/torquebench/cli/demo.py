@@ -47,7 +47,7 @@ def demo(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer points and groups: takes a few seconds.")
     ] = False,
-    report: Annotated[Path, typer.Option("--out", help="The HTML report to write.")] = Path(
+    report: Annotated[Path, typer.Option("--out", help="The report (.html, .pdf).")] = Path(
         "torquebench-demo.html"
     ),
     bench: BenchOption = None,
@@ -60,9 +60,9 @@ def demo(
     verified in ten groups of 50 fresh points against the standard and the twin's true torque, and
     the no-load friction of the simulated standard reducer is swept three times.
     """
-    from torquebench.cli.options import check_output
+    from torquebench.cli.reducer_tables import check_reports
 
-    check_output(report)
+    check_reports([report])
     description = _description(bench, seed, preset)
     with simulators_running(description, bench) as started:
         if started:
@@ -136,9 +136,9 @@ def _write_report(path: Path, result: DemoResult) -> None:
     with TerminalProgress() as progress:
         progress.start("Writing the report", 1)
         from torquebench.reports.demo_report import demo_page
-        from torquebench.reports.page import write_page
+        from torquebench.reports.page_pdf import write_report
 
-        write_page(demo_page(result), path)
+        write_report(demo_page(result), path)
         progress.reach(1)
 
 

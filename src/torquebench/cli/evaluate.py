@@ -19,6 +19,7 @@ from torquebench.cli.options import (
     ColumnOption,
     DataOption,
     RangeOption,
+    check_kept,
     check_output,
 )
 from torquebench.cli.reducer_tables import check_reports
@@ -125,7 +126,9 @@ def static(
     chosen = load_profile(profile)
     check_reports(report or [])
     if result is not None:
-        check_output(result, data)
+        check_output(result, data, endings=(".json",))
+    if register:
+        check_kept(data)
     if performed is not None:
         from torquebench.validation import refuse_future
 

@@ -49,7 +49,7 @@ def dynamics(
     chain. Runs begin at rest and have one even rate. Data that can't identify a parameter are
     refused with what would. `apply --dynamics` uses the file.
     """
-    check_output(result, *runs, *([] if empty is None else [empty]))
+    check_output(result, *runs, *([] if empty is None else [empty]), endings=(".json",))
     from torquebench.campaign.dynamics import identify_dynamics, save_dynamics
 
     found = identify_dynamics(

@@ -9,7 +9,12 @@ import typer
 
 from torquebench.cli.console import answer, say, warn
 from torquebench.cli.console import out as results
-from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    DataOption,
+    check_output_folder,
+    data_directory,
+)
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,6 +37,7 @@ def export(
     from torquebench.records import Registry
     from torquebench.reports.export import export_run
 
+    check_output_folder(out)
     with Registry.open(data_directory(data)) as registry:
         exported = export_run(registry, find_run(registry, run), out)
     for remark in exported.remarks:

@@ -11,6 +11,7 @@ import typer
 from torquebench.cli.console import answer, say, say_file
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
+from torquebench.errors import InputError
 
 __all__ = ["register"]
 
@@ -41,8 +42,13 @@ def export_data(
     run: Annotated[str, typer.Argument(help="A run's id or its beginning, or `latest`.")],
     out: Annotated[Path, typer.Option(help="File to write.")],
     file_format: Annotated[
-        Format, typer.Option("--format", help="TDMS, MDF4 and HDF5 need the extra of their name.")
-    ] = Format.csv,
+        Format | None,
+        typer.Option(
+            "--format",
+            help="By the file's ending where it isn't given, else CSV. TDMS, MDF4 and HDF5 need "
+            "the extra of their name.",
+        ),
+    ] = None,
     stream: Annotated[
         StreamName, typer.Option(help="Torque, angle, speed, temperature; or every edge.")
     ] = StreamName.samples,
@@ -52,10 +58,31 @@ def export_data(
     from torquebench.records import Registry, RunFolder
     from torquebench.records.stream_export import export_streams
 
+    chosen = _format(out, file_format)
     check_output(out)
     with Registry.open(data_directory(data)) as registry:
         folder = RunFolder.open(find_run(registry, run).folder)
-    export_streams(folder, out, file_format.value, stream.value)
-    say(f"{stream.value} of {folder.run_id} as {file_format.value}")
-    say_file("", out)
-    answer(run=folder.run_id, stream=stream, format=file_format)
+    export_streams(folder, out, chosen.value, stream.value)
+    say(f"{stream.value} of {folder.run_id} as {chosen.value}")
+    say_file("File", out)
+    answer(run=folder.run_id, stream=stream, format=chosen)
+
+
+def _format(out: Path, wanted: Format | None) -> Format:
+    """Return the format to write, as asked for or by the file's ending.
+
+    Raises
+    ------
+    InputError
+        Where the ending names another one.
+    """
+    from torquebench.records.table_formats import format_of
+
+    named = format_of(out) if out.suffix else ""
+    if (named and named != (wanted or named)) or named not in ("", *Format):
+        raise InputError(
+            f"{out.name} for {wanted or named}",
+            "an ending of the format: .csv, .parquet, .h5, .tdms, .mf4",
+            "choose such an ending, or the --format that it names",
+        )
+    return wanted or Format(named or "csv")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.console import answer, narrow_table, out, say, say_file
-from torquebench.cli.options import HELP_MARKUP, check_output
+from torquebench.cli.options import HELP_MARKUP
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -128,8 +128,6 @@ def supports(
 def _checked(reports: list[Path] | None) -> list[Path]:
     from torquebench.cli.reducer_tables import check_reports
 
-    for path in reports or []:
-        check_output(path)
     check_reports(reports or [])
     return reports or []
 

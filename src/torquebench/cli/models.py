@@ -74,7 +74,7 @@ def fit(
         "model.json"
     ),
     report: Annotated[
-        Path | None, typer.Option(help="The HTML report; without it beside the model file.")
+        Path | None, typer.Option(help="The report (.html, .pdf); without it beside the model.")
     ] = None,
     one_direction: Annotated[
         bool,
@@ -120,14 +120,15 @@ def fit(
     Points that contradict each other end with 1, and the model file says so.
     """
     from torquebench.calibration import load_profile
+    from torquebench.cli.reducer_tables import check_reports
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv, read_empty_run
     from torquebench.records.tables import maps_one
 
-    check_output(result, *data, *(empty or ()))
+    check_output(result, *data, *(empty or ()), endings=(".json",))
     page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
     if page is not None:
-        check_output(page, *data, result, *(empty or ()))
+        check_reports([page])
     if model is not None:
         check_kind(model)
     parameters = model_parameters(model or DEFAULT_KIND, parameter)
@@ -161,7 +162,7 @@ def fit(
     from torquebench.cli.tables import effects_table
     from torquebench.compensation import RECOMMENDED
     from torquebench.reports.fit_report import fit_page
-    from torquebench.reports.page import write_page
+    from torquebench.reports.page_pdf import write_report
 
     points = joined_tables(tables)
     off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
@@ -198,7 +199,7 @@ def fit(
     )
     say_file("Model", result)
     if page is not None:
-        write_page(fit_page(fitted), page)
+        write_report(fit_page(fitted), page)
         say_file("Report", page)
     if fitted.contradictions:
         write_contradictions(
@@ -334,12 +335,12 @@ def apply(
             progress=progress,
         )
     simulated = " (simulated)" if done.simulated else ""
-    say(f"{done.rows} readings compensated{simulated}, written to {result}")
+    say(f"{done.rows} readings compensated{simulated}")
     say(
         f"additional torque {done.lowest_nm:.4g} to {done.highest_nm:.4g} N·m, "
         f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
-    say_file("", result)
+    say_file("Torque", result)
     answer(
         rows=done.rows,
         simulated=done.simulated,

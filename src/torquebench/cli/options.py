@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from torquebench.atomic_write import is_standard_output
-from torquebench.cli.console import leave_standard_output
+from torquebench.cli.console import claim_file, leave_standard_output
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CLOCK_TOLERANCE_PPM",
+    "CSV_ENDINGS",
     "AcceptCounterOption",
     "BenchOption",
     "ClockToleranceOption",
@@ -28,7 +30,9 @@ __all__ = [
     "WithoutOption",
     "accepted_counter",
     "bench_description",
+    "check_kept",
     "check_output",
+    "check_output_folder",
     "data_directory",
     "has_registry",
 ]
@@ -37,6 +41,7 @@ HELP_MARKUP: Literal["markdown"] = "markdown"
 """How help is set: paragraphs flow at the terminal's width. As Rich's own markup, lines would end
 where they do in the code, and what stands in square brackets would be taken for a style."""
 DEFAULT_DATA = Path("torquebench-data")
+CSV_ENDINGS = (".csv", ".txt", ".tsv")
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server; see `records.REGISTRY_URL`."""
 REGISTRY_FILE = "registry.sqlite"
@@ -141,7 +146,7 @@ def has_registry(path: Path) -> bool:
     return bool(os.environ.get(REGISTRY_URL)) or (path / REGISTRY_FILE).is_file()
 
 
-def check_output(path: Path, *inputs: Path) -> Path:
+def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path:
     """Refuse an output file that can't be written, before any work is done for it.
 
     Parameters
@@ -150,18 +155,25 @@ def check_output(path: Path, *inputs: Path) -> Path:
         The file that will be written; where it is standard output, results are printed to
         standard error.
     *inputs : pathlib.Path
-        Other files of the command, which must not be overwritten by it.
+        Files that the command reads, which must not be overwritten by it; ``-`` is standard input.
+    endings : sequence of str, optional
+        Of the format that is written: an ending that names another format is refused.
 
     Raises
     ------
     InputError
-        Where its folder doesn't exist, it is a folder, or it is one of the inputs.
+        Where its folder doesn't exist, it is a folder, it is one of the inputs or another output,
+        or its name promises another format.
     """
-    if is_standard_output(path):
-        if any(is_standard_output(other) for other in inputs):
+    if endings:
+        from torquebench.records.table_formats import ENDINGS
+
+        known = {*ENDINGS, ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(endings)
+        if path.suffix.lower() in known:
             raise InputError(
-                "two files for standard output", "one", "name another file for one of them"
+                path.name, f"a file that ends in {' or '.join(endings)}", "choose such an ending"
             )
+    if is_standard_output(path):
         leave_standard_output()
         return path
     if path.is_dir():
@@ -175,4 +187,34 @@ def check_output(path: Path, *inputs: Path) -> Path:
             raise InputError(
                 f"{path} is both input and output", "two different files", "name another --out"
             )
+    if path.is_file() or not path.exists():
+        claim_file(path)
+    return path
+
+
+def check_kept(path: Path) -> None:
+    """Refuse a table that can't be read twice, where the result keeps it or its hash.
+
+    Raises
+    ------
+    InputError
+        Where it is standard input or a pipe.
+    """
+    if str(path) == "-" or (path.exists() and not path.is_file()):
+        raise InputError(
+            "a table from standard input or a pipe", "a file: it is kept", "save it as a file first"
+        )
+
+
+def check_output_folder(path: Path) -> Path:
+    """Refuse a folder for output that isn't one, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        Where it is standard output, a file or a device.
+    """
+    if is_standard_output(path) or (path.exists() and not path.is_dir()):
+        what = "standard output" if is_standard_output(path) else f"{path}, a file"
+        raise InputError(f"several files for {what}", "a folder", "name a folder")
     return path

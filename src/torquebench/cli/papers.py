@@ -11,7 +11,8 @@ import typer
 
 from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
-from torquebench.cli.options import RealTimeOption, bench_description, check_output
+from torquebench.cli.options import RealTimeOption, bench_description, check_output_folder
+from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -112,11 +113,9 @@ def make_page(
     real_time: bool = False,
 ) -> Page:
     """Do what the command does, and return the page; arguments are its options."""
-    from torquebench.reports.page_pdf import check_suffix
-
-    for path in reports:
-        check_suffix(path)
-        check_output(path)
+    check_reports(reports)
+    if save is not None:
+        check_output_folder(save)
     if bench is not None and data is not None:
         raise InputError("--bench and --data", "one of both", "measure, or take what was measured")
     if data is not None and (save is not None or reducer is not None or mounting):

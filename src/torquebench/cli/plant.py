@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,7 +12,13 @@ from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, note, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import DEFAULT_DATA, HELP_MARKUP, DataOption, data_directory
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    HELP_MARKUP,
+    DataOption,
+    check_output,
+    data_directory,
+)
 from torquebench.cli.progress import TerminalProgress
 from torquebench.errors import InputError
 
@@ -38,10 +45,15 @@ PlantOption = Annotated[
 LONGEST_PAUSE_S = 60.0
 
 
-def opened(url: str) -> Plant:
-    """Open the plant's registry that a command names."""
+def opened(url: str, written: Path | None = None) -> Plant:
+    """Open the plant's registry that a command names, after a check of the file that it writes."""
     from torquebench.plant import Plant
 
+    if written is not None:
+        from torquebench.records.table_formats import check_written
+
+        check_written(written)
+        check_output(written)
     return Plant.open(_named(url))
 
 

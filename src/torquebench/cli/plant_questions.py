@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
-from torquebench.cli.console import answer, narrow_table, note, out, say, warn
+from torquebench.cli.console import answer, narrow_table, note, out, say, say_file, warn
 from torquebench.cli.plant import PlantOption, app, opened
 from torquebench.errors import InputError
 
@@ -66,8 +66,7 @@ def show(found: Answer, path: Path | None) -> None:
         say(said)
     if path is not None:
         found.write(path)
-        answer(files=[str(path)])
-        say(f"written: {path}")
+        say_file("Table", path)
 
 
 _HEADINGS = {
@@ -131,7 +130,7 @@ def due(
     """List what is to be calibrated and where: transducers, and standards by their certificates."""
     from torquebench.plant import due as asked
 
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         show(asked(found, within), out_file)
 
 
@@ -157,7 +156,7 @@ def drift(
 
     if (serial is None) == (kind is None):
         raise InputError("a serial number and --kind, or neither", "one of them")
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         if kind is not None:
             show(drift_of_kind(found, kind), out_file)
         else:
@@ -178,7 +177,7 @@ def specimens(
     """List what the specimens of a type were found to have, over time; one row a specimen."""
     from torquebench.plant import specimens as asked
 
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
         show(asked(found, wanted), out_file)
 
@@ -205,7 +204,7 @@ def capability(
     """
     from torquebench.plant import capability as asked
 
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
         show(asked(found, wanted, lower=lower, upper=upper, level=level), out_file)
 
@@ -231,7 +230,7 @@ def charts(
     """Control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
     from torquebench.plant import charts as asked
 
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
         show(asked(found, wanted, base=base, weight=weight, width=width), out_file)
 
@@ -250,7 +249,7 @@ def outliers(
     """Show what stands out of a type: benches, batches and single specimens."""
     from torquebench.plant import outliers as asked
 
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
         show(asked(found, wanted), out_file)
 
@@ -272,7 +271,7 @@ def compare(
     from torquebench.cli.failure import CHECK_FAILED
     from torquebench.plant import compare as asked
 
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         compared = asked(found, serial, quantity, reference=reference)
     show(compared, out_file)
     differing = [row["bench"] for row in compared.rows() if row["verdict"] != "agrees"]
@@ -316,7 +315,7 @@ def reevaluate(
     from torquebench.plant.reevaluating import KINDS
 
     name = label or __version__
-    with opened(plant) as found:
+    with opened(plant, out_file) as found:
         with TerminalProgress() as progress:
             done = again(
                 found,

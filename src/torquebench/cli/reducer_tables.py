@@ -11,8 +11,7 @@ from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, out, say_file, stderr_console
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import check_output
-from torquebench.errors import InputError
+from torquebench.cli.options import check_kept, check_output, check_output_folder
 
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
@@ -152,8 +151,8 @@ def _write(
     from torquebench.campaign.reducers.results import plain_budget
     from torquebench.records import json_text
 
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output} is a file", "a folder", "name another --output")
+    check_output_folder(output)
+    check_kept(data)
     output.mkdir(parents=True, exist_ok=True)
     content = {
         "test": test,

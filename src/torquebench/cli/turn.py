@@ -21,6 +21,7 @@ from torquebench.cli.console import (
 )
 from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.options import (
+    CSV_ENDINGS,
     DEFAULT_DATA,
     BenchOption,
     DataOption,
@@ -86,7 +87,7 @@ def turn(
         _dry_run(description, side, chosen)
         return
     if not resume:
-        check_output(result)
+        check_output(result, endings=CSV_ENDINGS)
     _confirm(description, side, chosen, yes)
     _run(description, side, chosen, result, data, (resume, not no_wait, yes, real_time))
 

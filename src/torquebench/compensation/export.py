@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from torquebench.atomic_write import is_standard_output
 from torquebench.compensation.export_csv import export_csv
 from torquebench.compensation.export_header import export_header
 from torquebench.compensation.export_onnx import export_onnx
@@ -33,7 +34,7 @@ def check_export(path: Path, *, decimal_comma: bool = False) -> None:
     InputError
         With another ending than those of `EXPORTS`, or a decimal comma elsewhere than in CSV.
     """
-    ending = path.suffix.lower()
+    ending = _ending(path)
     if ending not in EXPORTS:
         raise InputError(
             f"export to {path.name}", ", ".join(sorted(EXPORTS)), "choose one of these endings"
@@ -79,4 +80,9 @@ def export_table(
     check_export(target, decimal_comma=decimal_comma)
     if decimal_comma:
         return export_csv(target, table, provenance, decimal_comma=True)
-    return EXPORTS[target.suffix.lower()](target, table, provenance)
+    return EXPORTS[_ending(target)](target, table, provenance)
+
+
+def _ending(path: Path) -> str:
+    """Return which format a name stands for; standard output takes CSV."""
+    return ".csv" if is_standard_output(path) else path.suffix.lower()

@@ -3,6 +3,7 @@
 import codecs
 import csv
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,20 +132,21 @@ class CsvTable:
 
 
 def read_csv(path: Path) -> CsvTable:
-    """Return the table in a CSV file.
+    """Return the table in a CSV file; ``-`` is standard input.
 
     Raises
     ------
     InputError
         Where the file can't be read or isn't a table.
     """
+    origin = "standard input" if str(path) == "-" else str(path)
     try:
-        content = path.read_bytes()
+        content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
     except OSError as error:
         raise InputError(
             f"can't read {path}: {error.strerror}", "a CSV file that exists and may be read"
         ) from error
-    return parse_csv(decode_csv(content, str(path)), str(path))
+    return parse_csv(decode_csv(content, origin), origin)
 
 
 def decode_csv(content: bytes, origin: str) -> str:

@@ -1,0 +1,121 @@
+"""Standard output, endings and folders of every command that writes files."""
+
+import csv
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.system.command_line import run
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STANDARD = ("--reference-uncertainty", "0.02", "--resolution", "0.01")
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fitted")
+    for name in ("calibration", "verification", "readings"):
+        shutil.copy(EXAMPLES / f"{name}-output.csv", folder / f"{name}.csv")
+    words = ("fit", "calibration.csv", "--model", "polynomial-2", "--out", "model.json")
+    done = run(*words, "--report", "fit.pdf", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture
+def tables(fitted: Path, tmp_path: Path) -> Path:
+    shutil.copytree(fitted, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+def test_a_fit_report_is_what_its_name_says(tables: Path) -> None:
+    assert (tables / "fit.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def test_standard_input_to_standard_output(tables: Path) -> None:
+    words = [sys.executable, "-m", "torquebench", "apply", "model.json", "-", "--out", "-"]
+    with (tables / "readings.csv").open("rb") as readings:
+        applied = subprocess.run(words, stdin=readings, capture_output=True, cwd=tables, check=True)
+    rows = [line for line in applied.stdout.decode().splitlines() if not line.startswith("#")]
+    assert len(list(csv.DictReader(io.StringIO("\n".join(rows))))) == 24
+    words = [sys.executable, "-m", "torquebench", "fit", "-", "--model", "polynomial-1"]
+    with (tables / "calibration.csv").open("rb") as points:
+        fitted = subprocess.run(
+            [*words, "--out", "-"], stdin=points, capture_output=True, cwd=tables, check=True
+        )
+    assert json.loads(fitted.stdout)["format"] == "torquebench-model"
+    assert not (tables / "-").exists()
+
+
+def test_a_table_for_other_programs_goes_to_standard_output(tables: Path) -> None:
+    exported = run("export", "model.json", "--out", "-", cwd=tables)
+    assert exported.returncode == 0, exported.stderr
+    assert "reading" in exported.stdout
+    assert "intervals" not in exported.stdout
+    assert "intervals" in exported.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", "calibration.csv", "--out", "model.parquet"),
+        ("fit", "calibration.csv", "--out", "m.json", "--report", "report.csv"),
+        ("evaluate", "static", "calibration.csv", *STANDARD, "--out", "result.csv"),
+        ("turn", "output", "--out", "run.parquet"),
+        ("records", "compare", "1", "2", "--out", "steps.parquet"),
+        ("records", "export-data", "latest", "--out", "samples.xlsx"),
+        ("records", "export-data", "latest", "--format", "csv", "--out", "samples.parquet"),
+        ("plant", "due", "--plant", "postgresql://nowhere/nothing", "--out", "due.xlsx"),
+    ],
+)
+def test_an_ending_that_promises_another_format_is_refused(
+    words: tuple[str, ...], tables: Path
+) -> None:
+    before = sorted(tables.iterdir())
+    refused = run(*words, cwd=tables)
+    assert refused.returncode == 2, refused.stdout
+    assert words[-1] in refused.stderr
+    assert "ends in" in refused.stderr or "ending" in refused.stderr
+    assert sorted(tables.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fit", "calibration.csv", "--out", "-", "--report", "-"),
+        ("evaluate", "static", "calibration.csv", *STANDARD, "--out", "-", "--report", "-"),
+        ("verify", "model.json", "verification.csv", "--report", "-", "--report", "/dev/stdout"),
+        ("verify", "model.json", "verification.csv", "--report", "a.html", "--report", "./a.html"),
+    ],
+)
+def test_two_files_in_one_place_are_refused(words: tuple[str, ...], tables: Path) -> None:
+    refused = run(*words, cwd=tables)
+    assert refused.returncode == 2, refused.stdout
+    assert "two different files" in refused.stderr or "two files" in refused.stderr
+    assert refused.stdout == ""
+    assert not (tables / "a.html").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("records", "export", "latest", "--out", "-"),
+        ("certificate", "latest", "--out", "-"),
+        ("papers", "--out", "page.html", "--save", "-"),
+    ],
+)
+def test_a_folder_is_no_standard_output(words: tuple[str, ...], tables: Path) -> None:
+    refused = run(*words, cwd=tables)
+    assert refused.returncode == 2, refused.stdout
+    assert "a folder" in refused.stderr
+    assert not (tables / "-").exists()
+
+
+def test_a_table_that_is_kept_is_no_pipe(tables: Path) -> None:
+    refused = run("evaluate", "static", "-", *STANDARD, "--register", cwd=tables)
+    assert refused.returncode == 2
+    assert "a file: it is kept" in refused.stderr
