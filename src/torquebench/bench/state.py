@@ -92,13 +92,23 @@ class SideCommands:
         self.enabled_wall_s = time.monotonic()
         self.enabled = True
 
-    def at_zero(self, time_s: float, ramp_s: float = 0.0, told_s: float | None = None) -> None:
-        """Note that torque and speed were told to go to zero, and within which time."""
-        told_s = time_s if told_s is None else told_s
+    def ask_zero(self, time_s: float, ramp_s: float) -> SetPoint:
+        """Note that the drive is about to be told to go to zero, and within which time."""
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
-        controls = self.set_point.quantity
-        self.set_point = SetPoint(controls, within_s=ramp_s, asked_s=time_s, told_s=told_s)
+        self.set_point = SetPoint(
+            self.set_point.quantity, within_s=ramp_s, asked_s=time_s, told_s=math.inf
+        )
+        return self.set_point
+
+    def told_zero(self, asked: SetPoint, time_s: float) -> None:
+        """Note that the drive has been told, unless it was asked for something else since."""
+        if self.set_point is asked:
+            self.set_point = replace(asked, told_s=time_s)
+
+    def at_zero(self, time_s: float) -> None:
+        """Note that the drive is at zero torque and speed."""
+        self.told_zero(self.ask_zero(time_s, 0.0), time_s)
 
     def off(self, time_s: float) -> None:
         """Note that the drive has no power."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,8 @@ class _Course:
 
     def go_on(self, point: SetPoint, stop_s: float, found: float, late_s: float) -> None:
         """Go on to a time, towards a set point that may be obeyed late."""
-        if point is not self._point:
+        asked = replace(point, told_s=math.inf)  # being told doesn't begin the ramp anew
+        if asked != self._point:
             if point.quantity != self._point.quantity:
                 self._value = 0.0
                 self._before = deque([(stop_s, found), (stop_s, 0.0)])
@@ -53,7 +55,7 @@ class _Course:
             apart = abs(point.value - self._value)
             slowest = apart / point.within_s if point.within_s > 0.0 else math.inf
             self._rate = min(point.rate, slowest)
-            self._point = point
+            self._point = asked
         apart = point.value - self._value
         way = self._rate * (stop_s - self._time_s) if apart else 0.0
         self._value = point.value if abs(apart) <= way else self._value + math.copysign(way, apart)

@@ -581,9 +581,10 @@ class SafetySupervisor:
 
     def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
         """Tell a drive to go to zero torque and speed, and disable one that can't."""
+        commands = self._commands.side(side)
+        asked = commands.ask_zero(self._clock.now(), ramp_s)  # the drive may move at once
         self._workers[side].ramp_to_zero(ramp_s)
-        clock = self._clock
-        self._commands.side(side).at_zero(clock.now(), ramp_s, clock.present())
+        commands.told_zero(asked, self._clock.present())
 
     def disable(self) -> None:
         """Take the power off both drives at the end of something; watch that it goes.

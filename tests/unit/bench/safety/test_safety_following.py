@@ -170,3 +170,37 @@ def test_a_drive_that_was_off_begins_anew() -> None:
     assert {read.block(0.0) for _ in range(5)} == {""}
     read.commands.output.on()
     assert {read.block(0.0) for _ in range(40)} == {""}
+
+
+def test_a_drive_going_to_zero_is_expected_there_before_it_has_answered(bench: LowBench) -> None:
+    """Whoever watches is faster than a drive that answers late: a wrong "command not followed"."""
+    bench.load_output(900.0)
+    bench.clock.wait(1.0)
+    drive, seen = bench.drivers.drives["output"], []
+    told = drive.ramp_to_zero
+
+    def slowly(duration_s: float) -> None:
+        told(duration_s)
+        seen.append(bench.commands.output.set_point)
+
+    drive.ramp_to_zero = slowly  # type: ignore[method-assign]
+    lasts_s = bench.supervisor.unload(["output"])
+    (meanwhile,) = seen
+    assert (meanwhile.value, meanwhile.told_s) == (0.0, np.inf)
+    assert bench.commands.output.set_point == replace(
+        meanwhile, told_s=bench.commands.output.set_point.told_s
+    )
+    bench.clock.wait(lasts_s + 1.0)
+    assert bench.supervisor.alarm is None
+
+
+@given(late_s=st.floats(0.0, 0.2), ramp_s=st.floats(0.2, 2.0))
+@settings(max_examples=30)
+def test_being_told_later_does_not_begin_the_ramp_anew(late_s: float, ramp_s: float) -> None:
+    commands = CommandState().output
+    asked = commands.ask_zero(1.0, ramp_s)
+    commands.told_zero(asked, 1.0 + late_s)
+    assert commands.set_point == replace(asked, told_s=1.0 + late_s)
+    other = commands.ask_zero(2.0, ramp_s)
+    commands.told_zero(asked, 3.0)
+    assert commands.set_point is other
