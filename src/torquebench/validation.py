@@ -18,7 +18,15 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from torquebench.errors import InputError
 
-__all__ = ["ConflictError", "as_input_error", "parse_toml", "refuse_future", "validated"]
+__all__ = [
+    "ConflictError",
+    "allowed_at",
+    "as_input_error",
+    "faults_of",
+    "parse_toml",
+    "refuse_future",
+    "validated",
+]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -58,6 +66,28 @@ def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Mod
         return model.model_validate(dict(values))
     except ValidationError as error:
         raise as_input_error(error.errors(include_url=False), source, model) from error
+
+
+def faults_of(
+    model: type[BaseModel], values: Mapping[str, Any], source: str
+) -> dict[str, InputError]:
+    """Return what is wrong with every value, by its dotted key; nothing where all are right."""
+    try:
+        model.model_validate(dict(values))
+    except ValidationError as error:
+        found = {}
+        for detail in error.errors(include_url=False):
+            key, said, allowed, remedy = _explain(model, detail)
+            found[key] = InputError(f"{source}: {key} {said}".replace("  ", " "), allowed, remedy)
+        return found
+    return {}
+
+
+def allowed_at(model: type[BaseModel], key: str) -> str:
+    """Return in words what a dotted key of a document may hold; empty where that is any text."""
+    field = _field_at(model, key.split("."))
+    allowed = _allowed(field) if field else ""
+    return "" if allowed.startswith("a section") else allowed
 
 
 def as_input_error(

@@ -3,6 +3,8 @@
 import signal
 import time
 from collections.abc import Iterator
+from datetime import datetime
+from zoneinfo import ZoneInfo
 
 import httpx
 import pytest
@@ -110,7 +112,10 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     entry = person.driver.find_element(By.CSS_SELECTOR, "[data-key='output.limits.torque_nm']")
     entry.send_keys(Keys.CONTROL, "a")
     entry.send_keys("many")
-    person.sees("output.limits.torque_nm")
+    field = entry.find_element(By.XPATH, "ancestor::div[contains(@class, 'field')]")
+    person.wait(lambda: "Allowed: a number, above 0" in field.text, "an answer beside the field")
+    assert "a number, above 0 to 1e+06 N·m · output.limits.torque_nm" in field.text
+    person.sees("Values that can't be: 1.")
     assert not person.driver.find_element(
         By.XPATH, "//button[contains(., 'Apply these changes')]"
     ).is_enabled()
@@ -125,6 +130,64 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.press("Undo")
     person.sees("takes back change")
     assert person.problems() == []
+
+
+def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -> None:
+    driver = person.driver
+    driver.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": "Asia/Tokyo"})
+    driver.execute_cdp_cmd("Emulation.setLocaleOverride", {"locale": "de-DE"})
+    try:
+        person.open("/settings")
+        person.press("Tokens")
+        person.fill("Program", "logger")
+        person.press("Make a token")
+        person.sees("it isn't shown again")
+        token = driver.find_element(By.TAG_NAME, "code").text
+        bench = f"{person.panel.url}/api/v1/bench"
+        headers = {"Authorization": f"Bearer {token}"}
+        assert httpx.get(bench, headers=headers).status_code == 200
+        person.press("Revoke")
+        person.sees("from now on and for good")
+        driver.find_element(By.CSS_SELECTOR, ".sheet .danger").click()
+        person.sees("No program has a token.")
+        assert httpx.get(bench, headers=headers).status_code == 401
+        person.press("Log")
+        person.sees("revoked a client")
+        person.wait(lambda: driver.execute_script("return !!document.querySelector('time').title"),
+                    "a local time")  # fmt: skip
+        local, utc = driver.execute_script(
+            "const time = document.querySelector('time'); return [time.textContent, time.dateTime];"
+        )
+        at = datetime.fromisoformat(utc).astimezone(ZoneInfo("Asia/Tokyo"))
+        assert local == f"{at:%d.%m.%Y, %H:%M}"
+        assert person.axe() == person.problems() == []
+    finally:
+        driver.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": ""})
+        driver.execute_cdp_cmd("Emulation.setLocaleOverride", {})
+
+
+def test_a_page_is_printed_without_buttons_and_with_its_charts(person: Visitor) -> None:
+    driver = person.driver
+    person.open("/calibrate")
+    person.sees("What would happen")
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    person.size(688, 990)  # of A4 within its margins
+    try:
+        hidden = ("button", ".rail", ".bar")
+        shown = (
+            "return [...document.querySelectorAll(arguments[0])]"
+            ".filter((each) => each.offsetHeight).length"
+        )
+        for each in hidden:
+            assert driver.execute_script(shown, each) == 0
+        width, height = driver.execute_script(
+            "const box = document.querySelector('.chart canvas').getBoundingClientRect();"
+            "return [box.width, box.height];"
+        )
+        assert 400.0 < width <= 688.0
+        assert height > 100.0
+    finally:
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
 @pytest.mark.parametrize("path", [*PATHS, "/sign-in"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from inspect import iscoroutine
 from typing import Any
 
@@ -14,6 +15,7 @@ __all__ = [
     "box",
     "empty",
     "icon",
+    "moment",
     "note",
     "on_press",
     "pairs",
@@ -53,6 +55,17 @@ def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
 def words(tag: str, text: str, classes: str = "", **attributes: Any) -> Any:
     """Make an element of text."""
     return _dress(Words(tag, text), classes, attributes)
+
+
+def moment(at: datetime, *, seconds: bool = False) -> Any:
+    """Say when: the browser turns it into the reader's clock and way of writing (`panel.js`)."""
+    utc = at.astimezone(UTC)
+    said = f"{utc:%Y-%m-%d %H:%M:%S}" if seconds else f"{utc:%Y-%m-%d %H:%M}"
+    stamp = f"{utc:%Y-%m-%dT%H:%M:%SZ}"
+    made = words("time", f"{said} UTC", "number", datetime=stamp)
+    if seconds:
+        made.props["data-seconds"] = "1"
+    return made
 
 
 def on_press(element: Any, action: Callable[[], Any]) -> None:
@@ -154,7 +167,7 @@ def scrolling(label: str) -> Any:
 def table(
     caption: str,
     columns: Sequence[tuple[str, bool]],
-    rows: Sequence[Sequence[str]],
+    rows: Sequence[Sequence[str | datetime]],
     *,
     best: int | None = None,
     on_row: Callable[[int], Any] | None = None,
@@ -168,7 +181,7 @@ def table(
     caption : str
     columns : sequence of (str, bool)
         Heading, and whether the column holds numbers.
-    rows : sequence of sequence of str
+    rows : sequence of sequence of str or datetime.datetime
     best : int, optional
         Row to set off.
     on_row : callable, optional
@@ -194,9 +207,13 @@ def table(
                     if place in chosen:
                         line.props["aria-selected"] = "true"
                     for (_, numbers), value in zip(columns, row, strict=True):
-                        words("td", value, "number" if numbers else "")
+                        if isinstance(value, datetime):
+                            with box("td"):
+                                moment(value)
+                        else:
+                            words("td", value, "number" if numbers else "")
                     if on_row is not None:
-                        _row_button(open_label, row[0], place, on_row)
+                        _row_button(open_label, str(row[0]), place, on_row)
     return frame
 
 

@@ -5,7 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    moment,
+    note,
+    panel,
+    table,
+    tag,
+    words,
+)
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView
@@ -71,7 +80,7 @@ class _AlarmsPage:
         with note(text.core(alarm.found), kind, title=title), box("div", "stack"):
             with box("div", "line small"):
                 tag(text(f"alarms.{alarm.level}"), kind)
-                words("span", f"{alarm.raised:%Y-%m-%d %H:%M:%S}", "number")
+                moment(alarm.raised, seconds=True)
                 words("span", text("alarms.source", source=text.core(alarm.source)))
             if alarm.allowed:
                 words("p", text("alarms.allowed", allowed=text.core(alarm.allowed)))
@@ -86,7 +95,7 @@ class _AlarmsPage:
             return
         rows = [
             (
-                f"{alarm.raised:%Y-%m-%d %H:%M:%S}",
+                alarm.raised,
                 text.maybe(f"alarm.{_key(alarm)}", alarm.kind),
                 text.core(alarm.found),
                 text("alarms.by", who=alarm.acknowledged_by)

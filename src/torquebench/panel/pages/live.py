@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any
 
 from nicegui import ui
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.fitting import model_title
-from torquebench.panel.components.elements import box, panel, tag, words
+from torquebench.panel.components.elements import box, moment, panel, tag, words
 from torquebench.panel.pages.effects import EffectsTable
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live_chart import LiveChart
@@ -62,7 +63,7 @@ class _Tile:
                     words("span", before)
                     self.places[f"{side}_share"] = (words("span", "—"), 1)
                     words("span", after)
-            self._about = words("div", "", "small muted")
+            self._about = box("div", "small muted")
             self._fault = words("div", "", "bad-text")
         self.places["torque"] = (self._value, DECIMALS[side])
 
@@ -95,10 +96,11 @@ class _Tile:
                 tag(text("live.stale"), "bad", "history_toggle_off")
             if state is None:
                 tag(text("live.uncompensated"), "warn", "warning")
-                self._about.set_text(text.core(side.compensation_problem))
+                self._about.clear()
+                with self._about:
+                    words("span", text.core(side.compensation_problem))
                 return
             kind = text.maybe(f"model.{state.kind}", model_title(state.kind))
-            made = text("live.made", made=f"{state.made:%Y-%m-%d %H:%M}")
             if state.valid:
                 tag(text("live.compensated_by", kind=kind, number=state.model_id), "good", "check")
                 until = (
@@ -106,10 +108,17 @@ class _Tile:
                     if state.due
                     else text("live.valid_always")
                 )
-                self._about.set_text(f"{made}, {until}; {side.transducer_serial}")
+                self._tell(state.made, f", {until}; {side.transducer_serial}")
             else:
                 tag(text("live.expired", due=str(state.due)), "bad", "event_busy")
-                self._about.set_text(made)
+                self._tell(state.made)
+
+    def _tell(self, made: datetime, more: str = "") -> None:
+        self._about.clear()
+        with self._about:
+            words("span", f"{self._text('live.made')} ")
+            moment(made)
+            words("span", more)
 
 
 class _LivePage:

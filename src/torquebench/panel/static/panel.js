@@ -76,6 +76,18 @@
     saveTable(`${name}.csv`, chartTable(chart.getOption()));
   });
 
+  // Moments by the reader's clock and way of writing; the title keeps UTC.
+  setInterval(() => {
+    for (const time of document.querySelectorAll("time[datetime]")) {
+      if (time.shownFor === time.dateTime && time.textContent === time.shown) continue;
+      const timeStyle = time.dataset.seconds ? "medium" : "short";
+      time.shownFor = time.dateTime;
+      time.shown = new Date(time.dateTime).toLocaleString(undefined, { dateStyle: "medium", timeStyle });
+      time.textContent = time.shown;
+      time.title = time.dateTime.replace("T", " ").replace("Z", " UTC");
+    }
+  }, 250);
+
   function say(place, text) {
     const region = document.getElementById(place);
     if (!region) return;

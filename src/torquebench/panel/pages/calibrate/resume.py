@@ -9,7 +9,7 @@ from nicegui import ui
 
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask, sheet
-from torquebench.panel.components.elements import box, note, words
+from torquebench.panel.components.elements import box, moment, note, words
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView
@@ -77,11 +77,13 @@ def interrupted_note(visitor: Visitor) -> None:
     said = text(
         "resume.found",
         side=text(f"side.{found.side}"),
-        when=f"{found.interrupted:%Y-%m-%d %H:%M}",
         points=found.points,
         total=found.total,
     )
     with note(said, "warn", title=text("resume.title")):
+        with box("p"):
+            words("span", f"{text('resume.last')} ")
+            moment(found.interrupted)
         resume_button(visitor, found)
 
 

@@ -86,7 +86,7 @@ class _Runs:
             doubt_notes(text, (*page.doubts, *(each for run in page.runs for each in run.doubts)))
             rows = [
                 (
-                    f"{run.started:%Y-%m-%d %H:%M}",
+                    run.started,
                     run_title(text, run.kind),
                     run.operator,
                     text.maybe(f"records.status_{run.status}", run.status),
@@ -170,7 +170,7 @@ class _Calibrations:
             rows = [
                 (
                     str(each.calibration_id),
-                    f"{each.performed:%Y-%m-%d %H:%M}",
+                    each.performed,
                     each.transducer_serial,
                     each.profile,
                     str(each.points),

@@ -100,6 +100,7 @@ class SettingEditor:
         self._visitor, self._text, self._item = visitor, visitor.text, item
         self._on_change, self._on_copy, self._new = on_change, on_copy, new
         self._before = flat(item.document)
+        self._fields: dict[str, Field] = {}
         self._leaves = dict(self._before)
         role = SECTIONS[item.section].role
         self._editable = visitor.has_role(role) and not item.builtin
@@ -121,7 +122,7 @@ class SettingEditor:
             for group, keys in self._groups().items():
                 with box("details", open_=group in OPEN_GROUPS or item.section != "bench"):
                     words("summary", group_title(text, group))
-                    with box("div", "columns"):
+                    with box("div", "columns settings-fields"):
                         for key in keys:
                             self._field(key)
             self._pending = box("div", "stack", role="status")
@@ -157,11 +158,13 @@ class SettingEditor:
     def _field(self, key: str) -> None:
         value = self._before[key]
         options = {"true": "true", "false": "false"} if isinstance(value, bool) else None
-        Field(
+        allowed = self._visitor.service.settings.allowed(self._item.section, key)
+        said = f"{self._text.core(allowed)} · {key}" if allowed else key
+        self._fields[key] = Field(
             setting_title(self._text, key),
             shown(value),
             unit=unit_of(key),
-            hint=key,
+            hint=said,
             options=options,
             disabled=not self._editable or (key == "name" and self._item.section == "profiles"),
             on_change=lambda said: self._typed(key, said),
@@ -185,17 +188,38 @@ class SettingEditor:
         item = self._item
         settings = self._visitor.service.settings
         good = False
+        beside = self._answer_beside()
         with self._pending:
             try:
                 found = settings.preview(item.section, item.name, nested(self._leaves))
             except TorquebenchError as error:
-                problem_note(self._text, error)
+                if beside:
+                    note(self._text("settings.wrong_fields", count=beside), "bad", live=True)
+                else:
+                    problem_note(self._text, error)
             else:
                 good = bool(found.differences)
                 if good:
                     words("h3", self._text("settings.differences"))
                     change_lines(self._text, found.differences)
         set_disabled(self._apply, not good)
+
+    def _answer_beside(self) -> int:
+        """Say beside every field what is wrong with its value; return how many there are."""
+        item, text = self._item, self._text
+        faults = self._visitor.service.settings.faults(
+            item.section, item.name, nested(self._leaves)
+        )
+        wrong = 0
+        for key, field in self._fields.items():
+            fault = next(
+                (each for at, each in faults.items() if at == key or at.startswith(f"{key}.")), None
+            )
+            wrong += fault is not None
+            allowed = text.core(fault.allowed) if fault is not None else ""
+            said = text("alarms.allowed", allowed=allowed) if allowed else ""
+            field.wrong("" if fault is None else said or text.core(fault.found))
+        return wrong
 
     def _change(self) -> None:
         visitor, item = self._visitor, self._item

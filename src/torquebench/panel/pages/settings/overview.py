@@ -13,6 +13,7 @@ from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import (
     box,
     empty,
+    moment,
     note,
     panel,
     table,
@@ -23,6 +24,8 @@ from torquebench.panel.components.elements import (
 from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.settings.editor import SettingEditor, change_lines
+from torquebench.panel.pages.settings.log import LogView
+from torquebench.panel.pages.settings.tokens import TokensView
 from torquebench.panel.pages.users import UsersView
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, SettingsChange, SettingsItem, read_upload
@@ -179,7 +182,9 @@ class _History:
             with box("div", "spread"):
                 with box("div", "line"):
                     words("h3", f"{change.number}. {change.section}: {change.name}")
-                    words("span", f"{change.who}, {change.at:%Y-%m-%d %H:%M}", "muted")
+                    words("span", change.who, "muted")
+                    if change.at is not None:
+                        moment(change.at)
                     if change.undone_by is not None:
                         tag(text("settings.undone_by", number=change.undone_by))
                     if change.undoes is not None:
@@ -212,6 +217,12 @@ def settings_page(visitor: Visitor) -> None:
         "profiles": lambda: _Documents(visitor, "profiles").build(),
         "reducers": lambda: _Documents(visitor, "reducers").build(),
         "users": lambda: UsersView(visitor).build(),
+        **(
+            {"tokens": lambda: TokensView(visitor).build()}
+            if visitor.has_role("administrator")
+            else {}
+        ),
+        **({"log": lambda: LogView(visitor).build()} if visitor.has_role("metrologist") else {}),
         "history": lambda: _History(visitor).build(),
     }
     with frame(visitor, "settings"):

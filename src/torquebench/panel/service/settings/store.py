@@ -39,7 +39,7 @@ from torquebench.panel.service.settings.documents import (
 from torquebench.panel.service.store import PanelStore, changes, note, utc_text
 from torquebench.records import json_text
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
-from torquebench.validation import validated
+from torquebench.validation import allowed_at, faults_of, validated
 
 __all__ = ["SettingsStore"]
 
@@ -165,6 +165,15 @@ class SettingsStore:
         return SettingsChange(
             0, None, "", section, name, "", differences(before, after), reopens=section == BENCH
         )
+
+    def faults(self, section: str, name: str, document: Mapping[str, Any]) -> dict[str, InputError]:
+        """Return what is wrong with single values of a document, by their dotted keys."""
+        found = find_section(section)
+        return faults_of(found.model, document, f"{section} {name}")
+
+    def allowed(self, section: str, key: str) -> str:
+        """Return in words what a value may be: its range with unit, or its choices."""
+        return allowed_at(find_section(section).model, key)
 
     def change(
         self,
