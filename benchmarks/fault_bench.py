@@ -83,7 +83,7 @@ class FaultyBench:
         return not any(state.enabled or state.torque_nm or state.speed_rad_s for state in states)
 
     def tick(self) -> None:
-        """Break what is due, or look whether both drives are off; before every block."""
+        """Break what is due, or check whether both drives are off; before every block."""
         now = self.bench.twin.time_s
         on = self.bench.drives[self.side].state().enabled
         self.on_blocks = self.on_blocks + 1 if on else 0

@@ -2,7 +2,7 @@
 
 Source: J. Verhoeven, Anti-Backlash-Cycloidal-Actuator (CC BY-SA 4.0), positions 1, 5 and 6 after
 run-in: play 2.501°, compliance 0.076 and 0.089 °/(N·m). The torque is that of the motor's current
-and saturates near ±25 N·m where ±40 N·m were asked for.
+and saturates near ±25 N·m where ±40 N·m were requested.
 """
 
 import gzip

@@ -99,7 +99,7 @@ def test_reversibility_of_the_chain(data):
         range_nm=RANGE_NM,
         nominal_nm=data.nominal_nm,
     )
-    with pytest.raises(InputError, match=r"the step 40 N·m of series 1 .* 5\.1 % off"):
+    with pytest.raises(InputError, match=r"the step 40 N·m of series 1 .* deviation 5\.1 %"):
         loading_series(joined, 1)
     torque, series = loading_series(joined, 1, tolerance_percent=None)
     result = evaluate_static(

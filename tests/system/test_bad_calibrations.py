@@ -92,7 +92,7 @@ def drifting(data: CalibrationData) -> CalibrationData:
 def test_a_good_calibration_gets_its_certificate(command: Command) -> None:
     code, said = enter(command, good(), "staircase")
     assert code == 0, said
-    assert "kept: no departure from the profile" in said
+    assert "kept: no deviation from the profile" in said
     code, said = certificate(command)
     assert code == 0, said
 
@@ -103,8 +103,8 @@ def test_a_good_calibration_gets_its_certificate(command: Command) -> None:
         ("staircase", without_series, "positions[0].series[1]", "no series clockwise", True),
         ("reversing", without_series, "positions[0].series[0]", "no series through both", True),
         ("adaptive", without_series, "positions[0].series[0]", "no series counter-clock", True),
-        ("staircase", step_off, "loading.step_tolerance_percent", "0.6 % off", True),
-        ("reversing", step_off, "loading.step_tolerance_percent", "0.6 % off", True),
+        ("staircase", step_off, "loading.step_tolerance_percent", "deviation 0.6 %", True),
+        ("reversing", step_off, "loading.step_tolerance_percent", "deviation 0.6 %", True),
         ("staircase", zero_off, "zero.return_limit_percent", "to 5 N·m, 0.25 % of full", True),
         ("rapid-in-situ", zero_off, "zero.return_limit_percent", "to 5 N·m, 0.25 % of", False),
         ("staircase", drifting, "environment.temperature_drift_k", "drifted by 1.4 K", False),
@@ -134,12 +134,12 @@ def test_every_departure_is_named_with_its_clause(
 def test_who_measured_and_who_signs_are_people_of_the_laboratory(command: Command) -> None:
     code, said = enter(command, good(), measured_by="Somebody")
     assert code == 2
-    assert "'Somebody', who is nobody of the laboratory allowed one of A. Kim, A. Boss" in said
+    assert "'Somebody', who isn't a person of the laboratory allowed one of A. Kim, A. Boss" in said
     assert not list(Path("data").glob("runs/*"))
     assert enter(command, good(), measured_by="a. kim")[0] == 0
     code, said = command("certificate", "calibration-1", "--authorised-by", "Somebody else")
     assert code == 2
-    assert "authorised by 'Somebody else', who is nobody of the laboratory" in said
+    assert "authorised by 'Somebody else', who isn't a person of the laboratory" in said
     code, said = certificate(command)
     assert code == 0, said
 

@@ -137,7 +137,7 @@ def test_a_part_of_the_range_is_calibrated_and_nothing_above_it_is_loaded(tmp_pa
     calibrated = run(*part, "--repeats", 1, "--data", "data", "--report", "cal.html", cwd=tmp_path)
     assert calibrated.returncode == 0, calibrated.stderr
     assert "In use: model-" in calibrated.stdout
-    assert "of what was asked for" in calibrated.stdout
+    assert "of the target torques" in calibrated.stdout
     report = (tmp_path / "cal.html").read_text()
     assert "Calibration of the output module" in report
     assert "Loading accuracy" in report
@@ -150,7 +150,7 @@ def test_a_part_of_the_range_is_calibrated_and_nothing_above_it_is_loaded(tmp_pa
         "test", "hysteresis", "--reducer", "rv-40e", "--short", "--data", "data", cwd=tmp_path
     )
     assert loaded.returncode == 2
-    assert "model-1, which was calibrated to" in " ".join(loaded.stderr.split())
+    assert "model-1, which was calibrated up to" in " ".join(loaded.stderr.split())
     for wrong in (("both", 60), ("output", 601), ("output", 0)):
         side, torque = wrong
         refused = run(

@@ -145,7 +145,7 @@ main()
 
 
 @pytest.mark.parametrize(
-    ("command", "words"), [("measure", "opening"), ("doctor", "looking at what is installed")]
+    ("command", "words"), [("measure", "opening"), ("doctor", "checking the installation")]
 )
 def test_what_takes_seconds_says_first_what_it_does(
     tmp_path: Path, command: str, words: str

@@ -73,7 +73,7 @@ def test_a_budget_says_what_contributes_and_whether_monte_carlo_agrees(
     text = " ".join(result.stdout.split())
     for word in (
         "scatter", "static curve", "reference standard", "temperature of span", "zero", "drift",
-        "k = 2.00", "U = ", "not in U, nothing is recorded of it: counter, ",
+        "k = 2.00", "U = ", "not in U, because no record exists: counter, ",
     ):  # fmt: skip
         assert word in text
     assert text.count("GUM and Monte Carlo") == 2

@@ -204,7 +204,7 @@ def test_a_column_of_demanded_speeds_shows_a_drive_at_its_end(tmp_path: Path, te
     found = evaluate(test, data)
     assert found.exit_code == 0, found.output
     assert "drive saturation" in found.output
-    assert "1200 rpm were asked for and 1000 rpm reached" in " ".join(found.output.split())
+    assert "1200 rpm were requested and 1000 rpm reached" in " ".join(found.output.split())
 
 
 def test_german_tables_with_decimal_commas_semicolons_and_units_are_read(tmp_path: Path) -> None:

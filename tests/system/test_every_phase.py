@@ -121,7 +121,7 @@ def test_a_calibration_that_ended_before_its_first_point_is_named_and_discarded(
     for command in (("records", "list", "runs"), ("doctor",)):
         said = run(*command, "--data", "data", cwd=tmp_path)
         words = " ".join((said.stdout + said.stderr).split())
-        assert f"go on with `torquebench calibrate --resume {folder.name}`" in words, command
+        assert f"resume it with `torquebench calibrate --resume {folder.name}`" in words, command
         assert f"`records discard {folder.name}`" in words
     done = run(
         *("records", "discard", "latest", "--reason", "the disk was full", "--by", "Ana"),

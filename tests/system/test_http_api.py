@@ -211,7 +211,7 @@ def test_from_calibration_to_certificate(
     assert olga.delete("/command").status_code == 204
     asked = {"password": PASSWORD, "tolerance_percent_fs": 0.5}
     refused = _done(chief, chief.post(f"/calibrations/{number}/certificate", json=asked))
-    assert "nobody else has checked it before it went into use" in refused["problem"]["found"]
+    assert "no second person checked it before it was put into use" in refused["problem"]["found"]
     assert chief.post(signed, json={"password": PASSWORD}).status_code == 204
     assert chief.post(f"/models/{model}/activate", json={}).status_code == 204
     assert chief.get("/bench").json()["sides"][1]["compensation"]["model_id"] == model

@@ -213,7 +213,7 @@ def test_what_happens_is_told_to_whoever_listens(server: Server, admin: httpx.Cl
             ended = await other.wait(job["job_id"])
             assert "a noise" in ended["problem"]["found"]
             (alarm,) = await other.get("/alarms", standing=True)
-            with pytest.raises(RefusedError, match="an alarm that came meanwhile"):
+            with pytest.raises(RefusedError, match="an alarm that was raised in the meantime"):
                 await _acknowledged(other, ["not this one"])
             await _acknowledged(other, [alarm["alarm_id"]])
             await asyncio.wait_for(listening, 60.0)
@@ -235,7 +235,7 @@ async def _acknowledged(bench: AsyncClient, alarm_ids: list[str]) -> None:
         try:
             await bench.post("/alarms/acknowledge", alarm_ids=alarm_ids)
         except RefusedError as error:
-            if "came meanwhile" in error.found:
+            if "in the meantime" in error.found:
                 raise
             await asyncio.sleep(0.1)
         else:

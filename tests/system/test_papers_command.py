@@ -48,7 +48,7 @@ def test_a_bench_over_sockets_and_its_recorded_folder_give_the_same_page(tmp_pat
     sections = re.split(r"<h2[^>]*>", first)[2:]
     assert [int(each.partition(".")[0]) for each in sections] == list(range(1, 22))
     for number, section in enumerate(sections, 1):
-        if number != 15:  # the study was left out
+        if number != 15:  # the study was omitted
             assert "<svg" in section or "<table" in section or "<dl" in section, number
         theirs = THEIRS.search(section)
         assert theirs is not None

@@ -33,7 +33,7 @@ def test_whoever_goes_away_finds_the_bench_without_power(folder: Path) -> None:
     dialogue = [("Press a key to begin.", "x")]
     code, shown = at_terminal(*OPTIONS, "--real-time", cwd=folder, dialogue=dialogue)
     assert code == 1, shown
-    assert f"nobody has confirmed to be at the bench for {PERIOD_S} s" in " ".join(shown.split())
+    assert f"no confirmation of presence at the bench for {PERIOD_S} s" in " ".join(shown.split())
     log = run("records", "audit", "latest", "--alarms", "--data", "data", cwd=folder)
     assert "operator missing" in log.stdout
 

@@ -51,7 +51,7 @@ def reading(data: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
         (("records", "show", "run-2"), "intact"),
         (("records", "show", "calibration-1"), "model-1"),
         (("records", "audit"), "torque_nm=800"),
-        (("records", "verify"), "are as they were entered"),
+        (("records", "verify"), "are unchanged"),
     ],
 )
 def test_records_are_read_from_a_read_only_file_system(

@@ -37,7 +37,7 @@ def test_a_full_test_is_measured_judged_kept_and_reported(tmp_path: Path) -> Non
     assert "RV-40E class A1, short test - simulated" in found.stdout
     assert "is not compensated" in " ".join(found.stdout.split())
     assert "Against the data sheet: conditional pass" in found.stdout
-    assert "short test: a first look" in found.stdout
+    assert "short test: a first impression" in found.stdout
     assert widest_line(found.stdout) <= 80
     kept = {
         path.parent.name.split("-test-")[1][:-5]: json.loads(path.read_text(encoding="utf-8"))
@@ -93,7 +93,7 @@ def test_specimens_and_changes_are_compared(tmp_path: Path) -> None:
     change = run(*compare, first, third, "--change", "--report", "page.html", cwd=tmp_path)
     assert change.returncode == 0, change.stderr
     assert "Before and after" in (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "what both runs have in common cancels" in " ".join(change.stdout.split())
+    assert "common errors of both runs cancel" in " ".join(change.stdout.split())
     assert widest_line(change.stdout) <= 80
     for wrong in ((first,), (first, first), (first, third), (first, second, "--change")):
         assert run(*compare, *wrong, cwd=tmp_path).returncode == 2

@@ -267,7 +267,7 @@ def test_the_command_names_damaged_points(
     with Registry.open(data) as registry:
         (entry,) = registry.calibrations()
         assert entry.points == 20
-        named = entry.summary["measured again for damage to the record"]
+        named = entry.summary["measured again because their record was damaged"]
         assert named.startswith("series 1, point 5: 2000 N·m")
 
 

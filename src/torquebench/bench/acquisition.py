@@ -205,7 +205,7 @@ class Acquisition:
                 "acquisition",
                 f"{type(error).__name__}: {error}",
                 "an uninterrupted stream of samples",
-                "check the instrument named and open the bench again",
+                "check the named instrument and open the bench again",
             )
             self._clock.stop(
                 BenchError(f"acquisition has ended: {error}", "", "open the bench again")
@@ -481,7 +481,7 @@ class Acquisition:
         active = self._compensations.get(side)
         if active is None:
             raise ModelMismatchError(
-                f"nothing compensates the {side} side", "an active model", "activate one"
+                f"no active model for the {side} side", "an active model", "activate one"
             )
         with self._release_lock:
             failure = self._release()

@@ -222,7 +222,7 @@ class AuditLog:
             self._size = whole
             if whole < len(content):
                 torn = content[whole:].decode(errors="replace")
-                self._note("torn line cut off", text=torn)
+                self._note("incomplete line removed", text=torn)
         return self._file
 
     def _note(self, event: str, **values: Any) -> None:

@@ -154,7 +154,7 @@ class _Walk:
             self._line(f"{file}, line {number}", line, content[:position])
             position += len(line) + 1
         if torn and file.name != AUDIT_FILE:  # of the one in use the next line is under way
-            self._problem(str(file), "its last line is torn")
+            self._problem(str(file), "its last line is incomplete")
 
     def _line(self, where: str, line: bytes, before: bytes) -> None:
         self.check.lines += 1
@@ -186,7 +186,7 @@ class _Walk:
         if self._damaged or (self._first == 1 and place.previous_sha256 == expected):
             return
         if self._first == 1:
-            self._problem(where, "what is before it isn't what was there")
+            self._problem(where, "the lines before it were changed")
         elif self._older:
             self._problem(self._older, "was changed after it was written")
 

@@ -55,7 +55,7 @@ class ReferenceCertificate:
         if self.torque_nm.size < 2:
             raise InputError(f"certificate with {self.torque_nm.size} points", "at least 2 points")
         if not all(np.isfinite(column).all() for column in columns):
-            raise InputError("certificate with a value that is no number", "finite values")
+            raise InputError("certificate with a value that isn't a number", "finite values")
         indicated = self.torque_nm + self.error_nm
         if (np.diff(self.torque_nm) <= 0).any() or (np.diff(indicated) <= 0).any():
             raise InputError(

@@ -448,7 +448,7 @@ class BenchDescription(_Section):
                 raise ConflictError(
                     f"{key}.serial",
                     repr(serial),
-                    f"a serial number of its own ({holders[serial]} has this one)",
+                    f"a unique serial number ({holders[serial]} has this one)",
                     "a calibration belongs to one transducer: read its name plate",
                 )
             holders[serial] = key

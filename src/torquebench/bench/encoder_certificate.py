@@ -65,7 +65,9 @@ class EncoderCertificate:
                 f"at least {LEAST_POINTS} points of one turn",
             )
         if not all(np.isfinite(column).all() for column in columns):
-            raise InputError("encoder certificate with a value that is no number", "finite values")
+            raise InputError(
+                "encoder certificate with a value that isn't a number", "finite values"
+            )
         if (np.diff(self.angle_rad) <= 0).any() or np.ptp(self.angle_rad) >= TURN * (1 - 1e-9):
             raise InputError(
                 "encoder certificate whose angles don't increase within one turn",

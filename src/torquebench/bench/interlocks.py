@@ -169,9 +169,9 @@ def check_torque(state: BenchState, side: Side, torque_nm: float) -> None:
     limit = state.limits(side).torque_nm
     if not abs(torque_nm) <= limit:
         raise LimitError(
-            f"{torque_nm:g} N·m asked of the {side} drive",
+            f"{torque_nm:g} N·m requested from the {side} drive",
             f"±{limit:g} N·m",
-            f"raise {side}.limits.torque_nm only if the whole chain bears it",
+            f"raise {side}.limits.torque_nm only if the whole chain withstands it",
         )
     if torque_nm != 0.0:
         _check_may_drive(state, side, "torque")
@@ -186,9 +186,9 @@ def check_speed(state: BenchState, side: Side, speed_rad_s: float) -> None:
     limit = state.limits(side).speed_rpm
     if not abs(speed_rad_s) * RPM_PER_RAD_S <= limit * (1.0 + _ROUNDING):
         raise LimitError(
-            f"{speed_rad_s * RPM_PER_RAD_S:g} rpm asked of the {side} drive",
+            f"{speed_rad_s * RPM_PER_RAD_S:g} rpm requested from the {side} drive",
             f"±{limit:g} rpm",
-            f"raise {side}.limits.speed_rpm only if the whole chain bears it",
+            f"raise {side}.limits.speed_rpm only if the whole chain withstands it",
         )
     if speed_rad_s != 0.0:
         _check_may_drive(state, side, "speed")
@@ -208,8 +208,8 @@ def check_enable(state: BenchState, side: Side) -> None:
     if state.absent_s() > 0.0:
         raise InterlockError(
             f"enabling the {side} drive with nobody at the bench",
-            "somebody who has confirmed to be there",
-            "confirm your presence, then go on",
+            "a person who has confirmed their presence",
+            "confirm your presence, then continue",
         )
     state.reading_nm(side)  # a signal fault where the torque is unknown
 
@@ -219,13 +219,13 @@ def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
     mode = state.mode(side)
     if mode != "driven":
         raise InterlockError(
-            f"{what} asked of the {side} side in mode {mode!r}",
+            f"{what} requested from the {side} side in mode {mode!r}",
             "mode 'driven'",
             "change the mode first",
         )
     if not state.enabled(side):
         raise InterlockError(
-            f"{what} asked of the {side} drive, which is off",
+            f"{what} requested from the {side} drive, which is off",
             "an enabled drive",
             "switch its power on first",
         )
@@ -234,7 +234,7 @@ def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
 def _check_clamped(state: BenchState, what: str) -> None:
     if not state.clamped():
         raise InterlockError(
-            f"{what} asked with the clamp open", "a closed clamp", "close the clamp first"
+            f"{what} requested with the clamp open", "a closed clamp", "close the clamp first"
         )
 
 
@@ -281,7 +281,7 @@ def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
     speed = abs(state.speed_rad_s(side)) * RPM_PER_RAD_S
     if speed > safety.standstill_rpm:
         raise InterlockError(
-            f"{side} side turns with {speed:.2f} rpm",
+            f"{side} side turns at {speed:.2f} rpm",
             f"at most {safety.standstill_rpm:g} rpm",
             f"stop the side first to {purpose}",
         )
@@ -300,7 +300,7 @@ def check_mode_change(state: BenchState, side: Side, mode: Mode) -> None:
         raise InterlockError(
             f"mode {mode} of the {side} with its drive on",
             "drive off",
-            "take the power off the drives",
+            "switch the drives off",
         )
 
 
@@ -336,7 +336,7 @@ def check_rail(state: BenchState, position: RailPosition) -> None:
             raise InterlockError(
                 f"moving the guide rail with the {side} drive on",
                 "both drives off",
-                "take the power off the drives",
+                "switch the drives off",
             )
         check_unloaded(state, side, "move the guide rail")
 
@@ -354,7 +354,7 @@ def check_mounting(state: BenchState, mounting: Mounting) -> None:
             raise InterlockError(
                 f"mounting {mounting} with the {side} drive on",
                 "both drives off",
-                "take the power off the drives",
+                "switch the drives off",
             )
 
 

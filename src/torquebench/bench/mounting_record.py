@@ -59,7 +59,7 @@ class MountingRecord(BaseModel):
     @classmethod
     def _no_flag(cls, value: Any) -> Any:
         if isinstance(value, bool):
-            raise ValueError("a value as it was found, not true or false")  # noqa: TRY004 - as above
+            raise ValueError("a measured value, not true or false")  # noqa: TRY004 - as above
         return value
 
     @property

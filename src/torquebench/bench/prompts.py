@@ -85,7 +85,7 @@ class PromptQueue:
         with self._changed:
             if self._pending is not None:
                 raise InterlockError(
-                    "a question to the operator while another one waits", "one after the other"
+                    "a question to the operator while another one is open", "one after the other"
                 )
             prompt = Prompt(next(self._numbers), text)
             self._pending, self._answer = prompt, None
@@ -112,7 +112,7 @@ class PromptQueue:
             return True
 
     def cancel(self, reason: str = "the run") -> None:
-        """Decline the question that waits, if one does."""
+        """Decline the open question, if one does."""
         if self._pending is not None:
             self.answer(self._pending.number, done=False, who=reason)
 

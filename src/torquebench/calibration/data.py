@@ -319,7 +319,7 @@ class CalibrationData:
         --------
         >>> CalibrationData([5.1, 10.2], [5.0, 10.0], [1, 1], [1, 1], 20.0).notes()
         ('only clockwise points: nothing is known of counter-clockwise torque',
-         "only rising series: hysteresis can't be told from the torque's own error",
+         "only rising series: hysteresis can't be separated from an error that depends on torque",
          'points up to 50 % of the range only')
         """
         notes: list[str] = []
@@ -329,20 +329,24 @@ class CalibrationData:
             sign = next(iter(present))
             notes.append(f"only {names[sign]} points: nothing is known of {names[-sign]} torque")
         if not np.any(self.branch < 0):
-            notes.append("only rising series: hysteresis can't be told from the torque's own error")
+            notes.append(
+                "only rising series: hysteresis can't be separated from "
+                "an error that depends on torque"
+            )
         elif np.any(self.branch > 0):
             direction = self.loading_direction()
             for sign in sorted(present):
                 for side, word in ((1, "rising"), (-1, "falling")):
                     if not np.any((direction == sign) & (self.branch == side)):
                         notes.append(
-                            f"no {word} {names[sign]} points: that branch is guessed from the other"
+                            f"no {word} {names[sign]} points: that branch "
+                            "is extrapolated from the other"
                         )
         guessed = self.unloaded & (self.standard_nm != 0.0)
         if self.nominal_nm is None and np.any(guessed):
             notes.append(
                 f"no column nominal_nm: {np.count_nonzero(guessed)} points below "
-                f"{100 * UNLOADED_SHARE:g} % of the range are taken for zeros"
+                f"{100 * UNLOADED_SHARE:g} % of the range are treated as zeros"
             )
         share = float(np.max(np.abs(self.standard_nm))) / self.range_nm
         if share < 0.9:
@@ -543,7 +547,7 @@ def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
     try:
         column = np.array(branch_values(value) if name == "branch" else value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"column {name} holds something else than numbers", "numbers") from error
+        raise InputError(f"column {name} contains values that aren't numbers", "numbers") from error
     if column.shape != (n,):
         raise InputError(f"column {name} has shape {column.shape}", f"{n} values like reading_nm")
     bad = np.flatnonzero(~np.isfinite(column))

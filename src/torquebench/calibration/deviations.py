@@ -82,7 +82,7 @@ class CalibrationRecord:
 
 @dataclass(frozen=True)
 class Deviation:
-    """One departure from a profile.
+    """One deviation from a profile.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class _Expected:
 
 
 def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviation, ...]:
-    """Return every departure of a calibration from its profile, in the profile's order.
+    """Return every deviation of a calibration from its profile, in the profile's order.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
                 "unsettled",
                 "loading.settle_limit_s",
                 f"{record.unsettled} of {len(record.data)} points still drifted",
-                f"settled within {profile.loading.settle_limit_s:g} s more",
+                f"settled within another {profile.loading.settle_limit_s:g} s",
                 "unsettled",
                 count=record.unsettled,
                 points=len(record.data),
@@ -387,14 +387,14 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
     for number in dict.fromkeys(data.series[off > tolerance].tolist()):
         member = np.flatnonzero((data.series == number) & (off > tolerance))
         worst = member[np.argmax(off[member])]
-        more = f" ({member.size - 1} more steps are off)" if member.size > 1 else ""
+        more = f" ({member.size - 1} more steps deviate)" if member.size > 1 else ""
         yield _deviation(
             profile,
             "step_off",
             "loading.step_tolerance_percent",
             f"the step {data.nominal_nm[worst]:.6g} N·m of series {number} was loaded with "
-            f"{data.standard_nm[worst]:.6g} N·m, {off[worst]:.2g} {unit} off{more}",
-            f"at most {tolerance:g} {unit} off",
+            f"{data.standard_nm[worst]:.6g} N·m, deviation {off[worst]:.2g} {unit}{more}",
+            f"a deviation of at most {tolerance:g} {unit}",
             "step_off_range" if of_range else "step_off",
             series=int(number),
             nominal=float(data.nominal_nm[worst]),
@@ -452,8 +452,8 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
                 profile,
                 "expired_reference",
                 "reference.in_date",
-                f"nobody has stated until when the certificate of {name} counts",
-                f"a certificate that counts on {performed.isoformat()}",
+                f"the due date of the certificate of {name} isn't stated",
+                f"a certificate that is valid on {performed.isoformat()}",
                 "reference_unknown",
                 standard=name,
                 day=performed.isoformat(),
@@ -465,7 +465,7 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
             "expired_reference",
             "reference.in_date",
             f"the certificate{number} of {name} expired on {reference.due.isoformat()}",
-            f"a certificate that counts on {performed.isoformat()}",
+            f"a certificate that is valid on {performed.isoformat()}",
             "reference_expired",
             standard=name,
             number=reference.certificate_number or "-",

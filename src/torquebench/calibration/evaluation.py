@@ -202,7 +202,7 @@ class StaticEvaluation:
             found["zero residual"] = self.zero_residual_percent / (2.0 * np.sqrt(3.0)) * ones
         if decreasing:
             if self.reversibility_percent is None:
-                raise InputError("no decreasing series", "one, where decreasing torque is to count")
+                raise InputError("no decreasing series", "one, to include decreasing torque")
             found["reversibility"] = self.reversibility_percent / (2.0 * np.sqrt(3.0))
         return {name: np.abs(values) for name, values in found.items()}
 
@@ -364,7 +364,7 @@ def _check(
             if values.shape != torque.shape or not np.all(np.isfinite(values)):
                 raise InputError(
                     f"series {number} has {name} values {values.tolist()}",
-                    f"{torque.size} finite deflections, one a step",
+                    f"{torque.size} finite deflections, one per step",
                 )
         if not np.all(each.increasing > 0):
             raise InputError(

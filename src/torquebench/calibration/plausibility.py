@@ -227,7 +227,7 @@ def _contradictions(
         left = np.median(np.abs(torque_nm - data.standard_nm)) * 1.4826 / data.range_nm
         yield from _over(
             "model",
-            "the model leaves {found} % of full scale of its own points",
+            "the model's residuals at its own points are {found} % of full scale",
             100.0 * float(left),
             limits.scatter_percent,
             "the points aren't those of one chain, or the kind of model doesn't fit it",
@@ -237,8 +237,9 @@ def _contradictions(
         worst = int(np.nanargmax(np.abs(change)))
         yield from _over(
             "change",
-            f"at {data.standard_nm[worst]:.6g} N·m the torque is {change[worst]:+.4g} N·m off what "
-            "the model in use says, {found} % of full scale",
+            f"at {data.standard_nm[worst]:.6g} N·m the torque differs "
+            f"by {change[worst]:+.4g} N·m from "
+            "the model in use, {found} % of full scale",
             100.0 * abs(float(change[worst])) / data.range_nm,
             limits.change_percent,
             "the chain or the standard has changed since: an overload, another scale or mounting",
@@ -272,7 +273,7 @@ def _signs(data: CalibrationData) -> Iterator[Contradiction]:
             f"from point {first + 1} on (series {data.series[first]}) {apart.size} of "
             f"{np.count_nonzero(loaded)} loaded points have a standard that doesn't follow the "
             "reading, or with the other sign",
-            "one sign and size of reading and standard",
+            "reading and standard of equal sign and similar magnitude",
             "Possible causes: the standard's or the module's sign was swapped, or one of them is "
             "stuck.",
         )
@@ -576,7 +577,7 @@ def _repeats(data: CalibrationData, limits: Plausibility) -> Iterator[Contradict
         "repeated steps scatter by {found} % of full scale over the series",
         100.0 * float(np.sqrt(np.sum(left**2) / freedom)),
         limits.repeat_percent,
-        "a mounting that moves, a zero that wanders or a scale that changes between the series",
+        "a moving mounting, a drifting zero or a changing scale between the series",
     )
 
 
@@ -593,7 +594,7 @@ def _zeros(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
                 f"{data.series[worst]}), {{found}} % of full scale",
                 100.0 * abs(float(column[worst])) / data.range_nm,
                 limits.zero_percent,
-                "a zero has moved, or something is left on the flange",
+                "a zero has moved, or a part was left on the flange",
             )
 
 
@@ -607,7 +608,7 @@ def _spans(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
     for name, span in spans.items():
         yield from _over(
             "span",
-            f"the reading's span is {span:+.3g} % off the standard's, {name}",
+            f"the reading's span differs by {span:+.3g} % from the standard's, {name}",
             abs(span),
             limits.span_percent + more,
             "a wrong scale of the standard or of the module, or the wrong transducer",

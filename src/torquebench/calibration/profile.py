@@ -99,18 +99,18 @@ class Loading(_Settings):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.step_percent is None) == (not self.steps_percent):
-            raise ValueError("give either step_percent or steps_percent, not both and not neither")
+            raise ValueError("give exactly one of step_percent and steps_percent")
         if list(self.steps_percent) != sorted(set(self.steps_percent)):
-            raise ValueError("steps_percent must rise from step to step")
+            raise ValueError("steps_percent must increase from step to step")
         if len(set(self.directions)) != len(self.directions):
-            raise ValueError("directions holds a direction twice")
+            raise ValueError("directions contains a direction twice")
         random = self.pattern == "random"
         if random != (self.groups is not None) or random != (self.points is not None):
-            raise ValueError("groups and points belong to the pattern 'random', and only to it")
+            raise ValueError("groups and points are allowed with the pattern 'random' only")
         if not random and self.same_points:
-            raise ValueError("same_points belongs to the pattern 'random'")
+            raise ValueError("same_points is allowed with the pattern 'random' only")
         if not random and self.up_to_percent is not None:
-            raise ValueError("up_to_percent belongs to the pattern 'random'")
+            raise ValueError("up_to_percent is allowed with the pattern 'random' only")
         return self
 
     def percents(self) -> tuple[float, ...]:
@@ -146,7 +146,7 @@ class Reference(_Settings):
 
 
 class Deviations(_Settings):
-    """What a certificate does with a departure from the profile, by its kind.
+    """What a certificate does with a deviation from the profile, by its kind.
 
     A record that was changed after the fact is always refused: nobody knows what it said.
     """
@@ -373,13 +373,13 @@ class Profile(_Settings):
     ) -> None:
         """Bring the steps and the preload of a dumped profile down to a largest step."""
         if "step_percent" in given:
-            raise InputError("a width of the steps beside a largest torque", "one of both")
+            raise InputError("both a step width and a largest torque", "one of both")
         top = self._top_percent
         if not 0.0 < up_to_percent <= top * (1.0 + 1e-9):
             raise InputError(
                 f"steps up to {up_to_percent:g} % of range",
-                f"above 0 and at most {top:g} %, as the profile {self.name} has them",
-                "take a smaller torque, or a profile that goes further",
+                f"above 0 and at most {top:g} %, the largest step of profile {self.name}",
+                "use a smaller torque, or a profile with larger steps",
             )
         up_to_percent = min(up_to_percent, top)
         if self.loading.pattern == "random":
@@ -594,7 +594,7 @@ def load_profile(name: str | Path) -> Profile:
             raise InputError(
                 f"profile {text!r}",
                 ", ".join(available_profiles()),
-                "give one of these names, or the path of an own .toml file",
+                "give one of these names, or the path of your own .toml file",
             )
         resource = resources.files(__package__) / "profiles" / f"{text}.toml"
         return Profile.from_toml(resource.read_text(encoding="utf-8"), f"{text}.toml")

@@ -147,8 +147,8 @@ def _check_steps(data: CalibrationData, where: NDArray[np.bool_], tolerance_perc
         if off > tolerance_percent:
             raise InputError(
                 f"the step {nominal:.6g} N·m of series {data.series[point]} was loaded with "
-                f"{standard:.6g} N·m, {off:.2g} % off",
-                f"at most {tolerance_percent:g} % off",
+                f"{standard:.6g} N·m, deviation {off:.2g} %",
+                f"a deviation of at most {tolerance_percent:g} %",
                 "load the step again",
             )
 

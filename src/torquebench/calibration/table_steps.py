@@ -28,7 +28,7 @@ class EvaluablePoints:
     of_profile : bool
         Whether those are the profile's steps; otherwise the table's own.
     remarks : tuple of str
-        What was left out, and why.
+        What was omitted, and why.
     """
 
     data: CalibrationData | None

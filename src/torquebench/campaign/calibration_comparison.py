@@ -222,7 +222,7 @@ def _common(before: CalibrationEntry, after: CalibrationEntry) -> tuple[float, f
             + " and ".join(
                 f"{each.valid_nm[0]:g} to {each.valid_nm[1]:g} N·m" for each in (before, after)
             ),
-            "a range that both cover",
+            "a common range",
             "compare calibrations in the same direction",
         )
     return low, high
@@ -272,7 +272,7 @@ def _remarks(
         if abs(reached[1] - reached[0]) > SAME_RANGE * max(reached):
             said.append(
                 f"{direction} the calibrations reach {reached[0]:g} and {reached[1]:g} N·m: only "
-                "what both cover is compared"
+                "the common range is compared"
             )
     for what, one, other in (
         ("reference standard", before.standard_serial, after.standard_serial),

@@ -32,7 +32,7 @@ from torquebench.validation import refuse_future
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
 
 KIND = "calibration-table"
-"""Kind of the run that keeps a table from elsewhere."""
+"""Kind of the run that keeps an external table."""
 
 
 @dataclass(frozen=True)

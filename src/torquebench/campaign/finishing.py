@@ -209,7 +209,7 @@ def finish_run(
         raise InputError(
             f"run {run.run_id} was interrupted",
             "a run that is measured",
-            f"go on with `torquebench calibrate --resume {run.run_id}`",
+            f"resume it with `torquebench calibrate --resume {run.run_id}`",
         )
     folder.verify()
     kind = str(folder.metadata["kind"]).partition("-")[0]
@@ -227,7 +227,7 @@ def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str)
         The registry can't take it.
     """
     if not by.strip() or not reason.strip():
-        raise InputError(f"run {run.run_id} discarded without a reason", "who decides it, and why")
+        raise InputError(f"run {run.run_id} discarded without a reason", "a name and a reason")
     folder = RunFolder.open(run.folder)
     if run.state is RunState.LEFT_OPEN:
         folder.recover()

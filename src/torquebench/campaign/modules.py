@@ -164,7 +164,9 @@ def _summary(measured: Measured[StaircaseResult]) -> dict[str, Any]:
             "measured here from series": known["resumed_at_series"],
         }
         if known["damaged_points"]:
-            summary["measured again for damage to the record"] = "; ".join(known["damaged_points"])
+            summary["measured again because their record was damaged"] = "; ".join(
+                known["damaged_points"]
+            )
     if result.placement is not None:
         summary["placement"] = result.placement.sentence
     return summary

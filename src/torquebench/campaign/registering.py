@@ -43,8 +43,9 @@ def registered_patiently(
         return registry.patiently(register, told=told)
     except (RecordError, InputError, OSError) as error:
         raise RecordError(
-            f"run {run_id} is measured and sealed, but what came of it isn't registered: "
+            f"run {run_id} is measured and sealed, but its result isn't registered: "
             f"{getattr(error, 'found', error)}",
-            "a registry and a disk that take it",
-            f"mend that, then `torquebench records finish {run_id}`: nothing is measured again",
+            "a writable registry and disk",
+            "correct this, then run `torquebench records finish "
+            f"{run_id}`: nothing is measured again",
         ) from error

@@ -195,14 +195,14 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
     later = followers(registry, run)
     if later:
         raise InputError(
-            f"run {run.run_id} was gone on with in run {later[0].run_id}",
-            "a calibration that nothing has gone on with",
-            "go on with the later run, or calibrate again",
+            f"run {run.run_id} was resumed by run {later[0].run_id}",
+            "a calibration that wasn't resumed yet",
+            "resume the later run, or calibrate again",
         )
     if registry.discarded(run.run_id):
         raise InputError(
             f"run {run.run_id} was discarded",
-            "a calibration that nobody has discarded",
+            "a calibration that wasn't discarded",
             "calibrate again",
         )
     return _read(registry, run)
@@ -320,7 +320,7 @@ def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
     if clause is not None and clause.resume == "never":
         raise InputError(
             f"profile {profile.name} after an interruption",
-            "a calibration in one go, as the profile demands",
+            "a calibration without interruption, as the profile requires",
             "calibrate again",
         )
     longest_h = clause.longest_h if clause is not None else 24.0
@@ -347,7 +347,7 @@ def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
             raise ModelMismatchError(
                 f"{what} {here} on this bench, {there} in run {interrupted.run_ids[-1]}",
                 "the same measuring chain and standard",
-                "go on with the chain that it was begun with, or calibrate again",
+                "use the measuring chain with which it was started, or calibrate again",
             )
 
 
@@ -372,9 +372,9 @@ def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
     profile = Profile.model_validate(start["profile"]["settings"])
     if profile.sha256 != start["profile"]["sha256"]:
         raise RecordError(
-            f"the profile of run {run.run_id} has another hash now",
+            f"the profile of run {run.run_id} has a different hash now",
             f"SHA-256 {start['profile']['sha256']}",
-            "go on with the version of torquebench that it was begun with, or calibrate again",
+            "use the version of torquebench that started it, or calibrate again",
         )
     return profile
 

@@ -99,7 +99,7 @@ def standard_reducer(
             raise InputError(
                 f"no standard reducer for {description.name}",
                 "a description with certified friction",
-                "say what is mounted",
+                "name the mounted reducer",
             )
         return StandardReducer(
             "standard reducer of the simulated bench", "of the simulated reducer", brought_along

@@ -218,7 +218,7 @@ def read_begun(
         if table.remarks.get(name) != value:
             raise InputError(
                 f"{path}: {name} = {table.remarks.get(name, 'missing')}",
-                f"{value}, to go on with this run",
+                f"{value}, to resume this run",
                 "give the side and the profile of the interrupted run",
             )
     done, _, total = table.remarks.get("series_done", "0 of 1").partition(" of ")

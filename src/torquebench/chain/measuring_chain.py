@@ -184,7 +184,7 @@ class MeasuringChain:
                 raise InputError(
                     f"{place(row)}: {effect.title}: {refusal.found}",
                     refusal.allowed,
-                    "measure the effect that far, or leave such readings out",
+                    "measure the effect over a larger range, or leave such readings out",
                 )
         before = [effect for effect in self.effects if effect.corrects_reading]
         reading = _sum(before, readings, self.switched_off).value_nm
@@ -199,7 +199,7 @@ class MeasuringChain:
             )
         raise InputError(
             f"{self.curve.title}: the model refuses a reading's speed or temperature",
-            f"the columns {', '.join(self.model.used_features)} where it was calibrated",
+            f"the columns {', '.join(self.model.used_features)} within the calibrated range",
             "give them in the readings' file",
         )
 

@@ -40,7 +40,7 @@ class EffectState:
     name : str
         As in budgets.
     record : str
-        Where its numbers come from.
+        Source of its values.
     contribution_nm : float or None
         What it adds to the torque, N·m; None where it corrects nothing, or has no number.
     uncertainty_nm : float

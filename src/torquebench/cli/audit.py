@@ -40,7 +40,9 @@ def audit(
         str | None,
         typer.Argument(help="A run's id or its beginning, or `latest`; without it the whole log."),
     ] = None,
-    limit: Annotated[int, typer.Option(min=1, help="At most so many lines, the last ones.")] = 40,
+    limit: Annotated[
+        int, typer.Option(min=1, help="Largest number of lines, the newest ones.")
+    ] = 40,
     alarms: Annotated[
         bool, typer.Option("--alarms", help="Only alarms and acknowledgements.")
     ] = False,

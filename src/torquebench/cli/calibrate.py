@@ -60,7 +60,8 @@ def calibrate(
         str, typer.Option(help="A profile's name, or the path of a .toml file.")
     ] = "rapid-in-situ",
     rising_only: Annotated[
-        bool, typer.Option("--rising-only", help="Load rising series only, as the sources do.")
+        bool,
+        typer.Option("--rising-only", help="Load rising series only, as in the source papers."),
     ] = False,
     repeats: Annotated[
         int | None, typer.Option(min=1, help="How often every series is loaded.")
@@ -77,7 +78,7 @@ def calibrate(
         ),
     ] = None,
     points: Annotated[
-        int | None, typer.Option(min=8, help="Most points of an adaptive calibration.")
+        int | None, typer.Option(min=8, help="Largest number of points of an adaptive calibration.")
     ] = None,
     target: Annotated[
         float | None,
@@ -101,14 +102,15 @@ def calibrate(
         str | None,
         typer.Option(
             metavar="RUN",
-            help="Go on with an interrupted calibration: its id, the beginning of it, or `latest`.",
+            help="Resume an interrupted calibration: its id, the beginning of the id, or `latest`.",
         ),
     ] = None,
     report: Annotated[
         list[Path] | None,
         typer.Option(
             "--report",
-            help="Write a report with figures (.html or .pdf), one a module. Repeat it.",
+            help="Write a report with figures (.html or .pdf), one "
+            "for each module. May be repeated.",
         ),
     ] = None,
     yes: Annotated[
@@ -179,7 +181,7 @@ def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> fl
         raise InputError(
             f"up to {torque_nm:g} N·m at both modules",
             "input or output",
-            "calibrate one after the other, each up to what it needs",
+            "calibrate one module after the other, each up to its own torque",
         )
     return 100.0 * torque_nm / description.module(side.chosen[0]).range_nm
 

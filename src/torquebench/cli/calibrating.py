@@ -147,7 +147,7 @@ def report_calibration(finished: FinishedCalibration) -> None:
     for part in error_blocks([(title, rows)]):
         out().print(part)
     if data.loading_accuracy_percent is not None:
-        say(f"loaded within {data.loading_accuracy_percent:.2g} % of range of what was asked for")
+        say(f"loaded within {data.loading_accuracy_percent:.2g} % of range of the target torques")
     if result.placement is not None:
         say(result.placement.sentence)
         out().print(placement_table(result.placement))
@@ -156,7 +156,7 @@ def report_calibration(finished: FinishedCalibration) -> None:
     if fitted.contradictions:
         write_contradictions(
             fitted.contradictions,
-            "find the cause and calibrate again, or decide otherwise on the record: "
+            "find the cause and calibrate again, or override this with a name and a reason: "
             f"torquebench records use model-{entry.model_id} --by NAME --reason WHY",
         )
         say(f"[bold red]Not in use[/bold red]: {named}, which contradicts itself.")
@@ -165,7 +165,7 @@ def report_calibration(finished: FinishedCalibration) -> None:
         say(f"{use}: {named}.")
     say(f"Run: {finished.measured.record.run_id}")
     if result.unsettled:
-        warn(f"{result.unsettled} points still drifted when their waiting time was over")
+        warn(f"{result.unsettled} points still drifted at the end of their waiting time")
     for remark in fitted.remarks:
         warn(remark)
     module = {

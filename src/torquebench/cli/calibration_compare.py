@@ -36,7 +36,9 @@ def compare(
     second: Annotated[str, typer.Argument(help="Another one of the same transducer.")],
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a page with figures (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a page with figures (.html or .pdf). May be repeated."
+        ),
     ] = None,
     result: Annotated[Path | None, typer.Option("--out", help="Write the steps as CSV.")] = None,
     data: DataOption = DEFAULT_DATA,

@@ -16,4 +16,4 @@ def tell_missing(chain: MeasuringChain) -> None:
     """Say which influences U doesn't contain, because nothing is recorded of them."""
     missing = chain.missing()
     if missing:
-        say("not in U, nothing is recorded of it: " + ", ".join(missing))
+        say("not in U, because no record exists: " + ", ".join(missing))

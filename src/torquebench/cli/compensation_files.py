@@ -43,7 +43,7 @@ def export(
         Path, typer.Option("--out", help="The file to write: NAME.csv, NAME.h or NAME.onnx.")
     ],
     decimal_comma: Annotated[
-        bool, typer.Option("--decimal-comma", help="CSV with 1,5 and semicolons.")
+        bool, typer.Option("--decimal-comma", help="CSV with decimal commas and semicolons.")
     ] = False,
     no_uncertainty: Annotated[
         bool, typer.Option("--no-uncertainty", help="Leave the uncertainty out.")
@@ -87,13 +87,13 @@ def export(
     say(f"table's deviation from the model: at most {table.bound_nm:.2g} N·m ({percent:.1g} % FS)")
     if no_uncertainty or not table.curve.branch_aware:
         return
-    say("branch: +1 where the size of the torque grows, -1 where it falls, 0 where unknown")
+    say("branch: +1 if the magnitude of the torque increases, -1 if it decreases, 0 if unknown")
 
 
 def budget(
     model: ModelArgument,
-    reading: Annotated[list[float], typer.Option(help="A reading in N·m; as often as wanted.")],
-    branch: Annotated[Branch, typer.Option(help="Branch that it lies on.")] = Branch.UNKNOWN,
+    reading: Annotated[list[float], typer.Option(help="A reading in N·m; may be repeated.")],
+    branch: Annotated[Branch, typer.Option(help="Branch of the reading.")] = Branch.UNKNOWN,
     reference: Annotated[
         float | None, typer.Option(min=0, help="U (k = 2) of the reference standard, % of range.")
     ] = None,
@@ -119,7 +119,9 @@ def budget(
     zero_age: Annotated[
         float | None, typer.Option(min=0, help="Hours since the zero was taken.")
     ] = None,
-    averaged: Annotated[float, typer.Option(min=1, help="Separate loadings behind it.")] = 1.0,
+    averaged: Annotated[
+        float, typer.Option(min=1, help="Number of separate loadings in the mean.")
+    ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
 ) -> None:
     """Budget the uncertainty of compensated readings by GUM, checked by Monte Carlo.

@@ -44,7 +44,7 @@ LIBRARIES = (
 )
 FREE_DISK_GB = 1.0
 DOING = {
-    "Installed": "looking at what is installed",
+    "Installed": "checking the installation",
     "Configured": "reading the bench description and the records",
     "Reachable": "asking every instrument",
     "Clock": "comparing the counter's clock with the computer's",
@@ -68,7 +68,7 @@ def doctor(
         bool,
         typer.Option(
             "--test-drives",
-            help="Also power each drive at zero torque to see that its stop and watchdog work.",
+            help="Also power each drive at zero torque to test its stop and watchdog.",
         ),
     ] = False,
 ) -> None:
@@ -95,12 +95,12 @@ def doctor(
         _print(title, found)
         findings += found
         if title in NEEDED and any(finding.state == "problem" for finding in found):
-            note(f"what comes after {title!r} was left out")
+            note(f"what comes after {title!r} was omitted")
             break
     problems = sum(finding.state == "problem" for finding in findings)
     answer(findings=findings, problems=problems)
     if problems:
-        say(f"{problems} thing{'s' if problems > 1 else ''} to do before working.")
+        say(f"{problems} problem{'s' if problems > 1 else ''} to solve before you work.")
         raise typer.Exit(CHECK_FAILED)
     say("Ready.")
 

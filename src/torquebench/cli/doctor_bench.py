@@ -183,7 +183,7 @@ def clock(description: BenchDescription, data: Path) -> Iterator[Finding]:
 
 
 def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Open the bench without moving it and look whether its signals are plausible."""
+    """Open the bench without moving it and check whether its signals are plausible."""
     from torquebench.cli.options import has_registry
     from torquebench.station import Station
 
@@ -260,7 +260,7 @@ def _temperatures(station: Station) -> Iterator[Finding]:
 
 
 def _standard(station: Station) -> Iterator[Finding]:
-    """Look whether a standard that states torque itself goes on stating it."""
+    """Check whether a standard that states torque itself goes on stating it."""
     import numpy as np
 
     from torquebench.bench.drivers.base import SIDES
@@ -300,9 +300,9 @@ def _fixture(station: Station) -> Iterator[Finding]:
     drivers = station.drivers
     try:
         modes = ", ".join(f"{side} {drivers.modes.mode(side)}" for side in SIDES)
-        yield Finding("modes", "ok", f"{modes}: see that it is so")
+        yield Finding("modes", "ok", f"{modes}: compare this with the bench")
         clamped = "closed" if drivers.clamp.clamped() else "open"
-        yield Finding("clamp", "ok", f"{clamped}: see that it is so")
+        yield Finding("clamp", "ok", f"{clamped}: compare this with the bench")
     except TorquebenchError as error:
         yield _problem("contacts", error)
 

@@ -26,11 +26,12 @@ def register(app: typer.Typer) -> None:
 def drift(
     serial: Annotated[str, typer.Argument(help="Serial number of the transducer.")],
     tolerance: Annotated[
-        float, typer.Option(min=1e-6, help="How far the span may drift, in % (zero: % of range).")
+        float,
+        typer.Option(min=1e-6, help="Tolerance of the span's drift, in % (zero: % of range)."),
     ] = 0.1,
     base: Annotated[
         int | None,
-        typer.Option(min=3, help="Compute the limits from the first so many values only."),
+        typer.Option(min=3, help="Number of first values from which the limits are computed."),
     ] = None,
     longest_days: Annotated[
         int, typer.Option(min=1, help="Longest time between two calibrations.")

@@ -54,8 +54,8 @@ def register(app: typer.Typer) -> None:
 def add_equipment(
     kind: KindArgument,
     serial: SerialArgument,
-    manufacturer: Annotated[str, typer.Option(help="As on its plate.")] = "",
-    model: Annotated[str, typer.Option(help="As on its plate.")] = "",
+    manufacturer: Annotated[str, typer.Option(help="As on its name plate.")] = "",
+    model: Annotated[str, typer.Option(help="As on its name plate.")] = "",
     range_nm: Annotated[
         float | None, typer.Option("--range", min=1e-6, help="Its full scale in N·m.")
     ] = None,
@@ -79,7 +79,7 @@ def add_certificate(
     uncertainty: Annotated[
         float, typer.Option(min=0, max=10, help="Expanded uncertainty (k = 2), % of its range.")
     ],
-    due: Annotated[datetime, typer.Option(help="Last day on which it counts.")],
+    due: Annotated[datetime, typer.Option(help="Last day of its validity.")],
     laboratory: Annotated[str, typer.Option(help="Who has calibrated it.")] = "",
     performed: Annotated[datetime | None, typer.Option(help="Day of its calibration.")] = None,
     file: Annotated[
@@ -112,8 +112,8 @@ def fit_part(
     kind: KindArgument,
     serial: SerialArgument,
     into_kind: Annotated[Kind, typer.Argument(help="What it is fitted into.")],
-    into_serial: Annotated[str, typer.Argument(help="Serial number or name of that.")],
-    role: Annotated[str, typer.Option(help="What it does there, such as output.transducer.")],
+    into_serial: Annotated[str, typer.Argument(help="Serial number or name of that equipment.")],
+    role: Annotated[str, typer.Option(help="Its role there, such as output.transducer.")],
     by: Annotated[str, typer.Option(help="Who has fitted it.")],
     reason: Annotated[str, typer.Option(help="Why.")] = "",
     data: DataOption = DEFAULT_DATA,
@@ -147,7 +147,7 @@ def adjust(
     after: Annotated[
         list[str] | None, typer.Option(help="name=value as it was left; repeatable.")
     ] = None,
-    checked_by: Annotated[str, typer.Option(help="Who has looked over it.")] = "",
+    checked_by: Annotated[str, typer.Option(help="Person who reviewed it.")] = "",
     performed: Annotated[datetime | None, typer.Option(help="When (UTC); now by default.")] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:

@@ -85,7 +85,7 @@ def static(
     ] = "",
     register: Annotated[
         bool,
-        typer.Option("--register", help="Enter it in the registry, so that it gets a certificate."),
+        typer.Option("--register", help="Register it, so that a certificate can be issued."),
     ] = False,
     transducer: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     manufacturer: Annotated[str, typer.Option(help="Manufacturer of the transducer.")] = "",
@@ -102,15 +102,17 @@ def static(
     ] = None,
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a report with figures (.html or .pdf). May be repeated."
+        ),
     ] = None,
     records: DataOption = DEFAULT_DATA,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
 
-    The table is held against the profile; each departure is named with the clause that it breaks.
+    The table is compared with the profile; each deviation is named with the clause that it breaks.
     A table that lacks series or steps of the profile is evaluated by its own steps. Exit code 1
-    where the profile refuses a certificate because of a departure. With --register, table,
+    where the profile refuses a certificate because of a deviation. With --register, table,
     equipment and circumstances are entered, whatever was found.
     """
     from torquebench.calibration import (
@@ -279,9 +281,9 @@ def _print_heading(points: CalibrationData, profile: Profile) -> None:
 
 def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
     if not deviations:
-        say("kept: no departure from the profile")
+        say("kept: no deviation from the profile")
         return
-    table = narrow_table("Departures from the profile, and what its certificate does")
+    table = narrow_table("Deviations from the profile, and their consequence for the certificate")
     table.show_header = False
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")

@@ -40,7 +40,7 @@ def dynamics(
     ] = None,
     bandwidth: Annotated[
         float | None,
-        typer.Option(min=0, help="Wanted bandwidth, Hz; 3.3 times the chain's own by default."),
+        typer.Option(min=0, help="Desired bandwidth, Hz; 3.3 times the chain's own by default."),
     ] = None,
 ) -> None:
     """Identify resonance, damping and lag of a chain, and design the filter that inverts them.
@@ -62,8 +62,9 @@ def dynamics(
     _print(found)
     if empty is not None and model is None:
         warn(
-            "inertia, stiffness and damping are by uncompensated readings: they are wrong by what "
-            "the chain's curve bends at small torques; give --model"
+            "inertia, stiffness and damping follow from uncompensated "
+            "readings and contain the error "
+            "of the chain's curve at small torques; give --model"
         )
     save_dynamics(result, found)
     say_file("Dynamics", result)
@@ -112,7 +113,7 @@ def _print(found: IdentifiedDynamics) -> None:
             f"{100.0 * max(step.overshoot, 0.0):.2g} %, rise time {1e3 * step.rise_time_s:.3g} ms"
         )
     say(
-        f"the filter takes readings every {1e3 * designed.interval_s:.4g} ms, "
-        f"makes white noise {designed.noise_gain:.3g} times as large and is "
-        f"{1e3 * designed.delay_s:.3g} ms behind the torque"
+        f"the filter needs readings every {1e3 * designed.interval_s:.4g} ms, "
+        f"amplifies white noise by a factor of {designed.noise_gain:.3g} and delays the torque by "
+        f"{1e3 * designed.delay_s:.3g} ms"
     )

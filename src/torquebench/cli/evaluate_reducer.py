@@ -30,13 +30,13 @@ ColumnOption = Annotated[
     list[str] | None,
     typer.Option(
         "--column",
-        help="Which header is which quantity: NAME=Header[unit]; a minus sign before the header "
-        "turns the sign. Repeat it.",
+        help="Assigns a header to a quantity: NAME=Header[unit]; a minus sign before the header "
+        "reverses the sign. May be repeated.",
     ),
 ]
 WhereOption = Annotated[
     list[str] | None,
-    typer.Option("--where", help="Use only rows with Header=value,value. Repeat it."),
+    typer.Option("--where", help="Use only rows with Header=value,value. May be repeated."),
 ]
 ReducerOption = Annotated[
     str | None,
@@ -47,11 +47,11 @@ OutputOption = Annotated[
 ]
 ReportOption = Annotated[
     list[Path] | None,
-    typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+    typer.Option("--report", help="Write a report with figures (.html or .pdf). May be repeated."),
 ]
 RatioOption = Annotated[
     float | None,
-    typer.Option(help="Input turns for one output turn; negative where the output reverses."),
+    typer.Option(help="Input revolutions per output revolution; negative if the output reverses."),
 ]
 TorqueOption = Annotated[
     float, typer.Option(min=0, help="Standard uncertainty of the torque, % of reading.")
@@ -99,7 +99,7 @@ def _ratio(ratio: float | None, described: ReducerDescription | None) -> float:
     if ratio is not None:
         return ratio
     if described is None:
-        raise InputError("no ratio", "--ratio, or --reducer with a description that holds it")
+        raise InputError("no ratio", "--ratio, or --reducer with a description that contains it")
     return described.signed_ratio
 
 
@@ -155,14 +155,14 @@ def hysteresis(
         float, typer.Option(min=0, max=100, help="Gap that counts as closed, % of the width.")
     ] = 5.0,
     bench_compliance: Annotated[
-        float, typer.Option(min=0, help="Twist of the bench itself, arcmin per N·m.")
+        float, typer.Option(min=0, help="Twist of the bench, arcmin per N·m.")
     ] = 0.0,
     compliance_uncertainty: Annotated[
         float, typer.Option(min=0, help="Its standard uncertainty, arcmin per N·m.")
     ] = 0.0,
     flange_inertia: Annotated[
         float | None,
-        typer.Option(min=0, help="Of what turns between transducer and reducer, kg·m²."),
+        typer.Option(min=0, help="Moment of inertia between transducer and reducer, kg·m²."),
     ] = None,
     inertia_uncertainty: Annotated[
         float, typer.Option(min=0, help="Its expanded uncertainty (k = 2), %.")
@@ -170,7 +170,7 @@ def hysteresis(
     torque_uncertainty: TorqueOption = 0.0,
     zero_uncertainty: ZeroOption = 0.0,
     branch_uncertainty: Annotated[
-        float, typer.Option(min=0, help="Standard uncertainty of one branch to the other, N·m.")
+        float, typer.Option(min=0, help="Standard uncertainty between the branches, N·m.")
     ] = 0.0,
     angle_uncertainty: Annotated[
         float, typer.Option(min=0, help="Standard uncertainty of an angle, arcsec.")

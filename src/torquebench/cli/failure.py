@@ -93,8 +93,8 @@ def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
             return UNUSABLE_INPUT
         write_error(
             TorquebenchError(
-                f"an unforeseen {type(error).__name__}: {error}",
-                remedy="run again as `torquebench --debug …` and report what it prints",
+                f"an unexpected {type(error).__name__}: {error}",
+                remedy="run again as `torquebench --debug …` and report its output",
             )
         )
         return CHECK_FAILED

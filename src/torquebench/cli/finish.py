@@ -71,18 +71,20 @@ def finish_and_report(registry: Registry, run: UnfinishedRun) -> None:
 
 def discard(
     run: Annotated[str, typer.Argument(help="A run's id or its beginning, or `latest`.")],
-    reason: Annotated[str, typer.Option(help="Why nothing comes of it.")],
-    by: Annotated[str, typer.Option(help="Who says so; by default whoever is logged in.")] = "",
+    reason: Annotated[str, typer.Option(help="Why the run is discarded.")],
+    by: Annotated[
+        str, typer.Option(help="Person who decides; by default the logged-in user.")
+    ] = "",
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter that nothing comes of an unfinished run. What it measured stays in its folder."""
+    """Close an unfinished run without a result. Its data stay in its folder."""
     from torquebench.campaign.finishing import discard_run, find_unfinished
     from torquebench.campaign.measuring import operator_name
     from torquebench.records import Registry
     from torquebench.station.bench_lock import BenchLock
 
     if not reason.strip():
-        raise InputError("a run discarded without a reason", "why nothing comes of it")
+        raise InputError("a run discarded without a reason", "a reason")
     folder = data_directory(data)
     with BenchLock(None, folder), Registry.open(folder) as registry:
         found = find_unfinished(registry, run)

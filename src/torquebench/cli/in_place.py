@@ -42,7 +42,7 @@ def in_place(
     alone: Annotated[
         Path | None,
         typer.Option(
-            help="The transducer's calibration by itself (a table: reading_nm, standard_nm); "
+            help="A calibration of the transducer alone (a table: reading_nm, standard_nm); "
             "needed on a real bench."
         ),
     ] = None,
@@ -51,12 +51,16 @@ def in_place(
     ] = False,
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a report with a figure (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a report with a figure (.html or .pdf). May be repeated."
+        ),
     ] = None,
     bench: BenchOption = None,
     records: Annotated[
         Path | None,
-        typer.Option(help="Folder of the records; without it those of simulated runs are dropped."),
+        typer.Option(
+            help="Folder of the records; without it, records of simulated runs are discarded."
+        ),
     ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
@@ -66,8 +70,8 @@ def in_place(
     """Calibrate a transducer alone and its chain in place, and show the difference.
 
     The chain is calibrated in place and verified at fresh points. Both calibrations are applied to
-    the same readings: what the chain adds isn't seen by the transducer's own calibration. No model
-    is put into use.
+    the same readings: the transducer's own calibration doesn't contain the chain's additional
+    torque. No model is put into use.
     """
     import dataclasses
 
@@ -97,7 +101,7 @@ def in_place(
     simulated = " - simulated" if description.simulated else ""
     range_nm = measured.calibration.range_nm
     say(f"[bold]{side.capitalize()} module, {range_nm:g} N·m{simulated}[/bold]")
-    say("worst error of fresh readings in the chain, by the calibration that is used:")
+    say("worst error of fresh readings in the chain, by calibration:")
     shown = narrow_table()
     shown.add_column("calibration")
     shown.add_column("% FS", justify="right")

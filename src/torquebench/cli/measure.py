@@ -39,15 +39,15 @@ def measure(
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
     interval: Annotated[
-        float, typer.Option(min=0.1, max=60, help="Seconds of measuring that a line averages.")
+        float, typer.Option(min=0.1, max=60, help="Averaging time of a line, s.")
     ] = 0.5,
     count: Annotated[
-        int | None, typer.Option(min=1, help="End after so many lines; without it by Ctrl-C.")
+        int | None, typer.Option(min=1, help="Number of lines; without it, until Ctrl-C.")
     ] = None,
     accept_counter: AcceptCounterOption = None,
     clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
     zero: Annotated[
-        bool, typer.Option("--zero", help="First take the unloaded bench's reading for zero.")
+        bool, typer.Option("--zero", help="First measure the zero of the unloaded bench.")
     ] = False,
 ) -> None:
     """Show torque ± U (k = 2) of both sides, speed, temperature and compensation, live.

@@ -20,7 +20,7 @@ __all__ = ["register"]
 
 ReportOption = Annotated[
     list[Path] | None,
-    typer.Option("--report", help="Write a page with figures (.html or .pdf). Repeat it."),
+    typer.Option("--report", help="Write a page with figures (.html or .pdf). May be repeated."),
 ]
 DEFAULT_DESIGN = "output"
 

@@ -15,7 +15,7 @@ ParameterOption = Annotated[
     typer.Option(
         "--parameter",
         metavar="NAME=VALUE",
-        help="A parameter of the model. Repeat it. Of published-network: mapping "
+        help="A parameter of the model. May be repeated. Of published-network: mapping "
         "(residual, direct), start (nguyen-widrow, small-uniform), hidden, epochs, "
         "learning_rate, target_error_nm, random_state.",
     ),

@@ -63,7 +63,7 @@ def fit(
     range_nm: RangeOption = None,
     model: Annotated[
         str | None,
-        typer.Option(help="Kind of model; without it `hybrid`, as `calibrate` takes it."),
+        typer.Option(help="Kind of model; `hybrid` by default."),
     ] = None,
     parameter: ParameterOption = None,
     compare: Annotated[
@@ -81,25 +81,25 @@ def fit(
         typer.Option("--one-direction", help="The chain is loaded in one direction only."),
     ] = False,
     outliers: Annotated[
-        Outliers, typer.Option(help="What happens to an outlier, which is named anyway.")
+        Outliers, typer.Option(help="Treatment of outliers, which are always named.")
     ] = Outliers.DOWNWEIGHT,
     empty: Annotated[
         list[Path] | None,
         typer.Option(
             help="A table of an empty run: time_s, reading_nm, speed_rpm, temperature_c. "
-            "Repeat it for runs at other temperatures."
+            "May be repeated, for runs at other temperatures."
         ),
     ] = None,
     without: WithoutOption = None,
     column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
-    counter: Annotated[str, typer.Option(help="Which clock counted the pulses.")] = "",
+    counter: Annotated[str, typer.Option(help="Clock that timed the pulses.")] = "",
     reference: Annotated[
         float | None,
         typer.Option(min=0, help="U (k = 2) of the reference standard, % of range."),
     ] = None,
     profile: Annotated[
-        str, typer.Option(help="The profile that says what points may contradict each other by.")
+        str, typer.Option(help="Profile with the limits of the plausibility checks.")
     ] = "rapid-in-situ",
     accept: Annotated[
         str,
@@ -135,7 +135,7 @@ def fit(
     if bool(accept.strip()) != bool(by.strip()):
         raise InputError(
             "a decision without a name" if accept.strip() else "a name without a decision",
-            "both: who uses the model all the same, and why",
+            "both: the name of the person who uses the model, and the reason",
             "give --accept REASON --by NAME",
         )
     limits = load_profile(profile).plausibility
@@ -206,7 +206,7 @@ def fit(
             fitted.contradictions,
             f"accepted by {by}: {accept}"
             if by
-            else "find the cause and measure again, or decide otherwise on the record: "
+            else "find the cause and measure again, or override this with a name and a reason: "
             "--accept REASON --by NAME",
         )
         if not by:
@@ -258,11 +258,11 @@ def apply(
         float | None, typer.Option(min=0, help="Hours since the zero was taken.")
     ] = None,
     zero_temperature: Annotated[
-        float | None, typer.Option(help="Temperature of the transducer then, °C.")
+        float | None, typer.Option(help="Temperature of the transducer at zeroing, °C.")
     ] = None,
     dynamics: Annotated[
         Path | None,
-        typer.Option(help="A file of `evaluate dynamics`: quick torques, by rows at its rate."),
+        typer.Option(help="A file of `evaluate dynamics`, for quick torques; rows at its rate."),
     ] = None,
     without: WithoutOption = None,
 ) -> None:
@@ -353,7 +353,7 @@ def apply(
     if filtering is not None:
         say(f"each torque belongs to the time of its row less {1e3 * filtering.delay_s:.4g} ms")
     if unmeasured:
-        say(f"not in the file, U contains what it may be: {', '.join(unmeasured)}")
+        say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")
     tell_missing(chain)
 
 
@@ -373,11 +373,13 @@ def verify(
     without: WithoutOption = None,
     others: Annotated[
         list[Path] | None,
-        typer.Option("--with", help="Another model beside it, for comparison. Repeat it."),
+        typer.Option("--with", help="Another model beside it, for comparison. May be repeated."),
     ] = None,
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a report with figures (.html or .pdf). May be repeated."
+        ),
     ] = None,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance.
@@ -546,4 +548,4 @@ def _check_chain(stored: StoredModel, points: CalibrationData) -> None:
                 "take the model of this chain, or calibrate it",
             )
     if points.sha256() == made_with.training_data_sha256:
-        warn("these are the points that the model was fitted to: this verifies nothing")
+        warn("these are the points that the model was fitted to: this is no verification")

@@ -21,7 +21,7 @@ MountingOption = Annotated[
     typer.Option(
         "--mounting",
         metavar="NAME=VALUE",
-        help="What was found at the mounting, for the record, the report and the certificate. "
+        help="Data of the mounting for the record, the report and the certificate. "
         "Repeat it: coaxiality_mm, clamp_pressure_bar, duration_min, lubricant, "
         "lubricant_amount_g, lubricant_hours, by.",
     ),
@@ -61,7 +61,7 @@ def mounting_record(given: list[str] | None) -> MountingRecord | None:
     if record.within_limit is False:
         warn(
             f"coaxiality of {record.coaxiality_mm:g} mm, more than {COAXIALITY_LIMIT_MM:g} mm: "
-            "align the modules, or the record says so"
+            "align the modules; otherwise the record states it"
         )
     return record
 

@@ -63,12 +63,12 @@ ColumnOption = Annotated[
     list[str] | None,
     typer.Option(
         "--column",
-        help="Which header is which quantity, as in reading=Drehmoment[Nm]; a minus sign before "
-        "the header turns the sign. Repeat it.",
+        help="Assigns a header to a quantity, as in reading=Drehmoment[Nm]; a minus sign before "
+        "the header reverses the sign. May be repeated.",
     ),
 ]
 RangeOption = Annotated[
-    float | None, typer.Option("--range", help="Full scale in N·m: what % FS refers to.")
+    float | None, typer.Option("--range", help="Full scale in N·m, the reference of % FS.")
 ]
 WithoutOption = Annotated[
     list[str] | None,
@@ -93,7 +93,7 @@ AcceptCounterOption = Annotated[
 ]
 ClockToleranceOption = Annotated[
     float,
-    typer.Option(min=0.001, max=1000, help="How much the two counters' clocks may differ."),
+    typer.Option(min=0.001, max=1000, help="Largest difference of the two counters' clocks."),
 ]
 CLOCK_TOLERANCE_PPM = 100.0
 
@@ -135,7 +135,7 @@ def data_directory(path: Path) -> Path:
             raise InputError(f"the registry of {path} {lost}", "a registry that has them", WAY_BACK)
         raise InputError(
             f"no records in {path}",
-            "a folder in which torquebench has worked before",
+            "a data directory of torquebench",
             "name it with --data, or run `torquebench demo` or `torquebench calibrate` first",
         )
     return path

@@ -32,18 +32,19 @@ def panel(
     insecure_network: Annotated[
         bool,
         typer.Option(
-            "--insecure-network", help="Allow other machines without TLS: passwords in clear."
+            "--insecure-network",
+            help="Allow other machines without TLS: passwords are sent unencrypted.",
         ),
     ] = False,
     host_name: Annotated[
         list[str] | None,
-        typer.Option(help="A further name that browsers call this machine by; repeatable."),
+        typer.Option(help="A further host name of this machine; may be repeated."),
     ] = None,
     behind_proxy: Annotated[
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="Believe the reverse proxy at this address where its requests come from.",
+            help="Trust the client address stated by the reverse proxy at this address.",
         ),
     ] = "",
     fast: Annotated[
@@ -78,8 +79,8 @@ def panel(
                 say(f"Set up the administrator there with the code {code}")
             if insecure_network and not address.secure:
                 warn(
-                    "without TLS everybody in this network can read passwords and what is "
-                    "measured; it answers to its own addresses and to "
+                    "without TLS everybody in this network can read passwords and measured "
+                    "values; it answers to its own addresses and to "
                     + ", ".join(name for name in address.hosts if name != ANY_ADDRESS)
                 )
             note("Ctrl-C ends it.")

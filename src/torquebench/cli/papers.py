@@ -38,7 +38,9 @@ def register(app: typer.Typer) -> None:
 def papers(
     report: Annotated[
         list[Path] | None,
-        typer.Option("--out", help="The page to write, .html or .pdf; without it both. Repeat it."),
+        typer.Option(
+            "--out", help="The page to write, .html or .pdf; without it both. May be repeated."
+        ),
     ] = None,
     bench: Annotated[
         Path | None,
@@ -46,10 +48,10 @@ def papers(
     ] = None,
     data: Annotated[
         Path | None,
-        typer.Option("--data", help="Take recorded tables from this folder (CSV or TDMS)."),
+        typer.Option("--data", help="Read recorded tables from this folder (CSV or TDMS)."),
     ] = None,
     save: Annotated[
-        Path | None, typer.Option(help="Write what was measured as tables into this folder.")
+        Path | None, typer.Option(help="Write the measured tables into this folder.")
     ] = None,
     reducer: Annotated[
         str | None,
@@ -66,7 +68,9 @@ def papers(
     ] = False,
     records: Annotated[
         Path | None,
-        typer.Option(help="Folder of the records; without it those of simulated runs are dropped."),
+        typer.Option(
+            help="Folder of the records; without it, records of simulated runs are discarded."
+        ),
     ] = None,
     mounting: MountingOption = None,
     yes: Annotated[
@@ -117,10 +121,12 @@ def make_page(
     if save is not None:
         check_output_folder(save)
     if bench is not None and data is not None:
-        raise InputError("--bench and --data", "one of both", "measure, or take what was measured")
+        raise InputError(
+            "--bench and --data", "one of both", "either measure or read recorded tables"
+        )
     if data is not None and (save is not None or reducer is not None or mounting):
         raise InputError(
-            "--data beside what is for a measurement",
+            "--data together with options of a measurement",
             "--data alone",
             "leave --save, --reducer, --mounting out",
         )
@@ -254,7 +260,7 @@ def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:
     with TerminalProgress() as progress:
         results = results_of(tables, progress)
         rows, seeds = page_study(progress, quick=quick) if study else ([], 0)
-        progress.start("Computing supports and setting the page", None)
+        progress.start("Computing supports and writing the page", None)
         return papers_page(results, rows, seeds, mesh_m=COARSE_M if quick else FINE_M)
 
 

@@ -84,16 +84,16 @@ def init(
     with Plant.create(_named(plant), folders) as made:
         say(f"A plant's registry is in {escape(made.name)}; folders go to {escape(folders)}.")
         answer(plant=made.name, folders=folders)
-    say("Next: torquebench plant register NAME, once a bench.")
+    say("Next: torquebench plant register NAME, once per bench.")
 
 
 @app.command("register")
 def register_bench(
-    name: Annotated[str, typer.Argument(help="What people call the bench.")],
+    name: Annotated[str, typer.Argument(help="Name of the bench.")],
     place: Annotated[str, typer.Option(help="Where it stands, such as 'Hall 3'.")] = "",
     replaces: Annotated[
         int | None,
-        typer.Option(help="Number of the bench whose registry was made anew and starts again."),
+        typer.Option(help="Number of the bench whose registry was rebuilt."),
     ] = None,
     plant: PlantOption = "",
 ) -> None:
@@ -102,7 +102,7 @@ def register_bench(
         number, url = found.register_bench(name, place, replaces=replaces)
     shown = url.render_as_string(hide_password=False)
     answer(benches=[{"number": number, "name": name, "place": place, "url": shown}])
-    say(f"Bench {number} {escape(name)} is registered. On the bench, once and for all:")
+    say(f"Bench {number} {escape(name)} is registered. On the bench, once:")
     out().print(
         f"export TORQUEBENCH_PLANT='{shown}'",
         soft_wrap=True,
@@ -128,7 +128,7 @@ def add_reader(
 def push(
     every: Annotated[
         float | None,
-        typer.Option(min=0.5, help="Go on sending, every so many seconds, until Ctrl-C."),
+        typer.Option(min=0.5, help="Repeat at this interval in seconds, until Ctrl-C."),
     ] = None,
     plant: PlantOption = "",
     data: DataOption = DEFAULT_DATA,
@@ -240,7 +240,7 @@ def _ago(now: datetime, then: datetime) -> str:
 
 @app.command("runs")
 def runs(
-    limit: Annotated[int, typer.Option(min=1, help="How many of the newest.")] = 100,
+    limit: Annotated[int, typer.Option(min=1, help="Number of newest runs.")] = 100,
     bench: Annotated[int | None, typer.Option(help="Number of the bench.")] = None,
     kind: Annotated[str | None, typer.Option(help="Such as test-hysteresis.")] = None,
     status: Annotated[str | None, typer.Option(help="completed, aborted, failed …")] = None,
@@ -304,7 +304,7 @@ def withdraw(
     by: Annotated[str, typer.Option(help="Who decides it.")],
     reason: Annotated[str, typer.Option(help="Why.")],
     bench: Annotated[
-        int | None, typer.Option(help="Number of the bench, where several have a run of this name.")
+        int | None, typer.Option(help="Number of the bench, if several have a run of this name.")
     ] = None,
     plant: PlantOption = "",
 ) -> None:
@@ -343,7 +343,7 @@ def verify(
             progress.reach(number)
             problems += len(wrong)
             answer(benches=[{"bench": state.title, "entries": checked, "defects": wrong}])
-            said = f"{checked} entries as they were entered" if not wrong else "NOT INTACT"
+            said = f"{checked} entries unchanged" if not wrong else "NOT INTACT"
             say(f"bench {escape(state.title)}: {said}")
             for each in wrong:
                 warn(each)

@@ -31,7 +31,8 @@ BatchOption = Annotated[str | None, typer.Option("--batch", help="One batch.")]
 SinceOption = Annotated[str | None, typer.Option("--since", help="From this day on (UTC).")]
 UntilOption = Annotated[str | None, typer.Option("--until", help="Before this day (UTC).")]
 BaseOption = Annotated[
-    int | None, typer.Option(min=3, help="Compute the limits from the first so many values only.")
+    int | None,
+    typer.Option(min=3, help="Number of first values from which the limits are computed."),
 ]
 
 
@@ -144,7 +145,8 @@ def drift(
         ),
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=1e-6, help="How far the span may drift, in % (zero: % of range).")
+        float,
+        typer.Option(min=1e-6, help="Tolerance of the span's drift, in % (zero: % of range)."),
     ] = 0.1,
     base: BaseOption = None,
     out_file: OutOption = None,
@@ -256,11 +258,12 @@ def outliers(
 
 @app.command("compare")
 def compare(
-    serial: Annotated[str, typer.Argument(help="Serial number of the specimen that travelled.")],
+    serial: Annotated[
+        str,
+        typer.Argument(help="Serial number of the specimen that was tested on several benches."),
+    ],
     quantity: QuantityArgument,
-    reference: Annotated[
-        int | None, typer.Option(help="Number of the bench that the others are held against.")
-    ] = None,
+    reference: Annotated[int | None, typer.Option(help="Number of the reference bench.")] = None,
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
@@ -292,13 +295,15 @@ def reevaluate(
     ] = None,
     bench: BenchNumber = None,
     label: Annotated[
-        str | None, typer.Option(help="What the results are kept under; the version by default.")
+        str | None, typer.Option(help="Label of the results; the version by default.")
     ] = None,
     against: Annotated[
         str | None,
-        typer.Option(help="Compare with this evaluation instead of what was found at first."),
+        typer.Option(help="Compare with this evaluation instead of the original results."),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="No more runs than these now.")] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Largest number of runs to evaluate now.")
+    ] = None,
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
@@ -349,13 +354,13 @@ def view(
     ] = False,
     host_name: Annotated[
         list[str] | None,
-        typer.Option(help="A further name that browsers call this machine by; repeatable."),
+        typer.Option(help="A further host name of this machine; may be repeated."),
     ] = None,
     password: Annotated[
         str,
         typer.Option(
             envvar="TORQUEBENCH_VIEW_PASSWORD",
-            help="Asked for by every page; other addresses than loopback need one.",
+            help="Password of the pages; required on other addresses than loopback.",
         ),
     ] = "",
     plant: PlantOption = "",

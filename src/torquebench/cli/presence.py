@@ -51,10 +51,10 @@ def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
         return
     if not sys.stdin.isatty():
         raise InputError(
-            f"{station.description.name} asks for the operator's presence every {period_s:g} s "
+            f"{station.description.name} requires the operator's presence every {period_s:g} s "
             "and there is no terminal",
             "a person at a terminal, or at the panel",
-            "run it at a terminal or from the panel; where something else keeps people away from "
+            "run it at a terminal or from the panel; if other safeguards keep people away from "
             "the bench, set safety.presence_s = 0 in its description",
         )
     with _Attendance(station, progress, period_s).taking_keys():
@@ -85,12 +85,12 @@ class _Attendance:
         try:
             self._keys.take()
             self._progress.say(
-                f"This bench asks whether you are there: a key every {self._period_s:g} s at least."
+                f"This bench requires your presence: press a key every {self._period_s:g} s."
             )
             self._progress.say("Press a key to begin.")
             while not self._keys.pressed(POLL_S):
                 if self._keys.gone:
-                    raise InterlockError("the terminal has gone", "somebody at a terminal")
+                    raise InterlockError("the terminal was closed", "somebody at a terminal")
             self._confirm()
             self._progress.attendance = self
             self._thread.start()

@@ -54,7 +54,7 @@ def backup(
         f"{done.known_runs} run folders were there already"
     )
     if done.open_runs:
-        say(f"under way, copied as after a power cut: {', '.join(done.open_runs)}")
+        say(f"still running, copied in their present state: {', '.join(done.open_runs)}")
     for file in done.outside:
         warn(f"{file} lies outside the data directory and isn't in the backup")
     for problem in done.problems:
@@ -69,7 +69,7 @@ def restore(
     replace: Annotated[
         bool,
         typer.Option(
-            "--replace", help="Put aside what differs from the backup, and restore that too."
+            "--replace", help="Also restore files that differ; the present ones are kept aside."
         ),
     ] = False,
     data: DataOption = DEFAULT_DATA,
@@ -92,7 +92,7 @@ def restore(
     for name in done.kept:
         say(f"newer than the backup, kept  {name}")
     if done.aside is not None:
-        say(f"what was replaced lies in {done.aside}")
+        say(f"replaced files are in {done.aside}")
     say(
         "see `torquebench records verify`; runs that are newer than the backup are entered by "
         "`torquebench records rebuild`"
@@ -115,11 +115,11 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
         done = rebuild_registry(checked_directory(data), operator_name(), progress)
     answer(**vars(done))
     if done.aside is not None:
-        say(f"the registry as it was found lies in {done.aside}")
+        say(f"the previous registry is in {done.aside}")
     for what in done.mended:
         say(f"made again  {what}")
     if done.anew:
-        say("a new registry was begun")
+        say("a new registry was created")
     say(
         f"{len(done.runs)} runs, {len(done.calibrations)} calibrations, {len(done.models)} models "
         f"and {len(done.certificates)} certificates entered"
@@ -129,7 +129,7 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
     for problem in done.problems:
         warn(f"not entered: {problem}")
     if done.anew:
-        say("What only the old registry knew is not in the new one:")
+        say("Not in the new registry, because only the old one contained it:")
         for what in NOT_REBUILT:
             say(f"- {what}")
     if done.problems:

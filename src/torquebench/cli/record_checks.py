@@ -85,7 +85,7 @@ def verify(
     )
     if report.intact:
         say(compared)
-        say("All are [green]as they were entered[/green].")
+        say("All are [green]unchanged[/green].")
         say(f"chain end {report.head}")
         return
     count = len(report.findings)
@@ -114,7 +114,7 @@ def checked_directory(data: Path) -> Path:
 
 def review(
     record: SubjectArgument,
-    by: Annotated[str, typer.Option(help="Who has checked it: not the one who measured.")],
+    by: Annotated[str, typer.Option(help="Person who reviewed it; not the person who measured.")],
     remark: Annotated[str, typer.Option(help="What was found.")] = "",
     reject: Annotated[bool, typer.Option("--reject", help="It isn't accepted.")] = False,
     data: DataOption = DEFAULT_DATA,
@@ -131,9 +131,7 @@ def review(
 
 def amend(
     record: SubjectArgument,
-    changes: Annotated[
-        list[str], typer.Argument(help="field=value: what the record should have said.")
-    ],
+    changes: Annotated[list[str], typer.Argument(help="field=value: the corrected value.")],
     by: Annotated[str, typer.Option(help="Who says so.")],
     reason: Annotated[str, typer.Option(help="Why.")],
     data: DataOption = DEFAULT_DATA,
@@ -170,7 +168,7 @@ def _assignment(text: str) -> tuple[str, str]:
 def use(
     model: Annotated[str, typer.Argument(help="A model such as model-14.")],
     by: Annotated[str, typer.Option(metavar="NAME", help="Who decides it.")],
-    reason: Annotated[str, typer.Option(metavar="WHY", help="Why, for the record.")],
+    reason: Annotated[str, typer.Option(metavar="WHY", help="Reason, for the record.")],
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """Put a model into use for its transducer and counter, by name and with a reason.
@@ -185,7 +183,7 @@ def use(
         raise InputError(f"{model!r}", "a model such as model-14", "see `records list models`")
     for value, option in ((by, "--by NAME"), (reason, "--reason WHY")):
         if not value.strip():
-            raise InputError(f"an empty {option.split()[0]}", "who decides it, and why", option)
+            raise InputError(f"an empty {option.split()[0]}", "a name and a reason", option)
     with Registry.open(data_directory(data)) as registry:
         entry = registry.model(int(number))
         entry.check_file()

@@ -44,7 +44,7 @@ __all__ = ["app"]
 
 app = typer.Typer(
     name="records",
-    help="List and show what the registry holds.",
+    help="List and show the registry's contents.",
     rich_markup_mode=HELP_MARKUP,
     no_args_is_help=True,
 )
@@ -74,7 +74,9 @@ class Kind(StrEnum):
 @app.command("list")
 def list_records(
     kind: Annotated[Kind, typer.Argument(help="What to list.")] = Kind.all,
-    limit: Annotated[int, typer.Option(min=1, help="At most so many of each, newest first.")] = 20,
+    limit: Annotated[
+        int, typer.Option(min=1, help="Largest number of rows of each kind, newest first.")
+    ] = 20,
     everything: Annotated[bool, typer.Option("--all", help="All of them.")] = False,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
@@ -395,7 +397,7 @@ def _show_calibration(registry: Registry, calibration_id: int) -> None:
             "profile SHA-256": entry.profile_sha256,
             "data": "simulated" if entry.simulated else "measured",
             "data SHA-256": entry.data_sha256,
-            "run": entry.run_id or "a table from elsewhere",
+            "run": entry.run_id or "an external table",
             "models": ", ".join(f"model-{m.model_id} ({m.kind})" for m in models),
             "certificates": ", ".join(each.number for each in certificates),
             **{

@@ -29,7 +29,9 @@ def compare(
     ] = False,
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a page with figures (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a page with figures (.html or .pdf). May be repeated."
+        ),
     ] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
@@ -100,11 +102,11 @@ def _print_change(found: ReducerComparison) -> None:
     from torquebench.uncertainty import stated
 
     before, after = found.specimens
-    common = "what both runs have in common cancels"
+    common = "common errors of both runs cancel"
     table = narrow_table(
-        f"specimen {escape(before.serial or '–')}: after less before",
+        f"specimen {escape(before.serial or '–')}: after minus before",
         caption="U of the change, 95.45 % coverage; "
-        + (common if found.same_chain else "nothing cancels: other chains"),
+        + (common if found.same_chain else "no errors cancel: different chains"),
     )
     table.add_column("", overflow="fold")
     for heading in ("before", "after", "change", "U"):

@@ -43,43 +43,44 @@ __all__ = ["register"]
 MORE = """
 
     Torques are compensated by the active models; without one, the result says so. Every part is
-    a run of its own; its results.json holds all numbers. Leaves with 1 where a limit of the data
-    sheet isn't kept, data forbid a verdict or a part failed, with 2 on bad input.
+    a separate run; its results.json contains all numbers. Exit code 1 if a limit of the data
+    sheet is exceeded, data forbid a verdict or a part failed; 2 if the input is invalid.
 """
 
 ReducerOption = Annotated[
     str | None,
     typer.Option(
-        help="What is mounted: a packaged type (standard, rv-40e, harmonic-20) or a .toml file; "
-        "by default what the simulated bench holds.",
+        help="The mounted reducer: a packaged type (standard, rv-40e, "
+        "harmonic-20) or a .toml file; "
+        "by default that of the simulated bench.",
         show_default=False,
     ),
 ]
 SerialOption = Annotated[str, typer.Option(help="Serial number of the specimen.")]
 ShortOption = Annotated[
-    bool, typer.Option("--short", help="A first look: few points, no warming up.")
+    bool, typer.Option("--short", help="Short test: few points, no warming up.")
 ]
 TwistOption = Annotated[
     float | None,
     typer.Option(min=0, help="The bench's own twist, arcmin/(N·m); then it isn't measured."),
 ]
 NoTwistOption = Annotated[
-    bool, typer.Option("--no-twist", help="Leave the bench's own twist in the loops.")
+    bool, typer.Option("--no-twist", help="Don't subtract the bench's own twist from the loops.")
 ]
 DryRunOption = Annotated[
     bool, typer.Option("--dry-run", help="Check limits and durations; nothing moves.")
 ]
 ReportOption = Annotated[
     list[Path] | None,
-    typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+    typer.Option("--report", help="Write a report with figures (.html or .pdf). May be repeated."),
 ]
 TareOption = Annotated[
     bool | None,
     typer.Option(
         "--tare/--no-tare",
-        help="Before no-load torque and efficiency: an empty run, with nothing mounted, whose "
-        "torque is subtracted. Without either, where the measuring chains don't correct what "
-        "turning does to them. Left out by --short.",
+        help="Measure an empty run (nothing mounted) before no-load torque and efficiency, and "
+        "subtract it. By default only if the measuring chains don't correct rotation; not with "
+        "--short.",
         show_default=False,
     ),
 ]
@@ -101,8 +102,8 @@ RepeatsOption = Annotated[
     int | None,
     _count(
         1000,
-        "Repeats of no-load torque and efficiency at most, and of the empty run; without it 12 "
-        "and 8. They end where the means are known well enough.",
+        "Largest number of repeats of no-load torque and efficiency, and of the empty run; by "
+        "default 12 and 8. Repeating ends when the means are known well enough.",
     ),
 ]
 YesOption = Annotated[
@@ -198,7 +199,7 @@ def _settings(
     settings = ReducerTestSettings.short() if short else ReducerTestSettings()
     if repeats is not None:
         if short:
-            raise InputError("--repeats and --short", "one of both: a first look doesn't repeat on")
+            raise InputError("--repeats and --short", "one of them: a short test has no repeats")
         settings = settings.with_repeats(repeats)
     if tare is False:
         settings = replace(settings, empty_run=None)
@@ -229,7 +230,7 @@ def _mounted(
         raise InputError(
             f"no reducer for {described.name}",
             "a packaged type or a description (.toml)",
-            "say with --reducer what is mounted",
+            "name the mounted reducer with --reducer",
         )
     held = str(described.driver.get("reducer", "standard")) if described.simulated else ""
     kind = load_reducer(named or held)

@@ -28,7 +28,7 @@ def rehearsal_table(
     """Return what a test would do: durations, and the largest torques and speeds."""
     said = " - simulated" if simulated else ""
     table = narrow_table(
-        f"What would be done with {escape(reducer.name)}{said}",
+        f"Planned test of {escape(reducer.name)}{said}",
         caption=f"allowed at the reducer: {reducer.acceleration_torque_nm:g} N·m, "
         f"{reducer.max_input_speed_rpm:g} rpm",
     )

@@ -37,13 +37,14 @@ def simulate(
         Path, typer.Option("--bench", help="Bench description whose instruments are simulated.")
     ],
     real_time: Annotated[
-        bool, typer.Option("--real-time", help="Follow the wall instead of going on as read.")
+        bool,
+        typer.Option("--real-time", help="Follow the wall clock instead of advancing when read."),
     ] = False,
     until_eof: Annotated[
         bool, typer.Option("--until-eof", help="Also end when standard input ends.")
     ] = False,
-    seed: Annotated[int | None, typer.Option(min=0, help="Instead of the description's.")] = None,
-    preset: Annotated[str | None, typer.Option(help="Instead of the description's.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Overrides the description.")] = None,
+    preset: Annotated[str | None, typer.Option(help="Overrides the description.")] = None,
 ) -> None:
     """Serve every instrument that a bench description names, simulated, on its address.
 

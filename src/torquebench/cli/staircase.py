@@ -104,9 +104,7 @@ def _setup(rehearsal: Rehearsal[Any]) -> str:
         if move.device == "mounting":
             words.append(f"mount the {str(move.value).replace('_', ' ')}")
         elif move.device == "guide rail":
-            words.append(
-                "move the rail to its end" if move.value == "end" else "draw the rail back"
-            )
+            words.append("move the rail to its end" if move.value == "end" else "retract the rail")
         elif move.device == "clamp":
             words.append("close the clamp" if move.value else "open the clamp")
         elif move.device.endswith("mode"):

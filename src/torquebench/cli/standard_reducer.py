@@ -37,8 +37,8 @@ def standard_reducer(
     reducer: Annotated[
         str | None,
         typer.Option(
-            help="Its description (.toml) with [[certified_friction]]; by default what the "
-            "simulated bench holds, with its certificate.",
+            help="Its description (.toml) with [[certified_friction]]; by default that of the "
+            "simulated bench, with its certificate.",
             show_default=False,
         ),
     ] = None,
@@ -54,7 +54,9 @@ def standard_reducer(
     ] = False,
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a report with a figure (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a report with a figure (.html or .pdf). May be repeated."
+        ),
     ] = None,
     mounting: MountingOption = None,
     bench: BenchOption = None,

@@ -59,13 +59,13 @@ def turn(
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Say what would be driven and how long it takes.")
+        bool, typer.Option("--dry-run", help="Show speeds and duration; nothing moves.")
     ] = False,
     no_wait: Annotated[
-        bool, typer.Option("--no-wait", help="Don't wait for temperatures: they are there.")
+        bool, typer.Option("--no-wait", help="Don't wait for temperatures.")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with the interrupted run in the file of --out.")
+        bool, typer.Option("--resume", help="Resume the interrupted run in the file of --out.")
     ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")

@@ -53,7 +53,8 @@ def verification(
         typer.Option(
             "--model",
             metavar="model-N",
-            help="A model of the records; without it the one in use. Repeat it: the verdict is "
+            help="A model of the records; without it the one in use. "
+            "May be repeated; the verdict is "
             "that of the first.",
         ),
     ] = None,
@@ -63,7 +64,8 @@ def verification(
         bool, typer.Option("--same-points", help="The same torques in every group.")
     ] = False,
     seed: Annotated[
-        int | None, typer.Option(min=0, help="Draws the points; without it anew each time.")
+        int | None,
+        typer.Option(min=0, help="Seed of the random points; without it, new points each time."),
     ] = None,
     tolerance: Annotated[
         float,
@@ -71,7 +73,9 @@ def verification(
     ] = 0.1,
     report: Annotated[
         list[Path] | None,
-        typer.Option("--report", help="Write a report with figures (.html or .pdf). Repeat it."),
+        typer.Option(
+            "--report", help="Write a report with figures (.html or .pdf). May be repeated."
+        ),
     ] = None,
     mounting: MountingOption = None,
     bench: BenchOption = None,

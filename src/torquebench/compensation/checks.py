@@ -77,8 +77,8 @@ class Outlier:
     def __str__(self) -> str:
         return (
             f"series {self.series}, row {self.row}: reading {self.reading_nm:.6g} N·m, "
-            f"standard {self.standard_nm:.6g} N·m, {self.residual_nm:+.3g} N·m off its neighbours, "
-            f"whose scatter is {self.scatter_nm:.2g} N·m"
+            f"standard {self.standard_nm:.6g} N·m, residual {self.residual_nm:+.3g} N·m from its "
+            f"neighbours, whose scatter is {self.scatter_nm:.2g} N·m"
         )
 
 

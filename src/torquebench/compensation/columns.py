@@ -114,7 +114,7 @@ def by_names(X: ArrayLike, columns: int | None = None) -> ArrayLike:
         raise InputError(
             f"a frame without the column {missing[0]}; it has {', '.join(frame.columns)}",
             f"the columns {', '.join(FEATURES[:width])}",
-            "name the columns so",
+            "use these column names",
         )
     given = {name: frame[name].to_numpy() for name in FEATURES[:width]}
     return features(**given)

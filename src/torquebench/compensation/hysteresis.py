@@ -109,7 +109,7 @@ class HysteresisOperator:
         if widths.ndim != 1 or widths.size == 0 or not np.all(widths > 0):
             raise InputError(f"play widths {widths.tolist()}", "one or more, all above 0 N·m")
         if weights.shape != widths.shape or not np.all(weights >= 0) or weights.sum() <= 0:
-            raise InputError("weights of the plays", "one for each width, not negative")
+            raise InputError("weights of the play operators", "one for each width, not negative")
 
     @classmethod
     def generic(cls, full_scale_nm: float, path_nm: ArrayLike | None = None) -> HysteresisOperator:
@@ -250,7 +250,7 @@ class BranchTracker:
     Parameters
     ----------
     operator : HysteresisOperator
-        Widths and weights of the plays.
+        Widths and weights of the play operators.
 
     Examples
     --------
@@ -328,9 +328,9 @@ class LiveTorque:
         Place in the calibrated loop: +1 rising curve, -1 falling curve.
     half_width_nm : float64 array of shape (n,)
         Half the interval of torques that the unknown part of the past allows, with what other
-        weights of the plays change within the calibrated loop and what may lie beyond it (root sum
-        of squares); 0 on the loop when the past is known. Its standard uncertainty is that of a
-        rectangular distribution.
+        weights of the play operators change within the calibrated loop and what may lie beyond it
+        (root sum of squares); 0 on the loop when the past is known. Its standard uncertainty is
+        that of a rectangular distribution.
     fault : bool array of shape (n,)
         True where the reading is outside the calibrated range.
     standard_uncertainty_nm : float64 array of shape (n,)

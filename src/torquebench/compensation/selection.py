@@ -162,8 +162,8 @@ def behind_raw(
     return (
         f"{name} is worse than the raw reading at steps that it wasn't fitted to: "
         f"{percent * left_out.worst_nm:.3g} % FS at worst and {percent * left_out.rms_nm:.3g} % FS "
-        f"RMS, where the raw reading is {percent * raw.worst_nm:.3g} and "
-        f"{percent * raw.rms_nm:.3g} % FS off" + (f"; {why}" if why else "")
+        f"RMS; the raw reading's errors are {percent * raw.worst_nm:.3g} and "
+        f"{percent * raw.rms_nm:.3g} % FS" + (f"; {why}" if why else "")
     )
 
 
@@ -253,7 +253,10 @@ class Comparison:
         scored = self.steps - 2
         if scored >= _FEW_STEPS:
             return ""
-        return f"only {scored} steps could be left out: errors of so few tell models apart by luck"
+        return (
+            f"only {scored} steps could be left out: with so few, differences "
+            "between models are mostly random"
+        )
 
     def behind_raw(self, name: str) -> str:
         """Say that a candidate is worse than the raw reading, and why; empty where it isn't."""
@@ -331,7 +334,7 @@ def compare(
     ------
     InputError
         When there are too few steps, a column is constant, points contradict each other, one is
-        an outlier (with ``outliers="refuse"``), or no candidate takes the data.
+        an outlier (with ``outliers="refuse"``), or no candidate accepts the data.
 
     Notes
     -----
@@ -585,7 +588,7 @@ def _try_all(
             trials[name] = _Trial(fitted, fit_time_s, errors)
     if not trials:
         raise InputError(
-            f"no candidate takes the data ({'; '.join(refused.values())})",
+            f"no candidate accepts the data ({'; '.join(refused.values())})",
             remedy="record more points",
         )
     return trials, refused

@@ -131,7 +131,7 @@ def design_inverse(
         raise InputError(
             f"a bandwidth of {wanted:.5g} Hz, where the chain itself has {own:.5g} Hz",
             f"above {own:.5g} Hz, at most {most:.5g} Hz at this rate",
-            "count shorter windows, or leave the dynamics as they are",
+            "use shorter counter windows, or don't filter",
         )
     bell_s = sqrt(log(2.0)) / (2.0 * pi * wanted)
     side = ceil(_WIDTH * bell_s / interval_s)

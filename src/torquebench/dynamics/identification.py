@@ -180,7 +180,7 @@ def _prepare(run: Known) -> _Prepared:
         raise InputError(
             "a run in which the torque doesn't change",
             "steps or sines",
-            "record steps of torque, or sines up to beyond the resonance",
+            "record steps of torque, or sines up to frequencies above the resonance",
         )
     back = 0.5 * (1.0 + np.cos(np.linspace(0.0, pi, reading.size)))
     padded = np.concatenate([moved, moved[-1] * back, np.zeros(reading.size)])

@@ -193,7 +193,7 @@ def fit(
     reference_percent : float, optional
         U (k = 2) of the reference standard, % of range; it counts in every U.
     outliers : {"downweight", "refuse", "keep"}
-        What happens to an outlier, which is named anyway.
+        Treatment of outliers, which are always named.
 
     Raises
     ------

@@ -83,7 +83,7 @@ class Address:
         """
         if self.proxy and not _is_address(self.proxy):
             raise InputError(
-                f"--behind-proxy {self.proxy}", "the proxy's address in figures, such as 127.0.0.1"
+                f"--behind-proxy {self.proxy}", "the proxy's numeric address, such as 127.0.0.1"
             )
         if (self.tls_cert is None) != (self.tls_key is None):
             raise InputError(
@@ -96,7 +96,8 @@ class Address:
             raise InputError(
                 f"the panel on {self.host} without encryption",
                 "the loopback address 127.0.0.1, or TLS",
-                "give --tls-cert and --tls-key; --insecure-network only where nobody else listens",
+                "give --tls-cert and --tls-key; --insecure-network only "
+                "in a network without other users",
             )
 
     def url(self, port: int) -> str:

@@ -192,7 +192,7 @@ def _mounting(facts: Mapping[str, str]) -> tuple[Answer, Blocks]:
         answer = Answer(
             "modes and clamp with interlocks",
             "partly",
-            "nobody entered what was found at the mounting (--mounting)",
+            "no data of the mounting were entered (--mounting)",
         )
     else:
         kept = "≤" in coaxiality
@@ -223,7 +223,7 @@ def _hardware(bench: BenchResult) -> tuple[Answer, Blocks]:
     table = Table(
         ("hardware", "the papers", "this bench"),
         rows,
-        "Loading: largest difference of the standard from the torque that was asked for, over all "
+        "Loading: largest difference of the standard from the requested torque, over all "
         "steps of the calibration; the figures show every step.",
         words=True,
     )
@@ -447,8 +447,8 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
     )
     figure = Figure(
         panels_figure(panels, columns=2),
-        "Training of the network in both mappings on the rising points: gradient descent reaches "
-        "less by the standard torque, because there the whole range is its output.",
+        "Training of the network in both mappings on the rising points: gradient descent leaves a "
+        "larger error with the standard torque, because its output then covers the whole range.",
     )
     return Answer(
         "RMS of residuals after 50 000 epochs: " + "; ".join(words),
@@ -656,7 +656,7 @@ def _alone(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
     return Answer(
         f"calibrated alone: {number(min(worst))} to {number(max(worst))} % FS in the chain",
         "shown",
-        "what the chain adds is not seen by a calibration of the transducer alone",
+        "a calibration of the transducer alone doesn't contain the chain's additional torque",
     ), blocks
 
 
@@ -936,7 +936,7 @@ def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
         ("module", "measured", "worst error, % FS"),
         rows,
         "Compensated by the recommended model. Quick torques: evaluate dynamics identifies the "
-        "chain's resonance from steps, sines and ramps, apply --dynamics undoes it.",
+        "chain's resonance from steps, sines and ramps, apply --dynamics compensates it.",
         words=True,
     )
     met = max(worst) <= LIMIT_PERCENT and bool(turning)

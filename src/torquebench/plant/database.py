@@ -461,7 +461,7 @@ class Plant(PlantDatabase):
             Nobody or no reason is named, or it is withdrawn already.
         """
         if not by.strip() or not reason.strip():
-            raise InputError("a withdrawal without name or reason", "who decides it, and why")
+            raise InputError("a withdrawal without name or reason", "a name and a reason")
         if run.withdrawn is not None:
             raise InputError(
                 f"run {run.run_id} was withdrawn by {run.withdrawn_by}: {run.withdrawn_reason}",

@@ -138,7 +138,7 @@ class FolderStore:
         except RecordError as error:
             return [error.found]
         if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
-            return [f"{url}/{MANIFEST} doesn't have the hash that the chain has"]
+            return [f"{url}/{MANIFEST} has another hash than the chain states"]
         problems = []
         for name, entry in json.loads(sealed)["files"].items():
             if name in STAYS:
@@ -187,7 +187,7 @@ class FolderStore:
             raise RecordError(
                 f"{url} can't be written: {error}",
                 "a store that can be reached and written",
-                "what has arrived stays; push again when it can",
+                "arrived folders are kept; push again later",
             ) from error
 
 

@@ -102,7 +102,7 @@ class BenchLink(PlantDatabase):
             raise InputError(
                 f"{self.url.username} is no bench of the plant {self.name}",
                 "the URL that `torquebench plant register` printed for this bench",
-                "register the bench, or ask who looks after the plant's registry",
+                "register the bench, or ask the administrator of the plant's registry",
             )
         head = ChainHead(row.head_sequence, row.head_sha256)
         return _Mine(row.bench_key, row.name, row.plant, row.folders, row.first_sha256, head)
@@ -196,7 +196,7 @@ def _check_same(registry: Registry, mine: _Mine) -> None:
             f"the plant has {mine.head.sequence} entries of bench {mine.number} {mine.name}, and "
             f"this registry, which ends with entry {last}, doesn't have the last of them",
             "the registry that was sent so far",
-            "restore it from a backup that has that entry, or, where it was made anew, register "
+            "restore it from a backup that has that entry, or, if it was rebuilt, register "
             f"it with `torquebench plant register --replaces {mine.number}`",
         )
 
@@ -218,7 +218,7 @@ def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress
         done.head = link.append(entries)
         if done.head.sequence <= after:
             raise RecordError(
-                f"the plant took no entry after {after}", "entries that continue its chain"
+                f"the plant accepted no entry after {after}", "entries that continue its chain"
             )
         done.entries += len(entries)
         progress.reach(done.head.sequence - first)

@@ -99,7 +99,7 @@ def _rows(
 
 
 def _latest(rows: Sequence[Any]) -> list[Any]:
-    """Return one run a specimen, its latest: a specimen that is tested again counts once."""
+    """Return one run per specimen, its latest: a specimen that is tested again counts once."""
     last = {row.serial: k for k, row in enumerate(rows) if row.serial}
     return [row for k, row in enumerate(rows) if not row.serial or last[row.serial] == k]
 
@@ -229,7 +229,7 @@ def _doubts(rows: Sequence[Any]) -> tuple[str, ...]:
     values = [row.value for row in rows]
     if len(values) < 8 or individuals_chart(values).in_control:
         return ()
-    return ("the values aren't in control (see charts): capability says nothing of days to come",)
+    return ("the values aren't in control (see charts): capability doesn't predict future values",)
 
 
 def charts(
@@ -382,7 +382,7 @@ def compare(plant: Plant, serial: str, quantity: str, *, reference: int | None =
     }
     notes = []
     if found.p_value < 0.05:
-        notes.append("the benches scatter more than their uncertainties say (χ² test)")
+        notes.append("the benches scatter more than their uncertainties explain (χ² test)")
     return Answer(
         f"Benches by specimen {serial}: {rows[-1].title}, {rows[-1].unit}",
         columns,

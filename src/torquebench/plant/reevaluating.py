@@ -115,7 +115,7 @@ def reevaluate(
     workers : int, optional
         How many processes.
     label : str, optional
-        What the results are kept under; the version by default.
+        Label of the results; the version by default.
     kinds : sequence of str
         Of ``"calibrate"``, ``"check"``, ``"verify"``, ``"test"``.
     bench : int, optional

@@ -117,7 +117,7 @@ def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
     """Return a file of a sealed folder that is as it was sealed."""
     sealed = store.read(f"{folder.url}/{MANIFEST}")
     if hashlib.sha256(sealed).hexdigest() != folder.manifest_sha256:
-        raise RecordError(f"{folder.url}/{MANIFEST} doesn't have the hash that the chain has")
+        raise RecordError(f"{folder.url}/{MANIFEST} has another hash than the chain states")
     if name == MANIFEST:
         return sealed
     entry = json.loads(sealed)["files"].get(name)

@@ -81,7 +81,7 @@ def canonical(content: Mapping[str, Any]) -> str:
     Raises
     ------
     TypeError, ValueError
-        Where a field holds something else than numbers, text, dates and JSON, or a NaN.
+        Where a field contains values that aren't numbers, text, dates and JSON, or a NaN.
 
     Examples
     --------

@@ -340,7 +340,7 @@ def _row(
 
 def _what_number(text: str) -> tuple[str, str]:
     if _SPREADSHEET_ERROR.match(text):
-        return "a number: this is a spreadsheet's error", "mend its formula, or remove the line"
+        return "a number: this is a spreadsheet's error", "correct its formula, or remove the line"
     if re.fullmatch(r"[+-]?[0-9][0-9.,' ]*", text):
         return (
             "one decimal comma or point and no thousands separators",

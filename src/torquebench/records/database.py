@@ -148,7 +148,7 @@ class Database:
             raise _kind_of(error)(
                 f"the registry {self.name} can't be opened: {_cause(error)}",
                 "a database that can be read and written",
-                "make room on its disk, or look whether it runs and may be written",
+                "make room on its disk, or check whether it runs and may be written",
             ) from error
         except RecordError:
             self.close()
@@ -365,7 +365,7 @@ def database_failures(what: str) -> Iterator[None]:
         raise _kind_of(error)(
             f"{what} failed: {_cause(error)}",
             "a database that can be read and written",
-            "make room on its disk, or look whether it runs; what it has is unchanged",
+            "make room on its disk, or check whether it runs; what it has is unchanged",
         ) from error
 
 

@@ -64,7 +64,7 @@ def schema_changes(registry: Database) -> Iterator[Finding]:
         if key not in present:
             what = "is missing"
         elif key not in expected:
-            what = "is none of the registry's"
+            what = "doesn't belong to the registry"
         kind, name = key
         yield Finding("schema", f"{kind} {name}", found=what, remedy=WAY_BACK)
 

@@ -51,7 +51,7 @@ class DurableFile:
             self._file.seek(self._synchronised)
             self._file.close()
         except OSError as second:  # a disk that has gone keeps what it has
-            error.add_note(f"nor could what was half written be taken back: {second}")
+            error.add_note(f"and incomplete data couldn't be removed: {second}")
         return RecordError(
             f"{self._path} can't be written ({error.strerror or error})",
             "room and a working disk",

@@ -57,7 +57,7 @@ class Equipment:
     serial : str
         Its serial number; of a counter, the identity of its timebase; of a bench, its name.
     manufacturer, model : str
-        As on its plate.
+        As on its name plate.
     range_nm : float, optional
         Its full scale in N·m.
     details : mapping
@@ -251,7 +251,7 @@ class CalibrationEntry:
     calibration_id : int
         Its number in the registry.
     run_id : str or None
-        The run that measured it; None for a table from elsewhere.
+        The run that measured it; None for an external table.
     transducer_serial, counter_identity : str
         The chain that it is valid for.
     standard_serial, measured_by : str

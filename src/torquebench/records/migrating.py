@@ -35,7 +35,8 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
             f"the registry {engine.url.render_as_string()} has the schema {found} of a version "
             "before 0.2.0",
             f"the schema {SCHEMA_VERSION}",
-            "keep its file elsewhere, then make it anew from the runs: torquebench records rebuild",
+            "move its file to another folder, then rebuild it from "
+            "the runs: torquebench records rebuild",
         )
     if read_only:
         raise RecordError(

@@ -530,7 +530,7 @@ class _ParquetSink:
             table = table.cast(self._schema)
         except pa.ArrowInvalid as error:
             raise InputError(
-                f"{self._source.origin}: a column of numbers holds something else ({error})",
+                f"{self._source.origin}: a column of numbers contains other values ({error})",
                 "one kind of value in each column",
                 "correct the column, or write CSV",
             ) from error

@@ -128,7 +128,7 @@ class RunRecords(Database):
                     subject_key=0,
                     amended=datetime.now(UTC),
                     amended_by=by,
-                    reason="made anew from run folders" if anew else "completed from run folders",
+                    reason="rebuilt from run folders" if anew else "completed from run folders",
                     changes={"runs": run_ids},
                 )
             )

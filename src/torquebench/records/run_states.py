@@ -116,7 +116,7 @@ class RunStateRecords(RunRecords):
             The run isn't registered, or hasn't ended.
         """
         if not by.strip() or not reason.strip():
-            raise InputError(f"run {run_id} discarded without a reason", "who decides it, and why")
+            raise InputError(f"run {run_id} discarded without a reason", "a name and a reason")
         with self.writing() as session:
             row = run_row(session, run_id)
             end = session.scalar(select(RunEndRow).where(RunEndRow.run_key == row.id))

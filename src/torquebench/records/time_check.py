@@ -158,7 +158,7 @@ def times_of_run(run: RunSummary) -> str:
 def _end_before_beginning(run_id: str, started: datetime, finished: datetime) -> str:
     return (
         f"run {run_id} ended ({finished:%Y-%m-%d %H:%M:%S}) before it began "
-        f"({started:%Y-%m-%d %H:%M:%S}): the clock was put back meanwhile"
+        f"({started:%Y-%m-%d %H:%M:%S}): the clock was set back in the meantime"
     )
 
 

@@ -94,7 +94,7 @@ class UnfinishedRun:
                     f"`records discard {self.run_id}`"
                 )
         return (
-            f"go on with `torquebench calibrate --resume {self.run_id}`, or "
+            f"resume it with `torquebench calibrate --resume {self.run_id}`, or "
             f"`records discard {self.run_id}`"
         )
 

@@ -24,11 +24,11 @@ def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
         high = np.abs(demanded) > 0.5 * wanted
         missed = high & (np.abs(torque) < (1.0 - MISSED) * np.abs(demanded))
         if wanted > (1.0 + 2.0 * MISSED) * largest and missed.sum() > 0.05 * high.sum():
-            return [_saturated(largest, f"{wanted:.4g} N·m were asked for", missed)]
+            return [_saturated(largest, f"{wanted:.4g} N·m were requested", missed)]
         return []
     plateau = np.abs(torque) > 0.95 * largest
     if np.mean(plateau) > PLATEAU:
-        return [_saturated(largest, "the torque stands there", plateau)]
+        return [_saturated(largest, "the torque stays there", plateau)]
     return []
 
 
@@ -42,7 +42,7 @@ def _saturated(largest: float, asked: str, rows: NDArray[np.bool_]) -> Finding:
 
 
 def missed_speed(speed_rpm: Floats, demanded_rpm: Floats) -> tuple[Finding, ...]:
-    """Name speeds that were asked for and not reached, as by a drive at the end of its torque.
+    """Name speeds that were requested and not reached, as by a drive at the end of its torque.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def missed_speed(speed_rpm: Floats, demanded_rpm: Floats) -> tuple[Finding, ...]
     return (
         Finding(
             "drive saturation",
-            f"{demanded_rpm[worst]:.4g} rpm were asked for and {speed_rpm[worst]:.4g} rpm reached "
+            f"{demanded_rpm[worst]:.4g} rpm were requested and {speed_rpm[worst]:.4g} rpm reached "
             f"({np.count_nonzero(missed)} of {missed.size} points)",
             "points count at the speed that was reached: lower the speed, or use a larger drive",
         ),

@@ -102,7 +102,7 @@ def _loading(finished: FinishedCalibration) -> Section:
 
 
 def loading_figures(data: CalibrationData) -> list[Figure]:
-    """Return how far each step was from the torque that was asked for; empty where nobody asked."""
+    """Return how far each step was from the requested torque; empty where nobody asked."""
     error = data.loading_error_percent
     if error is None:
         return []
@@ -117,7 +117,7 @@ def loading_figures(data: CalibrationData) -> list[Figure]:
     return [
         Figure(
             panels_figure([panel], height=2.0),
-            f"Loading{side}: standard minus the torque that was asked for, at every step. "
+            f"Loading{side}: standard minus the requested torque, at every step. "
             f"Dashed: ±{LOADING_LIMIT_PERCENT:g} % of range.",
         )
     ]

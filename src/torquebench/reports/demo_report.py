@@ -99,7 +99,7 @@ def _friction_section(friction: FrictionSweep, run_id: str) -> Section:
     )
     compensated = "with" if friction.compensated else "without"
     unsettled = (
-        f" {friction.unsettled} points still drifted when their waiting time was over."
+        f" {friction.unsettled} points still drifted at the end of their waiting time."
         if friction.unsettled
         else ""
     )

@@ -192,7 +192,7 @@ def static_page(
     profile : Profile
         What it was held against.
     deviations : sequence of Deviation
-        Departures from it.
+        Deviations from it.
     results : CalibrationResults or None
         None where nothing could be evaluated.
     torque_nm : array of float, shape (n,), or None
@@ -217,7 +217,7 @@ def static_page(
     if deviations:
         rows = [(each.clause, each.found, each.allowed, each.consequence) for each in deviations]
         table = Table(("clause", "found", "allowed", "certificate"), rows)
-        sections.append(Section("Departures from the profile", "", (table,)))
+        sections.append(Section("Deviations from the profile", "", (table,)))
     if results is not None:
         sections += [_direction(each) for each in results.directions]
     return Page("Static evaluation", source, sections, simulated=points.simulated)

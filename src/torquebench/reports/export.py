@@ -279,7 +279,7 @@ def _write_readme(export: _Export, run: RunSummary) -> None:
         "",
         "All text is UTF-8. CSV files have a comma between columns, a point in numbers, and one",
         "header line; lines that begin with # are remarks. An empty cell is a value that wasn't",
-        "measured, `nan` one that a fault has taken. Torques are in N·m, clockwise positive.",
+        "measured, `nan` one that is missing by a fault. Torques are in N·m, clockwise positive.",
         "",
         "Files",
         "-----",

@@ -79,7 +79,7 @@ def _panel(axes: Axes, found: ReducerComparison, key: str) -> None:
 def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
     """Draw many values of one unit, a row for each: differences ± U.
 
-    Before and after: after less before. Specimens: each less the mean of all; U is that of its own
+    Before and after: after minus before. Specimens: each less the mean of all; U is that of its own
     difference to another one, in which what they have in common cancels.
 
     Parameters

@@ -468,9 +468,9 @@ class Station:
         alarm = self.supervisor.warn(
             AlarmKind.REGISTRY,
             "registry",
-            f"it can't take what is measured: {failure}; {runs} in the data directory",
+            f"it can't store measured runs: {failure}; {runs} in the data directory",
             "a registry that answers",
-            "look whether its server runs and has room; it catches up by itself",
+            "check whether its server runs and has room; it catches up by itself",
         )
         self._registry_warning = alarm.number
 

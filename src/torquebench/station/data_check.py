@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["check_data_directory", "run_folders"]
 
 PANEL_DATABASE = "panel.sqlite"
-OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` makes it anew"
+OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` repairs it"
 
 
 def check_data_directory(
@@ -154,7 +154,7 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
                 "",
                 "no certificate of this number is registered",
                 "",
-                "`torquebench records rebuild` enters it, or take it away",
+                "`torquebench records rebuild` enters it, or remove it",
             )
 
 

@@ -54,7 +54,7 @@ NOT_REBUILT = (
     "equipment, certificates of standards, parts and adjustments that were entered by hand",
     "verdicts of checks, and what verifications found: `torquebench records list runs` names their "
     "runs, `records finish RUN` registers them again",
-    "calibrations of tables from elsewhere: evaluate them again",
+    "external calibrations: evaluate them again",
     "accounts, passwords and settings of the panel, which lie in panel.sqlite: `records restore`",
 )
 """What only the registry knew."""
@@ -67,7 +67,7 @@ class Rebuilt:
     Attributes
     ----------
     anew : bool
-        Whether a new registry was begun.
+        Whether a new registry was created.
     mended : list of str
         What of the database was made again in place: indexes, triggers.
     aside : pathlib.Path or None

@@ -33,7 +33,7 @@ class RecoveredRun:
     torn_bytes : int
         Bytes of incomplete ends that were left out.
     damaged : str
-        What else was left out because it is damaged, and where.
+        What else was omitted because it is damaged, and where.
     status : str
         How it ended: "interrupted", or as its folder was sealed before.
     problem : str

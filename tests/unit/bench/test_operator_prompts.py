@@ -68,7 +68,7 @@ def test_a_run_that_ends_gives_up_waiting():
 def test_a_second_question_is_refused_while_one_waits():
     prompts = PromptQueue()
     thread, _ = asked(prompts, lambda: prompts.ask("first"))
-    with pytest.raises(InterlockError, match="while another one waits"):
+    with pytest.raises(InterlockError, match="while another one is open"):
         prompts.ask("second")
     prompts.cancel()
     thread.join()

@@ -41,7 +41,7 @@ def test_the_callers_arrays_stay_their_own():
         ({"range_nm": float("nan")}, "range nan"),
         ({"standard_nm": [0.0, 5.0]}, "column standard_nm has shape"),
         ({"reading_nm": [0.1, np.nan, 10.1, 5.4, 0.2]}, "reading_nm holds nan at point 2"),
-        ({"reading_nm": ["a", 1, 2, 3, 4]}, "something else than numbers"),
+        ({"reading_nm": ["a", 1, 2, 3, 4]}, "values that aren't numbers"),
         ({"branch": [1, 1, 2, -1, -1]}, "branch 2 at point 3"),
         ({"series": [1, 1, 1.5, 1, 1]}, "series 1.5 at point 3"),
         ({"standard_nm": [0.0, 5.0, 11.0, 5.0, 0.0]}, "standard_nm 11 N·m at point 3"),

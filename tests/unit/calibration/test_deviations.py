@@ -107,7 +107,7 @@ def test_a_step_more_than_half_a_percent_off_is_named(off, expected):
     if found:
         assert found[0].clause == "loading.step_tolerance_percent"
         assert "the step -40 N·m of series 3 was loaded with -40.204 N·m" in found[0].found
-        assert found[0].allowed == "at most 0.5 % off"
+        assert found[0].allowed == "a deviation of at most 0.5 %"
 
 
 @pytest.mark.parametrize(("zero", "expected"), [(0.099, []), (-0.101, ["zero_return"])])

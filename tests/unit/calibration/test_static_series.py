@@ -204,7 +204,7 @@ def test_series_of_a_table_are_normalised_to_their_nominal_steps():
 
 
 def test_steps_too_far_off_are_refused():
-    with pytest.raises(InputError, match=r"the step 10 N·m of series 1 .* 0\.6 % off"):
+    with pytest.raises(InputError, match=r"the step 10 N·m of series 1 .* deviation 0\.6 %"):
         loading_series(staircase(loading=0.006), 1)
     torque, _ = loading_series(staircase(loading=0.006), 1, tolerance_percent=None)
     assert torque.size == 8
@@ -261,8 +261,8 @@ def test_a_small_step_is_no_zero_whatever_the_standard_shows() -> None:
 def test_a_guess_from_the_standard_is_named() -> None:
     data = CalibrationData([5.0, 10.0, 0.0], [5.0, 10.0, 0.005], [1] * 3, [1, 1, -1], 10.0)
     assert data.unloaded.tolist() == [False, False, True]
-    assert any("1 points below 0.1 % of the range are taken for zeros" in n for n in data.notes())
+    assert any("1 points below 0.1 % of the range are treated as zeros" in n for n in data.notes())
     told = CalibrationData(
         [5.0, 10.0, 0.0], [5.0, 10.0, 0.005], [1] * 3, [1, 1, -1], 10.0, nominal_nm=[5.0, 10.0, 0.0]
     )
-    assert not any("taken for zeros" in note for note in told.notes())
+    assert not any("treated as zeros" in note for note in told.notes())

@@ -38,11 +38,10 @@ def test_the_described_flange_is_taken_off_and_said():
     )
     assert taken.result.backlash.value > 1.05 * left.result.backlash.value
     assert (
-        "what the output's flange takes to move, 0.25 kg·m² ± 10 %, is subtracted" in taken.remarks
+        "the torque that accelerates the output flange, "
+        "0.25 kg·m² ± 10 %, is subtracted" in taken.remarks
     )
-    assert any(
-        "the inertia of the output's flange isn't described" in each for each in left.remarks
-    )
+    assert any("the inertia of the output flange isn't described" in each for each in left.remarks)
 
 
 @pytest.mark.parametrize("inertia", [0.25, None])

@@ -126,7 +126,7 @@ def test_a_chain_that_corrects_rotation_needs_no_empty_run(station: Station) -> 
         assert "bearing drag" in names
         always = replace(settings, tare_always=True)
         (outcome,) = run_reducer_test(station, "no-load", REDUCER, always).outcomes
-        said = next(each for each in outcome.remarks if "empty run adds up to" in each)
+        said = next(each for each in outcome.remarks if "the empty run differs from" in each)
         assert 0.0 < float(said.split()[-2]) < 0.1
         active.switch_off(["rotation"])
         parts = rehearse_reducer_test(station, "no-load", REDUCER, settings)

@@ -59,7 +59,7 @@ def test_short_loops_are_marked_and_less_certain_than_full_ones(tmp_path: Path) 
     assert "positions not sampled" in names
     page = render_page(reducer_page(look))
     assert "Short reducer test" in page
-    assert "short test: a first look" in page
+    assert "short test: a first impression" in page
     assert "short" not in render_page(reducer_page(whole)).lower()
 
 

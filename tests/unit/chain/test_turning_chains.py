@@ -414,7 +414,7 @@ def test_points_alone_tell_the_temperature_and_what_else_would_is_named() -> Non
     )
     assert span[0] == pytest.approx(-RANGE_NM * 1e-4 * 12.0, abs=3 * span[1] + 1e-3)
     text = " ".join(found.remarks)
-    assert "an empty run through the speeds" in text
+    assert "an empty run over all working speeds" in text
     assert "an empty run with ramps" in text
 
 

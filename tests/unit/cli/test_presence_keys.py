@@ -103,7 +103,7 @@ def test_a_terminal_that_goes_before_anybody_came_ends_it(monkeypatch: pytest.Mo
         monkeypatch.setattr(sys, "stdin", file)
         threading.Timer(0.2, lambda: os.close(keyboard)).start()
         with (
-            pytest.raises(InterlockError, match="terminal has gone"),
+            pytest.raises(InterlockError, match="terminal was closed"),
             attending(Bench(presence_s=5.0), TerminalProgress()),  # type: ignore[arg-type]
         ):
             raise AssertionError

@@ -143,7 +143,7 @@ def test_the_network_is_fitted_with_its_parameters_and_shows_its_training(
     for wrong, message in (
         ({"model": "published-network", "network": {"hidden": 0}}, "hidden"),
         ({"model": "published-network", "network": {"start": "at random"}}, "start"),
-        ({"model": "polynomial-2", "network": {"epochs": 5}}, "without it"),
+        ({"model": "polynomial-2", "network": {"epochs": 5}}, "for another model"),
     ):
         with pytest.raises(InputError, match=message):
             start(service, "fit", {"calibration_id": 1, **wrong})

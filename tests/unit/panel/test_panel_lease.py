@@ -31,7 +31,7 @@ def bench() -> Bench:
 
 
 def test_one_commands_and_the_others_watch(bench: Bench) -> None:
-    with pytest.raises(LeaseError, match="nobody commands"):
+    with pytest.raises(LeaseError, match="nobody is in command"):
         bench.lease.require(ANA)
     bench.lease.take(ANA)
     bench.lease.require(ANA)
@@ -45,7 +45,7 @@ def test_one_commands_and_the_others_watch(bench: Bench) -> None:
     bench.lease.take(CYD)
     assert bench.said == [
         "Ana took the command",
-        "Ana gave the command back",
+        "Ana gave up command",
         "Cyd took the command",
     ]
 

@@ -133,7 +133,7 @@ def test_own_profiles_are_added_changed_and_deleted(settings: SettingsStore) -> 
         settings.profile("slow-check")
     settings.undo(BEN, made.number)
     assert settings.profile("slow-check") is not None
-    with pytest.raises(InputError, match="comes with the software"):
+    with pytest.raises(InputError, match="is part of the software"):
         settings.change(BEN, "profiles", "check", document)
 
 
@@ -160,7 +160,7 @@ def test_roles_and_versions_are_minded(settings: SettingsStore) -> None:
     with pytest.raises(PermissionDeniedError):
         settings.change(BEN, "bench", "bench", LIMIT)
     settings.change(ADA, "bench", "bench", LIMIT, version=0)
-    with pytest.raises(BusyError, match="meanwhile"):
+    with pytest.raises(BusyError, match="since then"):
         settings.change(ADA, "bench", "bench", {"bench": {"name": "another"}}, version=0)
 
 

@@ -165,7 +165,7 @@ def test_a_speed_that_was_not_reached_is_named() -> None:
     torque = 0.3 + 1e-4 * speed
     (found,) = evaluate_friction(speed, torque, demanded_rpm=demanded).findings
     assert found.name == "drive saturation"
-    assert "1500 rpm were asked for and 1210 rpm reached (3 of 12 points)" in found.message
+    assert "1500 rpm were requested and 1210 rpm reached (3 of 12 points)" in found.message
     assert not evaluate_friction(speed, torque, demanded_rpm=speed).findings
     with pytest.raises(InputError, match="demanded"):
         evaluate_friction(speed, torque, demanded_rpm=demanded[:5])

@@ -143,7 +143,7 @@ RESTORE_OR_REBUILD = "records restore BACKUP`, or without a backup `torquebench 
         ),
         (
             lambda data: in_database(data, "CREATE TABLE more (id INTEGER)"),
-            "table more: is none of the registry's",
+            "table more: doesn't belong to the registry",
             RESTORE_OR_REBUILD,
         ),
         (add_run, "stranger: a sealed run that isn't in the registry", "records rebuild` enters"),

@@ -97,7 +97,7 @@ def test_a_lost_registry_is_made_anew(data: Path, damage: Callable[[Path], None]
         assert issued.archive == certificate.archive
     report = check_data_directory(data)
     assert [str(each) for each in report.findings] == []
-    assert report.remarks[0].startswith("the registry was made anew from run folders by Ana on")
+    assert report.remarks[0].startswith("the registry was rebuilt from run folders by Ana on")
     assert rebuild(data, "Ana").runs == [], "nothing is left to do"
 
 

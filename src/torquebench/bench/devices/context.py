@@ -73,7 +73,7 @@ class BenchContext:
             await self.call(order, *args, **kwargs)
         except BenchError as failure:
             if self.supervisor.alarm is None:  # else it may just have been switched off for that
-                found = f"{side} drive, told to {what}: {failure.found}"
+                found = f"{side} drive, commanded to {what}: {failure.found}"
                 trip, kind = self.supervisor.trip, AlarmKind.DRIVE_FAULT
                 await self.call(trip, kind, side, found, failure.allowed, failure.remedy)
             raise

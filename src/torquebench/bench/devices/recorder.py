@@ -230,14 +230,14 @@ class Recorder(Device, AsyncReadable, Triggerable):
                 f"{samples.channel}: {samples.time_s.size} windows from {start_s:.2f} to "
                 f"{stop_s:.2f} s",
                 f"at least {max(expected, 1)}",
-                "record shorter stretches: acquisition keeps the last two minutes",
+                "record shorter intervals: acquisition keeps the last two minutes",
             )
         active = self._context.acquisition.compensation(side)
         found = None if active is None else active.window(start_s, stop_s)
         if active is not None and found is None:
             raise SignalFault(
                 f"no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
-                "a measuring chain in use from the start of the stretch",
+                "an active model from the start of the interval",
                 "activate the compensation before the test",
             )
         return self._columns(side, samples.time_s, samples.torque_nm, found)
@@ -289,7 +289,7 @@ def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) ->
     """Mean angle over windows around some times: a moving mean, read between its samples."""
     angle, at = samples.angle_rad, samples.time_s
     if at.size < 2:
-        raise SignalFault("no angle over the stretch", "samples in every window")
+        raise SignalFault("no angle in the recorded interval", "samples in every window")
     step = (at[-1] - at[0]) / (at.size - 1)
     width = int(np.clip(round(window_s / step), 1, at.size))
     total = np.concatenate(([0.0], np.cumsum(angle - angle[0])))

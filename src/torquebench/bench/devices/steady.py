@@ -335,7 +335,7 @@ def _steady_torque(active: ActiveChain, reading: _Evaluated) -> Torque:
             f"{reading.windows} windows, of which "
             f"{0 if found is None else found.time_s.size} were compensated",
             "all of them",
-            "take the value again: the measuring chain has just come into use",
+            "repeat the measurement: the model has just been activated",
         )
     if not np.isfinite(found.torque.value_nm).all():
         curve = active.chain.curve

@@ -160,7 +160,7 @@ class CanopenLink(Link[Any]):
                     raise WireError(str(error)) from error
                 raise BenchError(
                     f"{self.name} at {self.address} refuses: {error}",
-                    "an object and a value that the drive knows",
+                    "an object and a value that the drive supports",
                     "compare its object dictionary with cia402.eds",
                 ) from error
             except (sdo_errors[1], self._can.CanError, ValueError, EOFError) as error:
@@ -413,9 +413,9 @@ class Cia402Drive:
 def _check_within(name: str, value: float, maximum: float, unit: str) -> None:
     if not abs(value) <= maximum * (1.0 + 1e-6):
         raise LimitError(
-            f"{value:g} {unit} asked of {name}",
+            f"{value:g} {unit} requested from {name}",
             f"±{maximum:g} {unit}, the drive's own limit",
-            "stay within what the drive can do",
+            "stay within the drive's limits",
         )
 
 

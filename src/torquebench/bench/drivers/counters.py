@@ -110,7 +110,7 @@ class LibraryCounter(DescribedCounter):
         except self._failures as error:
             said = f"{what}: {self._said(error)}" if what else self._said(error)
             raise BenchError(
-                f"{self._place}: {said}", "a device that does what it is asked", self._remedy
+                f"{self._place}: {said}", "a device that executes its commands", self._remedy
             ) from error
 
     def _said(self, error: Exception) -> str:

@@ -326,8 +326,8 @@ class DaqmxCounter(LibraryCounter):
             if read != wanted:
                 raise BenchError(
                     f"counter of the {side} encoder sends {read} samples",
-                    f"the {wanted} that were asked for",
-                    "check that nobody else reads it",
+                    f"the {wanted} that were requested",
+                    "check that no other program reads it",
                 )
         counts = self._unwrapped(side, raw)
         before = self._held.get(side, np.empty(0, dtype=np.int64))

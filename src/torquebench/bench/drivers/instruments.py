@@ -150,9 +150,9 @@ def open_instruments(description: BenchDescription) -> DriverSet:
 def _check_needs_angles(counter: object) -> None:
     if getattr(counter, "times_encoders", False):
         raise InputError(
-            "driver.angles beside a counter that times the encoders itself",
+            "driver.angles and a counter that reads the encoders itself",
             "one of the two",
-            "take the section [driver.angles] out",
+            "remove the section [driver.angles]",
         )
 
 

@@ -59,7 +59,7 @@ def drive_timeout(described_s: float | None, watchdog_s: float, section: str) ->
         raise InputError(
             f"{section}.timeout_s = {described_s:g} s",
             f"less than {watchdog_s / 2.0:g} s, half of the drive's watchdog_s",
-            "shorten it, or leave it out: one lost answer is asked for again in time",
+            "shorten it, or leave it out, so that a lost answer can be repeated in time",
         )
     return described_s
 

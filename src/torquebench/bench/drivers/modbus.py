@@ -108,9 +108,9 @@ class ModbusDrive:
     ) -> None:
         if not abs(value) <= maximum * (1.0 + 1e-6):
             raise LimitError(
-                f"{value:g} {unit} asked of {self._link.name}",
+                f"{value:g} {unit} requested from {self._link.name}",
                 f"±{maximum:g} {unit}, the drive's own limit",
-                "stay within what the drive can do",
+                "stay within the drive's limits",
             )
         if not (rate > 0.0 and math.isfinite(rate)):
             raise InputError(f"rate {rate:g} {unit}/s", "a rate above 0")

@@ -81,7 +81,7 @@ class ModbusLink(Link[Any]):
             if answer.isError():
                 raise BenchError(
                     f"{self.name} at {self.address} refuses: exception {answer.exception_code}",
-                    "a register and a value that the instrument knows",
+                    "a register and a value that the instrument supports",
                     "compare its register map with docs/reference/device-protocols.md",
                 )
             return answer
@@ -95,7 +95,7 @@ class ModbusLink(Link[Any]):
                     raise BenchError(
                         f"{self.name} at {self.address} is busy (exception {BUSY})",
                         f"an answer within {self.timeout_s:g} s",
-                        "find out what else uses it",
+                        "find out which other program uses it",
                     ) from busy
                 time.sleep(BUSY_S)
 
@@ -129,7 +129,7 @@ class ModbusLink(Link[Any]):
         if len(found) < count:
             raise BenchError(
                 f"{self.name} at {self.address} sends {len(found)} values",
-                f"the {count} that were asked for",
+                f"the {count} that were requested",
                 "check the instrument's register map",
             )
         return found[:count]

@@ -147,7 +147,7 @@ class OpenDaqCounter(LibraryCounter):
             raise InputError(
                 f"signal of {name} in {symbol}",
                 "Hz, kHz or MHz, or a key scale_hz",
-                f"say in driver.counter.channels.{name} how many Hz a unit are",
+                f"say in driver.counter.channels.{name} how many Hz one unit is",
             )
         return scale_hz, options.offset_hz
 

@@ -145,7 +145,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
         raise InputError(
             f"{key} = {name!r}",
             "one of " + ", ".join(sorted(known)),
-            "correct the bench description or install the package that brings the protocol",
+            "correct the bench description or install the package that provides the protocol",
         )
     plugin = known[name]()
     if callable(plugin) and not isinstance(plugin, DriverPlugin):  # a factory
@@ -154,7 +154,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
         raise InputError(
             f"entry point {name!r} gives {type(plugin).__name__}",
             "a torquebench.bench.drivers.plugins.DriverPlugin",
-            "correct the package that brings it",
+            "correct the package that provides it",
         )
     return plugin
 

@@ -115,7 +115,7 @@ class ScpiCounter(DescribedCounter):
         used = link.query("SENS:ROSC:SOUR?")
         if used.upper()[:3] != clock:
             raise BenchError(
-                f"{link.name} counts by its reference clock {used!r}",
+                f"{link.name} uses its reference clock {used!r}",
                 repr(clock),
                 "connect the common reference clock",
             )
@@ -144,8 +144,8 @@ class ScpiCounter(DescribedCounter):
         if len(values) != count:
             raise BenchError(
                 f"{link.name} sends {len(values)} readings",
-                f"the {count} that were asked for",
-                "check that it measures continuously and that nobody else reads it",
+                f"the {count} that were requested",
+                "check that it measures continuously and that no other program reads it",
             )
         return np.array(values)
 

@@ -193,7 +193,7 @@ class ScpiLink(Link[_Connection]):
         fields = [part.strip() for part in self.query("*IDN?").split(",")]
         if len(fields) != 4:
             raise BenchError(
-                f"{self.name} at {self.address} says it is {','.join(fields)[:60]!r}",
+                f"{self.name} at {self.address} identifies itself as {','.join(fields)[:60]!r}",
                 "manufacturer,model,serial,firmware",
                 "check that the address is the instrument's",
             )

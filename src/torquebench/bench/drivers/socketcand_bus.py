@@ -68,7 +68,7 @@ class SocketcandBus(can.BusABC):
                     raise can.CanInitializationError(f"socketcand {said}")
                 answer += data
             if answer != wanted:
-                raise can.CanInitializationError(f"socketcand said {answer!r}, not {wanted!r}")
+                raise can.CanInitializationError(f"socketcand answered {answer!r}, not {wanted!r}")
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self._frames:

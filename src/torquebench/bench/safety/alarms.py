@@ -76,7 +76,7 @@ ALARM_CATALOGUE: dict[AlarmKind, AlarmEntry] = {
     ),
     AlarmKind.SPEED_LIMIT: AlarmEntry(
         "A measured speed exceeded the limit in force for its side.",
-        "Find out why the drive was too fast: set point, mode of operation, load that was lost.",
+        "Find out why the drive was too fast: set point, mode of operation or a lost load.",
     ),
     AlarmKind.ANGLE_LIMIT: AlarmEntry(
         "A side turned further from where its drive was switched on than `angle_deg` allows.",
@@ -143,7 +143,7 @@ ALARM_CATALOGUE: dict[AlarmKind, AlarmEntry] = {
         "Check the instrument that the alarm names and open the bench again.",
     ),
     AlarmKind.STOP: AlarmEntry(
-        "Somebody stopped the bench: panel, HTTP API, Ctrl-C.",
+        "A person or a program stopped the bench (panel, HTTP API, Ctrl-C).",
         "Acknowledge when the cause is gone.",
     ),
     AlarmKind.NOT_SAFE: AlarmEntry(
@@ -339,8 +339,8 @@ class AlarmBook:
                     seen is None or alarm.number in seen
                 ):
                     raise InterlockError(
-                        f"an alarm that came meanwhile: {alarm.found}",
-                        "acknowledgement of what was looked at",
+                        f"an alarm that was raised in the meantime: {alarm.found}",
+                        "acknowledgement of the displayed alarms",
                         "look at the alarms again",
                     )
             self._latched = None

@@ -213,7 +213,7 @@ def unreachable(side: Side) -> Violation:
     return Violation(
         AlarmKind.DRIVE_FAULT,
         side,
-        f"{side} drive: it can't be told to go off",
-        "a drive that takes commands",
-        "check its connection; its own watchdog takes the power off",
+        f"{side} drive: it can't be switched off",
+        "a drive that accepts commands",
+        "check its connection; its own watchdog switches the power off",
     )

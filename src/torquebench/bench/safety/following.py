@@ -158,5 +158,5 @@ def _violation(
         side,
         f"{side} drive: {found:.1f} {unit} instead of {told:.1f} {unit}",
         f"at most {allowed:g} {unit} apart",
-        "find out whether the drive or its transducer is wrong before going on",
+        "find out whether the drive or its transducer is wrong before you continue",
     )

@@ -79,7 +79,7 @@ class Heartbeats:
             return Violation(
                 AlarmKind.PRESENCE,
                 OPERATOR,
-                f"nobody has confirmed to be at the bench for {self._presence_s:g} s",
+                f"no confirmation of presence at the bench for {self._presence_s:g} s",
                 f"a confirmation every {self._presence_s:g} s while a drive has power",
                 "stay at the bench and confirm, or end the run before leaving",
             )

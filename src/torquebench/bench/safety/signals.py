@@ -76,10 +76,10 @@ class _Held:
 
 
 _REMEDIES = {
-    AlarmKind.TORQUE_LIMIT: "find out what overloaded the chain before going on",
-    AlarmKind.SPEED_LIMIT: "find out why the drive ran away before going on",
-    AlarmKind.ANGLE_LIMIT: "look whether clamp, coupling or mode conversion has given way",
-    AlarmKind.RATE_LIMIT: "look whether something broke or came loose before going on",
+    AlarmKind.TORQUE_LIMIT: "find out what overloaded the chain before you continue",
+    AlarmKind.SPEED_LIMIT: "find out why the drive ran away before you continue",
+    AlarmKind.ANGLE_LIMIT: "check whether clamp, coupling or mode conversion has slipped",
+    AlarmKind.RATE_LIMIT: "check whether something broke or came loose before you continue",
     AlarmKind.TEMPERATURE_LIMIT: "let the bench cool down",
 }
 
@@ -411,7 +411,7 @@ class SignalJudge:
                     own.channel,
                     f"{own.channel} and {standard.channel} are {least:.1f} N·m apart",
                     f"at most {allowed:g} N·m",
-                    "find out which of both transducers is wrong before going on",
+                    "find out which of the two transducers is wrong before you continue",
                 )
 
     # -- levels -----------------------------------------------------------------------------

@@ -99,7 +99,7 @@ class Remaining:
             return f"{self.side} side: drive off, {torque}"
         if self.power:
             return f"{self.side} side: drive still on, {torque}"
-        return f"{self.side} side: drive doesn't say whether it is off, {torque}"
+        return f"{self.side} side: state of the drive unknown, {torque}"
 
 
 class ReadBack:

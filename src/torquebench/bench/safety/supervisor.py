@@ -243,7 +243,9 @@ class SafetySupervisor:
                 raise InterlockError(
                     f"alarm {alarm.kind.value}, {said(still)}",
                     self._read_back.allowed(),
-                    PRESS_STOP if known else "wait a moment; see that drive and signal are read",
+                    PRESS_STOP
+                    if known
+                    else "wait a moment; check that drive and signal can be read",
                 )
             if not who.strip():
                 raise InterlockError("acknowledgement by nobody", "a person's name")
@@ -708,11 +710,11 @@ class SafetySupervisor:
                 AlarmKind.SUPERVISOR,
                 "supervisor",
                 found,
-                "a supervisor that sees everything",
-                "open the bench again; if it comes again, report it",
+                "a supervisor that receives all data",
+                "open the bench again; if it happens again, report it",
             )
         except Exception:  # not even that: the power goes off without ceremony
-            logger.exception("the supervisor can't stop the bench in order")
+            logger.exception("the supervisor can't stop the bench normally")
             for worker in self._workers.values():
                 worker.disable(lambda _told: None)
 

@@ -159,7 +159,7 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
     first = specimens[0]
     keys = [key for key in first.quantities if all(key in each.quantities for each in specimens)]
     if not keys:
-        raise InputError("runs that hold no value in common", "runs with the same settings")
+        raise InputError("runs without a common value", "runs with the same settings")
     same = all(each.bench == first.bench and each.chain == first.chain for each in specimens)
     changes: dict[str, Change] = {}
     values: dict[str, SpecimenComparison] = {}
@@ -193,6 +193,6 @@ def _check(found: Sequence[SpecimenResults], change: bool) -> None:
     if not change and len(set(serials)) < len(serials):
         raise InputError(
             f"several runs of one specimen: {said}",
-            "one run a specimen",
+            "one run per specimen",
             "give --serial when testing, or --change for before and after",
         )

@@ -98,7 +98,7 @@ def preparations(
         found.append(
             Preparation(
                 "bench-twist",
-                "Twist of the bench itself",
+                "Twist of the bench",
                 lambda devices: bench_twist(devices, twist, loops_nm=loops_nm),
                 twisted,
             )

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-SHORT_TEST = "short test: a first look, no result for a data sheet"
+SHORT_TEST = "short test: a first impression, not for comparison with a data sheet"
 
 
 @dataclass(frozen=True)

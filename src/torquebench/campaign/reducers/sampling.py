@@ -46,7 +46,7 @@ class Unsampled:
     name : str
         Of its contribution to the budgets.
     remark : str
-        What was left out, and what counts instead.
+        What was omitted, and what counts instead.
     standard_uncertainty : callable
         Returns it for a value, in the value's unit.
     """
@@ -77,8 +77,8 @@ def few_positions(positions: int) -> tuple[Unsampled, ...]:
 
 
 _COLD = (
-    "the reducer wasn't warmed up: that its friction may still fall by up to "
-    f"{WARMING_SHARE:.0%} counts in U"
+    "the reducer wasn't warmed up: U contains a possible decrease of its friction by "
+    f"{WARMING_SHARE:.0%}"
 )
 
 

@@ -89,9 +89,9 @@ def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
     if torque > reached:
         raise ModelMismatchError(
             f"{part.title.lower()} to {torque:.4g} N·m with model-{active.model_id}, which was "
-            f"calibrated to {reached:.4g} N·m",
-            "torques that the active model was calibrated to",
-            "calibrate the output further, or put another model into use",
+            f"calibrated up to {reached:.4g} N·m",
+            "torques in the calibrated range of the active model",
+            "calibrate the output to larger torques, or put another model into use",
         )
 
 
@@ -208,7 +208,7 @@ def _all_parts(
     for part, title, action in parts:
         alarm = station.supervisor.alarm
         if alarm is not None:
-            why = f"not begun: an alarm is latched ({alarm.found})"
+            why = f"not started: an alarm is latched ({alarm.found})"
             failures.append(ReducerTestFailure(part, title, why, "acknowledge it and test again"))
             continue
         try:

@@ -70,7 +70,7 @@ def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[S
     """Say which torque isn't compensated."""
     return [
         f"the {side} torque is not compensated: its uncertainty is the {UNCOMPENSATED_SHARE:.1%} "
-        f"of {bench.description.module(side).range_nm:g} N·m that such chains are reported with"
+        f"of {bench.description.module(side).range_nm:g} N·m, as published for such chains"
         for side in sides
         if not compensated[side]
     ]
@@ -99,24 +99,23 @@ def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
         if stated is not None and np.any(stated.added("bearing drag") != 0.0)
     }
     if bench.tares:
-        found = ["what the shafts read in an empty run is subtracted"]
+        found = ["the reading of an empty run is subtracted"]
         largest = {
             side: float(np.max(np.abs([bench.tares[side].at(s).torque_nm for s in speeds])))
             for side, speeds in running.speed_rpm.items()
             if side in corrected
         }
         return found + [
-            f"beyond what the {side} measuring chain corrects, the empty run adds up to "
+            f"the empty run differs from the correction of the {side} measuring chain by up to "
             f"{value:.2g} N·m"
             for side, value in largest.items()
         ]
     if corrected.keys() >= running.stated.keys():
         return [
-            "the measuring chain corrects what speed does to its zero and what its bearings drag: "
-            "no empty run is needed"
+            "the measuring chain corrects zero over speed and bearing drag: no empty run is needed"
         ]
     return [
-        "no empty run: what speed does to the zero, and the drag of the bench's bearings, stand "
+        "no empty run: zero over speed and the drag of the bench's bearings are contained "
         "in the torque and in its uncertainty"
     ]
 

@@ -91,7 +91,7 @@ class Dynamics(Effect):
     def check_rate(self, time_s: FloatArray | None) -> None:
         """Refuse rows that aren't at the filter's rate."""
         if time_s is None or time_s.size < 2:
-            found = "readings without an even time"
+            found = "readings at uneven times"
         else:
             step = float(np.median(np.diff(time_s)))
             if abs(step - self.interval_s) <= _UNEVEN * self.interval_s:

@@ -255,7 +255,7 @@ def blocks(runs: int) -> tuple[Block, ...]:
         ),
         Block("inertia", "inertia", lambda c: c.acceleration[:, None], 10.0, 2.5),
         Block("zero of empty runs", "", lambda c: np.sign(c.run)[:, None], 1.0),
-        Block("wandering of empty runs", "", _wanderings(runs), 0.1, 1.0),
+        Block("zero drift of empty runs", "", _wanderings(runs), 0.1, 1.0),
         Block("static curve", "", _on(lambda c: 1.0 - np.sign(c.run), _static_columns), 0.3),
     )
 

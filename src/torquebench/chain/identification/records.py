@@ -54,7 +54,7 @@ class EmptyRun:
         if self.time_s.size < _FEWEST_ROWS:
             raise InputError(
                 f"{self.source}: an empty run of {self.time_s.size} samples",
-                f"at least {_FEWEST_ROWS}, through the speeds that are used",
+                f"at least {_FEWEST_ROWS}, over all working speeds",
             )
         step = np.diff(self.time_s)
         if not np.all(step > 0.0):
@@ -95,7 +95,7 @@ def of_one_zero(runs: Sequence[EmptyRun]) -> list[EmptyRun]:
     if known and len(known) < len(runs):
         silent = next(run.source for run in runs if run.zero_nm is None)
         raise InputError(
-            f"{known[0].source} names its zero, {silent} doesn't",
+            f"{known[0].source} states its zero, {silent} doesn't",
             "zero_nm in all empty runs, or one zero for all of them and no zero_nm",
             "record all of them with `torquebench turn`, or give one run only",
         )

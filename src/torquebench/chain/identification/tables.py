@@ -157,7 +157,7 @@ class _Data:
         warmth = [run.temperature_c for run in runs]
         if warm is None and runs and np.ptp(np.concatenate(warmth)) >= LEAST_KELVIN:
             raise InputError(
-                "a calibration without temperature_c beside empty runs at several temperatures",
+                "a calibration without temperature_c, and empty runs at several temperatures",
                 "the temperature of every point, so that the runs can be related to it",
                 "add the column, or give empty runs at the calibration's temperature only",
             )
@@ -249,20 +249,20 @@ class _Data:
         has_runs = bool(self.runs)
         said = {
             "zero": f"zero over temperature: all data lie within {LEAST_KELVIN:g} K; an empty run "
-            "at another temperature would tell",
-            "span": "span over temperature: a series at another temperature would tell",
-            "odd": "zero and drag over speed: an empty run through the speeds that are used, in "
-            "both directions, would tell",
-            "even": "the zero's shift apart from the drag: the empty run turned in one direction "
-            "only; torques in the other direction are refused until it turns in both",
-            "load": "drag over load: series against a turning reference would tell",
-            "inertia": "inertia: an empty run with ramps would tell",
+            "at another temperature would identify it",
+            "span": "span over temperature: a series at another temperature would identify it",
+            "odd": "zero and drag over speed: an empty run over all working speeds, in "
+            "both directions, would identify it",
+            "even": "zero shift separate from drag: the empty run has one direction "
+            "only; torques in the other direction are refused until both are measured",
+            "load": "drag over load: series against a rotating reference would identify it",
+            "inertia": "inertia: an empty run with ramps would identify it",
         }
         if not self.groups and has_runs:
             raise InputError(
                 "empty runs at one speed, one temperature and without a ramp",
                 f"different speeds, or temperatures {LEAST_KELVIN:g} K apart",
-                "drive the empty run through the speeds that are used, or repeat it warm and cold",
+                "record the empty run over all working speeds, or repeat it warm and cold",
             )
         if not self.groups and not np.any(self.points.turning):
             return []

@@ -24,12 +24,12 @@ __all__ = ["API_PATH", "create_api"]
 
 API_PATH = "/api/v1"
 DESCRIPTION = """\
-Everything that the operator panel does, for programs. Every request carries
+All functions of the operator panel, for programs. Every request contains
 `Authorization: Bearer TOKEN`: the token of a client, which an administrator makes, or that of a
 person's session. Whoever commands the bench holds the command lease (`/command`); a stop needs
 none. Refusals are problem details (RFC 9457). Live data over a WebSocket: `/api/v1/stream`.
 
-All torques are in N·m, clockwise positive; null stands where there is no number.
+All torques are in N·m, clockwise positive; null means that there is no value.
 """
 
 

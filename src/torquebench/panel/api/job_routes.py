@@ -123,7 +123,7 @@ def _add(kind: JobKind) -> None:
             methods=["POST"],
             name=f"preview_{name}",
             summary=f"Preview: {kind.name}",
-            description=f"{words}\n\nRehearsed only: nothing moves.",
+            description=f"{words}\n\nDry run: nothing moves.",
         )
 
 

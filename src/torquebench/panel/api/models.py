@@ -112,7 +112,7 @@ class AcknowledgeBody(Body):
 
     alarm_ids: Annotated[
         list[Annotated[str, Field(max_length=64)]] | None,
-        Field(max_length=1000, description="All that stand, where it is left out."),
+        Field(max_length=1000, description="All active alarms, if omitted."),
     ] = None
 
 
@@ -208,8 +208,8 @@ class SignalValue(BaseModel):
 class LiveRows(BaseModel):
     """Rows of live signals: means, and lowest and highest within each row; null: no number."""
 
-    sequence: int = Field(description="Ask with `since` at this number next time.")
-    missed: int = Field(description="Rows that are forgotten already.")
+    sequence: int = Field(description="Use this number for `since` in the next request.")
+    missed: int = Field(description="Rows that are no longer stored.")
     time_s: list[float]
     values: dict[str, list[float | None]]
     low: dict[str, list[float | None]]

@@ -66,7 +66,7 @@ class Guard:
             return
         declared = headers.get("content-length", "0")
         if not declared.isdigit() or int(declared) > LARGEST_BODY:
-            found = f"a body of {declared[:20]} bytes, at most {LARGEST_BODY} are taken"
+            found = f"a body of {declared[:20]} bytes, at most {LARGEST_BODY} are accepted"
             await _refuse(scope, receive, send, 413, "Too large", found)
             return
         await self._app(scope, _limited(receive), self._with_headers(scope, send))

@@ -65,7 +65,7 @@ Records (`records`): identifiers in, values out, never a path
 
 Tables from elsewhere (`tables`): text in, never a path
     - `read_table(bytes)` -> text of an uploaded CSV file; `preview(request)` -> `TableView`
-      (points, errors, departures from the profile, class); `enter(actor, request)` ->
+      (points, errors, deviations from the profile, class); `enter(actor, request)` ->
       `EnteredTable(calibration_id, run_id)`: compare, fit and certify it like any calibration.
       Requests are `TableRequest` and `EnterTableRequest`, or mappings of their fields. Both take
       up to a second: call them beside an event loop.

@@ -41,14 +41,14 @@ def _whole(value: Any) -> Any:
 def _in_words(moment: Any) -> Any:
     """Refuse seconds since 1970, which nobody can tell from a typing mistake."""
     if not re.match(r"\d{4}-\d{2}-\d{2}[T ]", str(moment)):
-        raise ValueError("a moment as in 2026-01-31T12:00:00Z")
+        raise ValueError("a time such as 2026-01-31T12:00:00Z")
     return moment
 
 
 def _day_in_words(day: Any) -> Any:
     """Refuse seconds since 1970 for a day, too."""
     if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(day)):
-        raise ValueError("a day as in 2026-01-31")
+        raise ValueError("a day such as 2026-01-31")
     return day
 
 

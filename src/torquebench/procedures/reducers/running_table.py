@@ -32,7 +32,7 @@ class RunningRecording:
     Parameters
     ----------
     nominal_rpm, nominal_nm : float64[n]
-        Input speed and output torque that were asked for.
+        Input speed and output torque that were requested.
     speed_rpm : mapping of side to float64[n]
         Mean speeds, clockwise positive, 1/min.
     torque_nm : mapping of side to float64[n]

@@ -229,7 +229,7 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
         return (yield from temperature_c(devices))
     if REDUCER_PROBE not in devices.context.description.temperatures:
         raise BenchError(
-            f"no temperature probe {REDUCER_PROBE!r}, so nobody knows whether it is steady",
+            f"no temperature probe {REDUCER_PROBE!r}, so its steadiness can't be checked",
             f"a probe named {REDUCER_PROBE!r} in the bench description",
             "fit one, or test without warming up",
         )
@@ -255,7 +255,7 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
             f"the reducer's temperature ({seen[-1][1]:.2f} °C) still changes by "
             f"{settings.rate(seen):.3g} K/min after {settings.longest_s / 60:g} min",
             f"at most {settings.rate_k_per_min:g} K/min",
-            "warm up for longer, at the speed of the test, or let the hall's temperature settle",
+            "warm up for longer, at the speed of the test, or let the room temperature settle",
         )
     yield from move(devices.input.drive.speed, 0.0)
     yield from bps.sleep(REST_S)
@@ -329,8 +329,8 @@ def _check_ratio(
     if abs(input_rad - asked_rad) > 0.05 * abs(asked_rad) + slack_rad:
         raise BenchError(
             f"the input turned by {np.degrees(input_rad):.1f}° when {np.degrees(asked_rad):.1f}° "
-            "were asked for",
-            "the angle that was asked for within 5 %",
+            "were requested",
+            "the requested angle within 5 %",
             "check the input drive for saturation and the input encoder",
         )
     expected = input_rad / limits.ratio

@@ -255,7 +255,7 @@ class _Runner:
         raise BenchError(
             f"the {self.side} transducer has {warm:.1f} °C after {settings.longest_h:g} h",
             f"{wanted:g} °C ± {settings.within_k:g} K",
-            "heat or cool the hall, or measure at what it has: --no-wait",
+            "heat or cool the room, or measure at its present temperature: --no-wait",
         )
 
     def take_zero(self) -> Plan[None]:

@@ -239,7 +239,7 @@ def _sign_findings(driving: NDArray[np.int64]) -> list[Finding]:
             f"input torque and output torque of unlike sign at all {lost} points",
             "the torque on the input and the torque that the output puts on its load, "
             "clockwise positive",
-            "turn the sign of the output torque, or make the ratio negative if the output turns "
+            "reverse the sign of the output torque, or make the ratio negative if the output turns "
             "against the input",
         )
     if not lost:
@@ -248,7 +248,7 @@ def _sign_findings(driving: NDArray[np.int64]) -> list[Finding]:
     return [
         Finding(
             "no power flows through",
-            f"{lost} points where both sides put power in and the efficiency is 0 (the first: "
+            f"{lost} points where both sides receive power and the efficiency is 0 (the first: "
             f"point {worst + 1})",
             "they are left out: the load is smaller than the friction there",
         )
@@ -291,7 +291,7 @@ def _findings(
         findings.append(
             Finding(
                 "no repeats",
-                "every point was measured once: of repeatability the chain's stated one counts",
+                "every point was measured once: the stated repeatability of the chain is used",
                 "measure each point twice or more",
             )
         )

@@ -72,7 +72,7 @@ def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) 
         raise InputError(
             f"{where}: a torque of {low:.4g} to {high:.4g} N·m, which doesn't pass zero",
             "a loop from negative to positive torque",
-            "take off the preload that hides backlash and lost motion, and check the zero",
+            "remove the preload that hides backlash and lost motion, and check the zero",
         )
     need = settings.stiffness_interval[1] * settings.rated_torque_nm
     if min(high, -low) < REACHED * need:

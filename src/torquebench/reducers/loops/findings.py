@@ -52,7 +52,7 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
         raise InputError(
             "an angle that falls while the torque rises",
             "torque and angle of one sign",
-            "turn the sign of one of them",
+            "reverse the sign of one of them",
         )
 
 
@@ -157,6 +157,6 @@ def _preload(loops: list[LoopFeatures], settings: LoopSettings) -> Finding | Non
         "backlash hidden by preload",
         f"the loop is softest around {found:.4g} N·m instead of 0 N·m: a constant torque keeps "
         "the flanks together, and the width at zero torque doesn't show the backlash",
-        "take the preload off (weight on a horizontal shaft, brake, coupling), check the zero",
+        "remove the preload (weight on a horizontal shaft, brake, coupling), check the zero",
         severe=True,
     )

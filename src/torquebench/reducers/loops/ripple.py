@@ -149,7 +149,7 @@ def what_it_hid(
 
     energy = change(lambda each: each.energy_j)
     hidden = energy / max(float(np.mean([abs(each.energy_j) for each in steady])), 1e-300)
-    remedy = "load with less ripple to measure it without detour"
+    remedy = "load with less ripple to avoid this correction"
     if ripple.period < RESOLVED:
         remedy = f"sample faster: at least {RESOLVED:g} samples a period"
     uncertain = RippleLeft(
@@ -161,7 +161,7 @@ def what_it_hid(
         "torque ripple",
         f"the torque ripples by ±{ripple.amplitude_nm:.3g} N·m with {ripple.period:.3g} samples a "
         f"period, which narrows a loop as a vibration does ({100.0 * hidden:.2g} % of its energy); "
-        "branches are read where the angle is further than before, which a ripple doesn't change",
+        "branches are read where the angle exceeds all earlier angles, where ripple has no effect",
         remedy,
     )
 

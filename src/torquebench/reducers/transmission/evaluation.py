@@ -347,8 +347,8 @@ def _findings(directions: list[DirectionError]) -> list[Finding]:
         findings.append(
             Finding(
                 "one revolution",
-                "nothing shows how the error repeats: the noise is what lies above the highest "
-                "order",
+                "the repeatability of the error is unknown: the noise above the highest order is "
+                "used",
                 "measure two output revolutions or more",
             )
         )

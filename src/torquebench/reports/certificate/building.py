@@ -54,8 +54,8 @@ DEFAULT_TOLERANCE_PERCENT_FS = 0.1
 UNREVIEWED = {
     "unverified": "its model isn't verified on fresh points",
     "outside": "its verification is outside the tolerance",
-    "unchecked": "nobody else has checked it before it went into use",
-    "self_signed": "who authorises it has measured or entered it",
+    "unchecked": "no second person checked it before it was put into use",
+    "self_signed": "the person who authorises it measured or entered it",
 }
 """What may be missing of a certificate, and how it is said where it is refused."""
 

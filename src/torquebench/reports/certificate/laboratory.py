@@ -103,7 +103,7 @@ def person_among(name: str, people: Iterable[str], what: str = "measured by") ->
         if each.strip().casefold() == name.strip().casefold():
             return each
     raise InputError(
-        f"{what} {name.strip()[:80]!r}, who is nobody of the laboratory",
+        f"{what} {name.strip()[:80]!r}, who isn't a person of the laboratory",
         "one of " + ", ".join(known) if known else "a person of the laboratory",
         f'name them in {LABORATORY_FILE}: people = ["A. Kim", …] under [laboratory]',
     )

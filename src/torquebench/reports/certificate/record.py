@@ -282,7 +282,7 @@ class VerificationSummary:
 
 @dataclass(frozen=True)
 class DeviationStatement:
-    """One departure from the profile that the certificate carries.
+    """One deviation from the profile that the certificate carries.
 
     `key` and `values` say the same as `found` and `allowed`, for other languages.
     """
@@ -421,7 +421,7 @@ class CertificateRecord:
     coaxiality, clamp_pressure, mounting_time, lubrication, mounted_by : str
         Of the record of the mounting; empty where nobody entered it.
     loading_accuracy : str
-        Largest difference of the standard from the torque that was asked for.
+        Largest difference of the standard from the requested torque.
     """
 
     number: str

@@ -87,7 +87,7 @@ class Source:
         """
         if calibration.run_id is None:
             raise InputError(
-                f"calibration-{calibration.calibration_id} is a table from elsewhere",
+                f"calibration-{calibration.calibration_id} is an external table",
                 "a calibration that a run of this registry holds",
                 "enter the table with `torquebench evaluate static --register`",
             )
@@ -198,7 +198,7 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
     )
     if percent is None:
         raise RecordError(
-            f"nobody has stated the uncertainty of the standard {serial}",
+            f"no stated uncertainty of the standard {serial}",
             "its expanded uncertainty (k = 2) in % of the range",
             "enter its certificate",
         )

@@ -83,10 +83,10 @@ def test_a_drive_out_of_reach_is_left_to_its_watchdog_and_the_bench_is_safe_when
         assert not bench.simulated.drives["output"].state().enabled
         alarm = bench.supervisor.alarm
         assert alarm.name == "not in the safe state: output"
-        assert "output side: drive doesn't say whether it is off" in alarm.found
+        assert "output side: drive state of the drive unknown" in alarm.found
         assert "emergency stop" in alarm.remedy
         assert bench.clock.now() - cut_s < 4.0
-        with pytest.raises(InterlockError, match="doesn't say whether it is off"):
+        with pytest.raises(InterlockError, match="state of the drive unknown"):
             bench.supervisor.acknowledge("A. Tester")
         wires["output"].cut = False
         assert comes(lambda: bench.supervisor.safe)
@@ -128,7 +128,7 @@ def test_a_drive_that_can_not_be_told_to_go_off_is_an_alarm(
         while bench.supervisor.alarm is None and time.monotonic() < deadline:
             time.sleep(0.005)
         assert bench.supervisor.alarm.kind is AlarmKind.DRIVE_FAULT
-        assert "can't be told to go off" in bench.supervisor.history[0].found
+        assert "can't be switched off" in bench.supervisor.history[0].found
         assert not bench.supervisor.wait_safe(PATIENCE_S)
         assert bench.supervisor.alarm.kind is AlarmKind.NOT_SAFE
         assert not bench.simulated.drives["output"].state().enabled

@@ -126,7 +126,7 @@ def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
         bench.supervisor.trip(AlarmKind.STOP, "test", "a stop", "", "")
         assert not bench.supervisor.wait_safe(PATIENCE_S)
         assert not deaf["output"].drive.state().enabled, "its watchdog wasn't fed"
-        with pytest.raises(InterlockError, match="doesn't say whether it is off"):
+        with pytest.raises(InterlockError, match="state of the drive unknown"):
             bench.supervisor.acknowledge("A. Tester")
         for each in deaf.values():
             each.released.set()

@@ -132,7 +132,9 @@ def _figure(result: BreakawayResult) -> str:
 
 
 def _figures(result: BreakawayResult) -> tuple[tuple[str, str], ...]:
-    caption = "Torque at the first motion of every ramp; bars: U of the moment of motion alone."
+    caption = (
+        "Torque at the first motion of every ramp; bars: U of the detected moment of motion only."
+    )
     return ((_figure(result), caption),)
 
 

@@ -121,10 +121,10 @@ def _flange(bench: Bench) -> FlangeInertia | None:
 def _flange_remark(flange: FlangeInertia | None) -> str:
     if flange is None:
         return (
-            "the inertia of the output's flange isn't described: where the torque's ripple turns "
-            "round, what the flange takes to move counts as the reducer's"
+            "the inertia of the output flange isn't described: at reversals of the torque ripple, "
+            "its torque is attributed to the reducer"
         )
-    return f"what the output's flange takes to move, {flange}, is subtracted"
+    return f"the torque that accelerates the output flange, {flange}, is subtracted"
 
 
 def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:
@@ -140,7 +140,7 @@ def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side)
 
 def _twist_remarks(bench: Bench) -> list[str]:
     if not bench.twists:
-        return ["the bench's own twist isn't known: it counts as the reducer's"]
+        return ["the bench's own twist isn't known: it is attributed to the reducer"]
     return [
         f"the bench's own twist at the {side}, {each.rad_per_nm / ARCMIN:.3g} arcmin per "
         f"N·m ({each.source}), is subtracted"
@@ -205,8 +205,8 @@ def _mark_key_points(whole: Axes, near: Axes, result: HysteresisResult) -> None:
 
 def _figures(result: HysteresisResult) -> tuple[tuple[str, str], ...]:
     caption = (
-        "Output angle against the locked input over output torque, less the bench's own twist "
-        "where it is known; each loop about its middle at zero. Below: the first loop's key "
+        "Output angle relative to the locked input over output torque, corrected for the bench's "
+        "own twist if it is known; each loop is centred at zero. Below: the first loop's key "
         f"points; lost motion: {result.rule.words()}."
     )
     return ((_figure(result), caption),)

@@ -56,7 +56,7 @@ def _evaluate(
         uncertainty=known,
     )
     remarks = [
-        f"of the {side} encoder only the resolution counts: its accuracy isn't described"
+        f"U contains only the resolution of the {side} encoder: its accuracy isn't described"
         for side in SIDES
         if bench.description.module(side).encoder.accuracy_arcsec is None and side not in certified
     ]
@@ -134,7 +134,8 @@ def _polar(result: TransmissionErrorResult) -> str:
 
 def _figures(result: TransmissionErrorResult) -> tuple[tuple[str, str], ...]:
     caption = (
-        "Output angle less input angle by the ratio over one output revolution, mean removed, "
+        "Output angle minus input angle divided by the ratio over "
+        "one output revolution, mean removed, "
         f"orders up to {result.highest_order:g}; below its orders."
     )
     polar = "The same as a polar plot: the dark circle is an error of 0."

@@ -117,7 +117,7 @@ class CommandLease:
             idle = self._now() - self._used > IDLE_S and not self._working()
             if same_person or idle:
                 return True, ""
-            return False, f"{holder.label} commands the bench"
+            return False, f"{holder.label} is in command of the bench"
 
     def take(self, actor: Actor, *, force: bool = False) -> None:
         """Command from now on.
@@ -139,7 +139,7 @@ class CommandLease:
                     raise LeaseError(
                         reason,
                         "one session at a time",
-                        "wait until it is given back"
+                        "wait until command is given up"
                         + (", or take it over" if strong else f" or {IDLE_S / 60:g} min idle"),
                     )
             now = self._now()
@@ -148,7 +148,7 @@ class CommandLease:
             if changed:
                 self._since = now
         if changed:
-            taken = "took the command" if holder is None else f"took the command of {holder.label}"
+            taken = "took the command" if holder is None else f"took command from {holder.label}"
             self._note(actor, taken)
 
     def give_back(self, actor: Actor) -> None:
@@ -157,7 +157,7 @@ class CommandLease:
             if not self.holds(actor):
                 return
             self._holder = None
-        self._note(actor, "gave the command back")
+        self._note(actor, "gave up command")
 
     def require(self, actor: Actor) -> None:
         """Refuse a session that doesn't command, and note that the lease is in use.
@@ -171,12 +171,14 @@ class CommandLease:
             holder = self._current()
             if holder is None:
                 raise LeaseError(
-                    "nobody commands the bench", "the session that commands", "take the command"
+                    "nobody is in command of the bench",
+                    "the session in command",
+                    "take the command",
                 )
             if holder.session_id != actor.session_id:
                 raise LeaseError(
-                    f"{holder.label} commands the bench",
-                    "the session that commands",
-                    "watch, or take the command over",
+                    f"{holder.label} is in command of the bench",
+                    "the session in command",
+                    "watch, or take command",
                 )
             self._used = self._now()

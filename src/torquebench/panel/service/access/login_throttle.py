@@ -71,7 +71,7 @@ class LoginThrottle:
                 if wait_s > 0.0:
                     raise LockedOutError(
                         "too many wrong passwords",
-                        f"{limit} within {WINDOW_S / 60:g} minutes, then with growing pauses",
+                        f"{limit} within {WINDOW_S / 60:g} minutes, then with increasing delays",
                         f"wait {max(1.0, wait_s):.0f} s, or ask an administrator",
                         wait_s=max(1.0, wait_s),
                     )

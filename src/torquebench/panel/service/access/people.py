@@ -322,16 +322,16 @@ class People:
             raise InputError(
                 f"name {name!r} in letters of several scripts",
                 "one script, or Latin and Chinese, Japanese or Korean ones",
-                "type it anew",
+                "type it again",
             )
         if _look(name) in {_look(each) for each in RESERVED}:
-            raise InputError(f"name {name!r}", "a person's name", "the panel itself is called that")
+            raise InputError(f"name {name!r}", "a person's name", "the panel itself uses this name")
         with self._store.transaction() as connection:
             taken = connection.scalars(select(users.c.name)).all()
             alike = next((each for each in taken if _look(each) == _look(name)), None)
             if alike is not None:
                 raise NameTakenError(
-                    f"an account {alike} exists", "a new name", "one that doesn't look like it"
+                    f"an account {alike} exists", "a new name", "a clearly different name"
                 )
             connection.execute(
                 insert(users).values(

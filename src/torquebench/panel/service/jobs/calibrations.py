@@ -293,7 +293,7 @@ def _choices(
 ) -> list[ModelChoice]:
     if network.given and NETWORK not in names:
         raise InputError(
-            f"parameters of the network ({', '.join(network.given)}) without it",
+            f"parameters of the network ({', '.join(network.given)}) for another model",
             f"the model {NETWORK}",
             "choose that model, or leave them out",
         )
@@ -392,7 +392,7 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
         contradictions=item.contradictions,
     )
     return JobResult(
-        headline=f"{item.title} leaves {errors_of(item, data).worst_nm:.3g} N·m on its own points.",
+        headline=f"{item.title}: largest residual {errors_of(item, data).worst_nm:.3g} N·m.",
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,

@@ -85,7 +85,7 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
         details[side] = {"frequency_hz": frequency_hz, "zero_nm": away}
     words = ", ".join(f"{side} {details[side]['zero_nm']:+.3g} N·m" for side in sides)
     return JobResult(
-        headline=f"Zero taken; away from the nominal one: {words}.",
+        headline=f"Zero measured; difference from the nominal zero: {words}.",
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
         details=as_details(details),

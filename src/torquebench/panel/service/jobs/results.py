@@ -44,7 +44,7 @@ def calibration_result(
     best = min(fitted, key=lambda item: errors_of(item, data).worst_percent_fs, default=None)
     found = ""
     if best is not None:
-        found = f"; {best.title} leaves {errors_of(best, data).worst_nm:.3g} N·m"
+        found = f"; largest residual of {best.title}: {errors_of(best, data).worst_nm:.3g} N·m"
     raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
     if any(item.contradictions for item in fitted):
         found = "; the points contradict each other, the model or the last calibration"

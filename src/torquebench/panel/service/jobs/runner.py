@@ -466,7 +466,7 @@ class JobRunner:
         """
         self.command(actor)
         if not self._prompts.answer(number, done=done, who=actor.label):
-            raise NotFoundError(f"question {number} doesn't wait", "the question that waits")
+            raise NotFoundError(f"question {number} isn't open", "the open question")
         self._note(actor, "answered a prompt", number=number, done=done)
 
     def _commanded(self, actor: Actor, job_id: str) -> Job:

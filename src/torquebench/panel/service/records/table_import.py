@@ -92,7 +92,7 @@ class TableRequest(BaseModel):
 class EnterTableRequest(TableRequest):
     """A calibration that was measured elsewhere, with whatever its certificate has to name."""
 
-    called: Needed = Field(default="table.csv", description="What records call the table.")
+    called: Needed = Field(default="table.csv", description="Name of the table in the records.")
     transducer_serial: Needed
     indicator: Needed = Field(description="Counter or amplifier that it was read with.")
     measured_by: Needed = Field(description="A person of the laboratory; see `GET /people`.")

@@ -213,10 +213,10 @@ class SettingsStore:
         """Return a document as it is and as it would be, and the version that was looked at."""
         found = find_section(section)
         if depth(document) > DEEPEST:
-            raise InputError("tables within tables within tables", f"{DEEPEST} levels at most")
+            raise InputError("tables nested too deeply", f"{DEEPEST} levels at most")
         if section != BENCH and name in builtin_names(found.name):
             raise InputError(
-                f"{name} comes with the software", "an own name", "copy it under a new name"
+                f"{name} is part of the software", "another name", "copy it under a new name"
             )
         if section != BENCH and not NAME.fullmatch(name):
             raise InputError(f"name {name[:80]!r}", "2 to 64 of a-z 0-9 . -")
@@ -263,7 +263,7 @@ class SettingsStore:
             last = _last(connection, section, name)
             if version != (0 if last is None else last.id):
                 raise BusyError(
-                    f"{name} was changed by {'somebody' if last is None else last.who} meanwhile",
+                    f"{name} was changed by {'somebody' if last is None else last.who} since then",
                     f"version {0 if last is None else last.id}",
                     "look at it again and repeat the change",
                 )
