@@ -402,7 +402,7 @@ def test_two_people_one_commands_and_the_other_watches(person: Visitor, stranger
     ben.sign_in("Ben", "/calibrate")
     ben.sees("In command: Admin")
     ben.press("Mount the calibrator and begin")
-    ben.sees("Admin commands the bench")
+    ben.sees("Admin is in command of the bench")
     person.press("Give up command")
     ben.sees("Nobody is in command")
     ben.press("Take command")

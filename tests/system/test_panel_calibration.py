@@ -105,7 +105,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     assert not list((ana.panel.folder / "data" / "certificates").glob("*"))
     ana.fill("Your password", PEOPLE["Ana"][1])
     ana.press("Sign and put into use")
-    ana.sees("Ben commands the bench")
+    ana.sees("Ben is in command of the bench")
     ben.press("Give up command")
     ben.sees("Nobody is in command")
     ana.fill("Your password", "a wrong password")

@@ -66,7 +66,7 @@ def fitted(folder: Path) -> str:
     )
     assert result.returncode == 0, result.stderr
     assert widest_line(result.stdout) <= 80
-    assert "turning reference would identify it" in " ".join(result.stderr.split())
+    assert "rotating reference would identify it" in " ".join(result.stderr.split())
     return result.stdout
 
 

@@ -51,7 +51,9 @@ def test_no_torque_from_a_drive_that_is_off(bench: LowBench) -> None:
 
 @pytest.mark.parametrize("value", [2401.0, -2401.0, float("nan"), float("inf")])
 def test_no_torque_beyond_the_limit(bench: LowBench, value: float) -> None:
-    with pytest.raises(LimitError, match=r"N·m asked of the output drive; allowed: ±2400 N·m"):
+    with pytest.raises(
+        LimitError, match=r"N·m requested from the output drive; allowed: ±2400 N·m"
+    ):
         interlocks.check_torque(ready(bench).state, "output", value)
 
 

@@ -35,7 +35,7 @@ def test_one_commands_and_the_others_watch(bench: Bench) -> None:
         bench.lease.require(ANA)
     bench.lease.take(ANA)
     bench.lease.require(ANA)
-    with pytest.raises(LeaseError, match="Ana commands"):
+    with pytest.raises(LeaseError, match="Ana is in command"):
         bench.lease.require(BEN)
     with pytest.raises(LeaseError):
         bench.lease.take(CYD)
@@ -103,7 +103,7 @@ def test_no_program_takes_a_running_bench_out_of_a_persons_hands(bench: Bench) -
     program = Actor("line", "administrator", "line-1", "client")
     bench.lease.take(ANA)
     bench.working = True
-    with pytest.raises(LeaseError, match="Ana commands"):
+    with pytest.raises(LeaseError, match="Ana is in command"):
         bench.lease.take(program, force=True)
     bench.lease.take(ADA, force=True)  # a person may
     bench.working = False

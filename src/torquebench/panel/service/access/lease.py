@@ -65,12 +65,12 @@ class CommandLease:
     >>> lease.state().holder
     'ana'
     >>> lease.may_take(ben)
-    (False, 'ana commands the bench')
+    (False, 'ana is in command of the bench')
     >>> lease.take(ben, force=True)
     >>> lease.require(ana)
     Traceback (most recent call last):
     ...
-    torquebench.panel.service.problems.LeaseError: ben commands the bench; allowed: ...
+    torquebench.panel.service.problems.LeaseError: ben is in command of the bench; allowed: ...
     """
 
     def __init__(
