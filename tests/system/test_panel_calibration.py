@@ -22,6 +22,7 @@ def visitors(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Visitor
         browser(panel, folder / "ana") as ana,
     ):
         yield ben, ana
+        assert "Traceback" not in panel.said, panel.said
 
 
 @pytest.fixture

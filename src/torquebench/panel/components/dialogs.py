@@ -18,9 +18,11 @@ __all__ = ["ask", "sheet"]
 def sheet(title: str) -> Iterator[Any]:
     """Open a dialog around what is made inside; it deletes itself when it closes.
 
-    It is in its place from the first moment: a button that still moves is missed.
+    It is in its place from the first moment: a button that still moves is missed. It belongs to
+    the page as a whole: what it was opened from may be made anew before it closes.
     """
-    dialog = ui.dialog()
+    with ui.context.client.content:
+        dialog = ui.dialog()
     dialog.props["aria-label"] = title
     dialog.props["transition-show"] = dialog.props["transition-hide"] = "none"
     dialog.props["transition-duration"] = 0

@@ -88,7 +88,8 @@ def on_press(element: Any, action: Callable[[], Any]) -> None:
     def pressed() -> Coroutine[Any, Any, None] | None:
         work = None
         try:
-            work = action()
+            with element.client.content:  # the button itself may be gone before the action ends
+                work = action()
         finally:
             if not iscoroutine(work):
                 tell("done")
