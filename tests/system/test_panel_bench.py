@@ -128,7 +128,7 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.press("Changes")
     person.sees("output.limits.torque_nm")
     person.press("Undo")
-    person.sees("takes back change")
+    person.sees("undoes change")
     assert person.problems() == []
 
 

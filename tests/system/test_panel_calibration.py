@@ -93,7 +93,7 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
         verification = next(run for run in registry.runs() if run.kind == "verify-output")
         kept = RunFolder.open(verification.folder).metadata
     assert kept["mounting_record"] == {"coaxiality_mm": 0.012}
-    assert "may look at this but not change it" in ben.text
+    assert "may view this but not change it" in ben.text
 
     ana.sees("Model to be used")
     ana.sees("Verdict at fresh points, tolerance 0.1 % FS")
@@ -212,7 +212,7 @@ def test_a_specimen_is_tested_for_hysteresis_and_compared(
     ben.sees("Compared with earlier specimens")
     ben.choose("Repeats", "2")
     ben.press("Mount the standard reducer and begin")
-    ben.sees("Known against measured friction")
+    ben.sees("Certified and measured friction")
     ben.sees("Repeatability:")
     ben.press("Give up command")
     assert ben.problems() == []

@@ -75,4 +75,4 @@ def test_a_server_that_died_says_so_to_who_had_started_something(
     person.driver.delete_all_cookies()
     person.sign_in("Admin", "/alarms")
     person.sees("Calibration: interrupted by the end of the server")
-    person.sees("What was measured is kept")
+    person.sees("Measured points are kept")

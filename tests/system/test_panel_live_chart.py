@@ -111,7 +111,7 @@ def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
     person.press("10 min")  # in ten seconds it may be gone before anybody looks
     person.press("Marker")
     person.fill("Note", "clamp tightened")
-    person.press("Put the marker")
+    person.press("Set the marker")
 
     def seen() -> bool:
         lines = option(person, "series[0].markLine?.data") or []

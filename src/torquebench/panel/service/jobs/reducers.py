@@ -296,7 +296,7 @@ def _title(request: ReducerTestRequest) -> str:
     return f"{TESTS[request.test].title} of {request.reducer}"
 
 
-STANDARD_TITLE = "Check the bench by a standard reducer"
+STANDARD_TITLE = "Check the bench with a standard reducer"
 REDUCER_KINDS: tuple[JobKind, ...] = (
     JobKind(
         "standard-reducer",
