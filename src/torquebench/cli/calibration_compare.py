@@ -45,8 +45,8 @@ def compare(
 ) -> None:
     """Compare two calibrations of one transducer, step by step.
 
-    A change is significant where it exceeds the uncertainties of both calibrations (E_n beyond
-    ±1). Only torques that both cover are compared.
+    A change is significant if it exceeds the uncertainties of both calibrations (E_n beyond ±1).
+    Only the common range of torques is compared.
     """
     from torquebench.records import Registry
 

@@ -85,8 +85,9 @@ def certificate(
 ) -> None:
     """Issue the certificate of a calibration as PDF and digital XML, or check one.
 
-    Run folder and model are compared with their registered hashes first. Where the calibration
-    departs from its profile, the certificate states it or is refused, as the profile says.
+    Run folder and model are first compared with their registered hashes. If the calibration
+    deviates from its profile, the profile determines whether the certificate states this or is
+    refused.
     """
     from torquebench.records import Registry
 

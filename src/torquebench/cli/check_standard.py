@@ -54,8 +54,8 @@ def check(
 ) -> None:
     """Check a module against the check standard: zero, a few steps, verdict with guard band.
 
-    The verdict is registered and enters the control chart of `torquebench records drift`. Exit
-    code 1 where an error lies outside the tolerance.
+    The verdict is registered and enters the control chart of `torquebench records drift`. Exit code
+    1 if an error exceeds the tolerance.
     """
     from torquebench.calibration import load_profile
 

@@ -51,7 +51,7 @@ def export(
 ) -> None:
     """Compile a model to a table for other programs: CSV, C header or ONNX.
 
-    What stands in the file says how far it deviates from the model at most.
+    The file states its largest deviation from the model.
     """
     from torquebench.compensation import load_model
     from torquebench.compensation.export import check_export
@@ -124,12 +124,12 @@ def budget(
     ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
 ) -> None:
-    """Budget the uncertainty of compensated readings by GUM, checked by Monte Carlo.
+    """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.
 
-    It is U that `apply`, `measure`, the panel and certificates state of such readings. Options that
-    state limits take the place of what the model's file has; a circumstance that isn't given counts
-    as what it may be on this chain. Both ways are compared by the criterion of JCGM 101, clause 8;
-    where they differ, the larger of the two intervals is the one to state.
+    It is the U that `apply`, `measure`, the panel and certificates state. Limits given as options
+    replace those in the model's file; a condition that isn't given enters with its possible range.
+    Both methods are compared by the criterion of JCGM 101, clause 8. If they differ, state the
+    larger of the two intervals.
     """
     import numpy as np
 

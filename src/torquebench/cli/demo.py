@@ -56,9 +56,9 @@ def demo(
 ) -> None:
     """Zero, calibrate, compensate and verify both modules and test a reducer, simulated.
 
-    Both modules are calibrated in both directions, up and down, four models are fitted and
-    verified in ten groups of 50 fresh points against the standard and the twin's true torque, and
-    the no-load friction of the simulated standard reducer is swept three times.
+    Both modules are calibrated in both directions, up and down. Four models are fitted and verified
+    in ten groups of 50 fresh points against the standard and the simulation's true torque. The
+    no-load friction of the simulated standard reducer is measured in three sweeps.
     """
     from torquebench.cli.reducer_tables import check_reports
 

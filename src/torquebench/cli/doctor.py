@@ -72,10 +72,10 @@ def doctor(
         ),
     ] = False,
 ) -> None:
-    """Look at the installation, the bench description, the instruments and the records.
+    """Check the installation, the bench description, the instruments and the records.
 
-    Nothing is moved, and no drive is powered without `--test-drives`. Ends with 1 where something
-    is to be done before working.
+    Nothing is moved, and no drive is powered without `--test-drives`. Exit code 1 if a problem must
+    be solved before work.
     """
     from torquebench.cli import doctor_bench
 

@@ -38,10 +38,10 @@ def drift(
     ] = 365,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Show how a transducer drifts over its calibrations, zeroings and checks, and when it is due.
+    """Show the drift of a transducer over calibrations, zeroings and checks, and its due date.
 
-    Control chart of single values with the limits of the moving range, Mann-Kendall trend test,
-    and a line with its prediction interval up to the tolerance.
+    Control chart of single values with the limits of the moving range, Mann-Kendall trend test, and
+    a line with its prediction interval up to the tolerance.
     """
     from torquebench.campaign.drifting import drift_of, next_due
     from torquebench.records import Registry

@@ -62,7 +62,7 @@ def add_equipment(
     detail: Annotated[list[str] | None, typer.Option(help="name=value; repeatable.")] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter a piece of equipment, or what is known of it from now on."""
+    """Enter a piece of equipment, or new data of one."""
     from torquebench.records import Equipment, Registry
 
     described = Equipment(kind.value, _named(serial), manufacturer, model, range_nm, _pairs(detail))
@@ -87,7 +87,7 @@ def add_certificate(
     ] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter the certificate of a standard: what its measurements are traceable to."""
+    """Enter the certificate of a standard, which makes its measurements traceable."""
     from torquebench.records import Registry, Report
 
     with Registry.open(data_directory(data)) as registry:
@@ -118,7 +118,7 @@ def fit_part(
     reason: Annotated[str, typer.Option(help="Why.")] = "",
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter that a part is fitted into a bench, in place of what was there."""
+    """Enter that a part is fitted into a bench, in place of the previous part."""
     from torquebench.records import Registry
 
     with Registry.open(data_directory(data)) as registry:
@@ -151,9 +151,9 @@ def adjust(
     performed: Annotated[datetime | None, typer.Option(help="When (UTC); now by default.")] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter an adjustment: something done that may change what a piece of equipment indicates.
+    """Enter an adjustment: a change that may affect the indication of a piece of equipment.
 
-    Calibrations before it don't hold for what comes after it.
+    Calibrations before an adjustment aren't valid after it.
     """
     from torquebench.records import Adjustment, Registry
 

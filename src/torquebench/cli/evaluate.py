@@ -110,10 +110,10 @@ def static(
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
 
-    The table is compared with the profile; each deviation is named with the clause that it breaks.
-    A table that lacks series or steps of the profile is evaluated by its own steps. Exit code 1
-    where the profile refuses a certificate because of a deviation. With --register, table,
-    equipment and circumstances are entered, whatever was found.
+    The table is compared with the profile; each deviation is named with its clause. A table without
+    all series or steps of the profile is evaluated by its own steps. Exit code 1 if the profile
+    refuses a certificate because of a deviation. With --register, table, equipment and conditions
+    are registered in any case.
     """
     from torquebench.calibration import (
         CalibrationRecord,

@@ -43,11 +43,11 @@ def dynamics(
         typer.Option(min=0, help="Desired bandwidth, Hz; 3.3 times the chain's own by default."),
     ] = None,
 ) -> None:
-    """Identify resonance, damping and lag of a chain, and design the filter that inverts them.
+    """Identify resonance, damping and lag of a chain, and design the inverse filter.
 
-    The torque at the flange has to be known in every row: by a reference that is faster than the
-    chain. Runs begin at rest and have one even rate. Data that can't identify a parameter are
-    refused with what would. `apply --dynamics` uses the file.
+    The torque at the flange must be known in every row, by a reference that is faster than the
+    chain. Runs begin at rest and have one constant rate. Data that can't identify a parameter are
+    refused, and the message names the missing data. `apply --dynamics` uses the file.
     """
     check_output(result, *runs, *([] if empty is None else [empty]), endings=(".json",))
     from torquebench.campaign.dynamics import identify_dynamics, save_dynamics

@@ -180,9 +180,9 @@ def hysteresis(
 ) -> None:
     """Evaluate torque-angle loops: stiffness, backlash, lost motion, hysteresis loss.
 
-    Columns: torque and angle; position (label of the output position), loop (its number) and
-    demanded (torque that was asked for) if there are such; time for a flange's inertia. Input
-    locked, load at the output.
+    Columns: torque and angle; optionally position (label of the output position), loop (its number)
+    and demanded (requested torque); time if the inertia of a flange is given. Input locked, load at
+    the output.
     """
     check_reports(report or [])
     described = _described(reducer)
@@ -268,8 +268,8 @@ def friction(
 ) -> None:
     """Evaluate friction over speed: Coulomb, viscous and Stribeck parts, each direction.
 
-    Columns: speed and torque, both clockwise positive; branch (1 rising, -1 falling speed),
-    temperature and demanded (speed that was asked for) if there are such.
+    Columns: speed and torque, both clockwise positive; optionally branch (1 rising, -1 falling
+    speed), temperature and demanded (requested speed).
     """
     check_reports(report or [])
     kinds: dict[str, Kind] = {
@@ -318,9 +318,8 @@ def no_load(
 ) -> None:
     """Evaluate no-load running torque at each speed, with the parts of friction.
 
-    Columns: speed and torque at the input, both clockwise positive; repeat, branch (1 rising,
-    -1 falling speed), temperature and demanded (speed that was asked for, by which points are put
-    together) if there are such.
+    Columns: speed and torque at the input, both clockwise positive; optionally repeat, branch (1
+    rising, -1 falling speed), temperature and demanded (requested speed, which groups the points).
     """
     check_reports(report or [])
     described = _described(reducer)
@@ -368,8 +367,8 @@ def breakaway(
 ) -> None:
     """Evaluate starting or back-driving torque: the torque at the first motion of each ramp.
 
-    Columns: time, angle and torque of the driven side; run (number of the ramp) and position if
-    there are such.
+    Columns: time, angle and torque of the driven side; optionally run (number of the ramp) and
+    position.
     """
     check_reports(report or [])
     described = _described(reducer)
@@ -422,8 +421,8 @@ def transmission_error(
 ) -> None:
     """Evaluate transmission error over output revolutions: peak to peak and orders.
 
-    Columns: input and output (angles of both encoders at the same moments), time if there is one.
-    Both directions may stand one after another.
+    Columns: input and output (angles of both encoders at the same moments), optionally time. Both
+    directions may follow each other.
     """
     check_reports(report or [])
     described = _described(reducer)
@@ -465,8 +464,8 @@ def efficiency(
 ) -> None:
     """Evaluate efficiency over torque and speed from steady points.
 
-    Columns: input_torque and output_torque (that the output puts on its load), speed of the
-    input, all clockwise positive; temperature if there is one.
+    Columns: input_torque and output_torque (the torque on the load), speed of the input, all
+    clockwise positive; optionally temperature.
     """
     check_reports(report or [])
     described = _described(reducer)

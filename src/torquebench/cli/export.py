@@ -33,7 +33,7 @@ def export(
     out: Annotated[Path, typer.Option(help="A folder that doesn't exist yet, or is empty.")],
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Write everything of a run as CSV, JSON, PDF and XML, with a README for a stranger."""
+    """Write all data of a run as CSV, JSON, PDF and XML, with a README."""
     from torquebench.records import Registry
     from torquebench.reports.export import export_run
 

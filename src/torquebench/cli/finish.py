@@ -29,10 +29,10 @@ def finish(
     ] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter, fit and register runs that a kill, a full disk or the database has left behind.
+    """Register and fit runs that were interrupted before their registration.
 
-    Nothing is measured again. An interrupted calibration is gone on with at its bench instead, by
-    `torquebench calibrate --resume`.
+    Nothing is measured again. Resume an interrupted calibration on its bench with `torquebench
+    calibrate --resume`.
     """
     from torquebench.campaign.finishing import find_unfinished
     from torquebench.records import Registry, RunState, unfinished_runs

@@ -52,8 +52,8 @@ def measure(
 ) -> None:
     """Show torque ± U (k = 2) of both sides, speed, temperature and compensation, live.
 
-    Nothing is moved. A line that averages `--interval` seconds is rewritten in place; into a pipe
-    it is written line by line.
+    Nothing is moved. A line is the mean over `--interval` seconds and is rewritten in place; into a
+    pipe, each line is written.
     """
     description = bench_description(bench)
     note(f"opening {description.name}")

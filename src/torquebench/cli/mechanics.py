@@ -48,11 +48,11 @@ def additional_torque(
     ] = DEFAULT_DESIGN,
     report: ReportOption = None,
 ) -> None:
-    """Compute what a chain adds to the torque: its parts, sensitivities, the coaxiality limit.
+    """Compute the additional torque of a chain: parts, sensitivities, coaxiality limit.
 
     Bearing friction, parallel and angular misalignment over ± range, in the consistent form and as
-    the 2021 article prints it; the sensitivity to every parameter; what 0.03 mm of coaxiality
-    error changes.
+    printed in the 2021 article; sensitivity to every parameter; effect of 0.03 mm of coaxiality
+    error.
     """
     reports = _checked(report)
     from torquebench.papers.mechanics import DESIGNS, additional_torque_blocks, load_design

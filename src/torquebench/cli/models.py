@@ -111,13 +111,12 @@ def fit(
 ) -> None:
     """Fit a compensation model to a calibration.
 
-    The model averages over what a chain may show, a plain straight line or quadratic included.
-    With --empty, temperature, rotation and inertia are identified too, from runs with nothing
-    mounted and from points at other temperatures and speeds.
-    --compare shows it beside all other kinds, by their errors at steps that they weren't fitted to
-    (cross-validation); --model takes another.
-    U of every torque by the model contains what is stated here; `budget` says what is missing.
-    Points that contradict each other end with 1, and the model file says so.
+    The default model averages over all effects that the chain may have, including a plain straight
+    line or quadratic. With --empty, temperature, rotation and inertia are identified, too, from
+    runs with nothing mounted and from points at other temperatures and speeds. --compare compares
+    it with all other kinds by cross-validation over steps; --model selects another kind. The
+    options that state uncertainties enter U of every torque; `budget` lists what is missing. If the
+    points contradict each other, the exit code is 1 and the model file is marked.
     """
     from torquebench.calibration import load_profile
     from torquebench.cli.reducer_tables import check_reports
@@ -268,11 +267,12 @@ def apply(
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
-    U is that of the torque by the whole measuring chain; `budget` shows what it contains. Columns
-    branch, speed_rpm, temperature_c and standard_error_nm are used where there are any: what isn't
-    measured widens U by what it may be on this chain. For a chain with empty runs, a file with
-    time_s is one record in the order of time: the acceleration follows from the speed where no
-    column acceleration_rad_s2 gives it, the branch from the readings before where there is none.
+    U is that of the torque by the whole measuring chain; `budget` shows its contributions. The
+    columns branch, speed_rpm, temperature_c and standard_error_nm are used if they exist: a
+    quantity that isn't measured increases U by its possible effect on this chain. For a chain with
+    empty runs, a file with time_s is one record in time order: without a column acceleration_rad_s2
+    the acceleration is computed from the speed, and without a column branch the branch from the
+    earlier readings.
     """
     from torquebench.compensation import load_model
     from torquebench.records.table_formats import check_read, check_written
@@ -382,11 +382,11 @@ def verify(
         ),
     ] = None,
 ) -> None:
-    """Verify a model on points that it wasn't fitted to; ends with 1 out of tolerance.
+    """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
 
     Every series of the table is a group. --with shows other models beside it; the verdict is that
-    of MODEL. Points of a chain with empty runs may lie at any speed and temperature within its
-    record; their zero is that of the calibration unless --zero-temperature says otherwise.
+    of MODEL. Points of a chain with empty runs may be at any speed and temperature within its
+    measured range; their zero is that of the calibration unless --zero-temperature states another.
     """
     from torquebench.cli.reducer_tables import check_reports
     from torquebench.compensation import load_model

@@ -22,7 +22,7 @@ MountingOption = Annotated[
         "--mounting",
         metavar="NAME=VALUE",
         help="Data of the mounting for the record, the report and the certificate. "
-        "Repeat it: coaxiality_mm, clamp_pressure_bar, duration_min, lubricant, "
+        "May be repeated: coaxiality_mm, clamp_pressure_bar, duration_min, lubricant, "
         "lubricant_amount_g, lubricant_hours, by.",
     ),
 ]

@@ -76,7 +76,7 @@ WithoutOption = Annotated[
         "--without",
         metavar="EFFECT",
         help="Don't correct hysteresis, temperature, rotation or inertia: U contains it instead. "
-        "Repeat it.",
+        "May be repeated.",
     ),
 ]
 RealTimeOption = Annotated[

@@ -81,9 +81,9 @@ def papers(
     """Reproduce the two source papers item by item: one page with figures, tables and verdicts.
 
     Both modules are calibrated and verified in ten groups at the same torques (and ten at others),
-    the standard reducer's friction is measured, and all of it is set beside what the papers state.
-    On a real bench no model is put into use. --save writes the tables from which --data makes the
-    same page again.
+    the standard reducer's friction is measured, and the results are compared with the papers'
+    claims. On a real bench no model is put into use. --save writes the tables, from which --data
+    makes the same page again.
     """
     make_page(
         report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")],

@@ -74,9 +74,9 @@ def init(
     ],
     plant: PlantOption = "",
 ) -> None:
-    """Make a plant's registry in an existing, empty database.
+    """Create a plant's registry in an existing, empty database.
 
-    The user of the URL must be allowed to make tables and roles (CREATEROLE).
+    The user of the URL must be allowed to create tables and roles (CREATEROLE).
     """
     from torquebench.plant import FolderStore, Plant
 
@@ -97,7 +97,7 @@ def register_bench(
     ] = None,
     plant: PlantOption = "",
 ) -> None:
-    """Register a bench, and print the URL by which it sends; only this bench's rows pass by it."""
+    """Register a bench and print the URL with which it sends; it can only add its own rows."""
     with opened(plant) as found:
         number, url = found.register_bench(name, place, replaces=replaces)
     shown = url.render_as_string(hide_password=False)
@@ -116,7 +116,7 @@ def add_reader(
     name: Annotated[str, typer.Argument(help="Name of the new role in the database.")],
     plant: PlantOption = "",
 ) -> None:
-    """Make a user who may ask everything and change nothing, and print the URL."""
+    """Create a user with read access only, and print the URL."""
     with opened(plant) as found:
         url = found.add_reader(name)
         shown = url.render_as_string(hide_password=False)
@@ -133,10 +133,10 @@ def push(
     plant: PlantOption = "",
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Send the plant what it doesn't have of this bench yet, and take in what it withdrew.
+    """Send new records of this bench to the plant, and apply the plant's withdrawals.
 
-    The bench may run meanwhile. What can't be sent stays here and is sent next time. Ends with 1
-    where a folder couldn't be sent.
+    The bench may run at the same time. Records that can't be sent stay here and are sent next time.
+    Exit code 1 if a folder couldn't be sent.
     """
     from torquebench.plant import forward
     from torquebench.records import Registry, UnavailableError
@@ -187,7 +187,7 @@ def _print_sent(done: Forwarded) -> None:
 
 @app.command("status")
 def status(plant: PlantOption = "") -> None:
-    """List the benches: what has arrived of each, and when it last sent something."""
+    """List the benches, how much of each has arrived, and the time of the last contact."""
     with opened(plant) as found:
         states = found.benches()
     answer(
@@ -253,7 +253,7 @@ def runs(
     ] = None,
     plant: PlantOption = "",
 ) -> None:
-    """List runs of all benches, the newest first, by any filter."""
+    """List runs of all benches, newest first, by any filter."""
     with opened(plant) as found:
         listed = found.runs(
             limit,
@@ -308,9 +308,9 @@ def withdraw(
     ] = None,
     plant: PlantOption = "",
 ) -> None:
-    """Withdraw a run everywhere: no answer uses it, and its bench notes it at its next contact.
+    """Withdraw a run everywhere: queries no longer use it, and its bench is informed.
 
-    A model that was fitted to it goes out of use there. The run's folder and rows stay.
+    The bench stops using a model that was fitted to the run. The run's folder and rows are kept.
     """
     with opened(plant) as found:
         run = found.run(run_id, bench)
@@ -328,9 +328,9 @@ def verify(
     ] = False,
     plant: PlantOption = "",
 ) -> None:
-    """Check the chain of every bench as it lies in the plant, and with `--folders` every file.
+    """Check the stored hash chain of every bench, and with `--folders` every file.
 
-    Ends with 1 where something isn't as its bench entered it.
+    Exit code 1 if a record or file was changed.
     """
     problems = 0
     with opened(plant) as found, TerminalProgress() as progress:

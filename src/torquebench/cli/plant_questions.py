@@ -128,7 +128,7 @@ def due(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """List what is to be calibrated and where: transducers, and standards by their certificates."""
+    """List transducers and standards that are due for calibration, with their places."""
     from torquebench.plant import due as asked
 
     with opened(plant, out_file) as found:
@@ -152,7 +152,7 @@ def drift(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """Show how a transducer drifts over its life and all benches, or all of one kind (`--kind`)."""
+    """Show the drift of a transducer over time and all benches, or of one kind (`--kind`)."""
     from torquebench.plant import drift as asked
     from torquebench.plant import drift_of_kind
 
@@ -176,7 +176,7 @@ def specimens(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """List what the specimens of a type were found to have, over time; one row a specimen."""
+    """List the values of a quantity of all specimens of a type, one row for each specimen."""
     from torquebench.plant import specimens as asked
 
     with opened(plant, out_file) as found:
@@ -200,9 +200,9 @@ def capability(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """Cp and Cpk of a type with their intervals, over all and bench by bench.
+    """Show Cp and Cpk of a type with their intervals, over all benches and for each.
 
-    Limits are those of the data sheet that the latest test was judged by, or are given here.
+    Limits are those of the latest test's data sheet, or are given here.
     """
     from torquebench.plant import capability as asked
 
@@ -229,7 +229,7 @@ def charts(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """Control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
+    """Show control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
     from torquebench.plant import charts as asked
 
     with opened(plant, out_file) as found:
@@ -248,7 +248,7 @@ def outliers(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """Show what stands out of a type: benches, batches and single specimens."""
+    """Show outliers of a type: benches, batches and single specimens."""
     from torquebench.plant import outliers as asked
 
     with opened(plant, out_file) as found:
@@ -269,7 +269,7 @@ def compare(
 ) -> None:
     """Compare benches by a specimen that all of them tested: E_n numbers.
 
-    Ends with 1 where a bench differs by more than the uncertainties (|E_n| above 1).
+    Exit code 1 if a bench differs by more than the uncertainties (|E_n| above 1).
     """
     from torquebench.cli.failure import CHECK_FAILED
     from torquebench.plant import compare as asked
@@ -307,10 +307,11 @@ def reevaluate(
     out_file: OutOption = None,
     plant: PlantOption = "",
 ) -> None:
-    """Refit and evaluate every recorded run with this version, and show what changed.
+    """Refit and evaluate every recorded run with this version, and show the changes.
 
-    The results are kept beside the old ones, which stay. Broken off, it goes on where it was; the
-    scheduler makes no difference to any bit. Ends with 1 where runs couldn't be evaluated.
+    The results are stored beside the old ones. After an interruption, the command continues where
+    it stopped. The results don't depend on the scheduler. Exit code 1 if runs couldn't be
+    evaluated.
     """
     from torquebench import __version__
     from torquebench.cli.failure import CHECK_FAILED
@@ -365,9 +366,9 @@ def view(
     ] = "",
     plant: PlantOption = "",
 ) -> None:
-    """Serve the plant's view in a browser; it needs no bench, and only reads.
+    """Serve the plant's view in a browser; it needs no bench and only reads.
 
-    Give it the URL of a reader (`plant add-reader`). Ctrl-C ends it.
+    Use the URL of a reader (`plant add-reader`). Ctrl-C ends it.
     """
     from torquebench.panel.address import Address
 

@@ -31,10 +31,10 @@ def backup(
 ) -> None:
     """Copy all records into a folder, also while the bench runs.
 
-    The registry is copied in one consistent state, and everything that it names with it: runs,
-    models, certificates, audit log, accounts of the panel. Sealed runs are copied once. The copy
-    is a data directory itself: `--data` takes it for listing, verifying and exporting. Ends with 1
-    where something is damaged and couldn't be copied.
+    The registry is copied in one consistent state, with all files that it names: runs, models,
+    certificates, audit log, accounts of the panel. Sealed runs are copied once. The copy is a data
+    directory: `--data` lists, verifies and exports it. Exit code 1 if something is damaged and
+    couldn't be copied.
     """
     from torquebench.station.backup import back_up
 
@@ -74,10 +74,10 @@ def restore(
     ] = False,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Bring back from a backup what is missing, and with `--replace` what is damaged.
+    """Restore missing files from a backup, and with `--replace` damaged ones.
 
-    Nothing is overwritten: without `--replace` the command refuses where something differs, and
-    with it what differs is kept in a folder of its own. What is newer than the backup stays.
+    Nothing is overwritten: without `--replace` the command refuses if files differ; with it, the
+    present files are moved to a separate folder. Data newer than the backup are kept.
     """
     from torquebench.station.backup import restore as restore_backup
 
@@ -100,11 +100,11 @@ def restore(
 
 
 def rebuild(data: DataOption = DEFAULT_DATA) -> None:
-    """Make a lost or damaged registry anew from the run folders, or complete a sound one.
+    """Rebuild a lost or damaged registry from the run folders, or complete an intact one.
 
     A damaged registry is kept under another name. Runs, their benches and zeros, calibrations,
-    models and certificates are entered again; what only the registry knew is named. Restore a
-    backup instead where there is one.
+    models and certificates are entered again; information that only the registry contained is
+    listed. Restore a backup instead if there is one.
     """
     from torquebench.campaign.measuring import operator_name
     from torquebench.cli.record_checks import checked_directory

@@ -48,11 +48,11 @@ def verify(
         bool, typer.Option(help="Also compare run folders and files, which reads all of them.")
     ] = True,
 ) -> None:
-    """Compare every record with what was entered, and every file; nothing is written.
+    """Compare every record and every file with its entry; nothing is written.
 
-    The database itself with its indexes, tables and triggers, every row along the hash chain,
-    every run folder, model and certificate, folders that aren't registered, and the audit log
-    along its own chain. Each defect is named with the way back. Exit code 1 where there is one.
+    This checks the database with its indexes, tables and triggers, every row by the hash chain,
+    every run folder, model and certificate, unregistered folders, and the audit log by its own
+    chain. Each defect is named with its remedy. Exit code 1 if there is one.
     """
     from torquebench.records import anchor_of
     from torquebench.station.data_check import check_data_directory
@@ -136,7 +136,7 @@ def amend(
     reason: Annotated[str, typer.Option(help="Why.")],
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter what a record should have said. The record itself stays as it was."""
+    """Enter a correction of a record. The record itself isn't changed."""
     from torquebench.records import Registry
 
     subject, number = _subject(record)
@@ -171,10 +171,10 @@ def use(
     reason: Annotated[str, typer.Option(metavar="WHY", help="Reason, for the record.")],
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Put a model into use for its transducer and counter, by name and with a reason.
+    """Put a model into use for its transducer and counter, with a name and a reason.
 
-    A model whose calibration contradicts itself isn't put into use by `calibrate`; this decides
-    otherwise, on the record.
+    `calibrate` doesn't put a model into use whose calibration contradicts itself; this command
+    overrides that, and the registry stores name and reason.
     """
     from torquebench.records import Registry
 

@@ -80,7 +80,7 @@ def list_records(
     everything: Annotated[bool, typer.Option("--all", help="All of them.")] = False,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """List runs, calibrations, models and equipment, the newest first."""
+    """List runs, calibrations, models and equipment, newest first."""
     folder = data_directory(data)
     answer(more=[])
     limit = MOST_LISTED if everything else limit

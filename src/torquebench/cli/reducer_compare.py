@@ -37,7 +37,7 @@ def compare(
 ) -> None:
     """Compare specimens of one type, or one specimen before and after.
 
-    What both runs have in common on one bench with the same models cancels in a change.
+    Common errors of two runs on one bench with the same models cancel in a change.
     """
     from torquebench.campaign.reducers.comparison import compared, tested_specimen
     from torquebench.records import Registry

@@ -46,7 +46,7 @@ def simulate(
     seed: Annotated[int | None, typer.Option(min=0, help="Overrides the description.")] = None,
     preset: Annotated[str | None, typer.Option(help="Overrides the description.")] = None,
 ) -> None:
-    """Serve every instrument that a bench description names, simulated, on its address.
+    """Run a simulator of each instrument of a bench description at its address.
 
     Ctrl-C ends it. Any other command opens the same description from another terminal.
     """

@@ -70,9 +70,9 @@ def standard_reducer(
 ) -> None:
     """Measure a standard reducer's certified friction: error and repeatability with a verdict.
 
-    Input driven in steps of speed up to 1200 rpm, output free, three repeats. The input module is
-    compensated by its active model; without one, the result says so. Leaves with 1 where error or
-    repeatability exceeds the tolerance.
+    The input is driven in steps of speed up to 1200 rpm, output free, three repeats. The input
+    module is compensated by its active model; without one, the result says so. Exit code 1 if error
+    or repeatability exceeds the tolerance.
     """
     check_reports(report or [])
     described = bench_description(bench)

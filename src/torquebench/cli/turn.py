@@ -72,11 +72,11 @@ def turn(
     ] = False,
     real_time: RealTimeOption = False,
 ) -> None:
-    """Turn a module with nothing mounted, or against the turning calibrator, and write the table.
+    """Rotate a module with nothing mounted or against the calibrator, and write the table.
 
-    Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (what the bench
-    does by itself), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted run
-    keeps its complete series (a calibration's speeds); --resume goes on with the others.
+    Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (uses the
+    bench's own warming), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted
+    run keeps its complete series (a calibration's speeds); --resume measures the others.
     """
     from torquebench.procedures.turning.profile import load_turning_profile
 

@@ -87,9 +87,9 @@ def verification(
 ) -> None:
     """Verify a module at fresh points against the verification standard, in groups.
 
-    Every group loads up and down in both directions, off the grid of the calibration. Several
-    models are compared on the same readings. Ends with 1 where error or repeatability of the
-    first model exceeds the tolerance.
+    Every group loads up and down in both directions, between the steps of the calibration. Several
+    models are compared on the same readings. Exit code 1 if error or repeatability of the first
+    model exceeds the tolerance.
     """
     check_reports(report or [])
     entered = mounting_record(mounting)
