@@ -75,7 +75,7 @@ class JobError(TorquebenchError):
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """An event of a job, prompt or alarm.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ class Client:
     def request(
         self, method: str, path: str, *, query: Mapping[str, Any] | None = None, body: Any = None
     ) -> Any:
-        """Ask for any operation of the API; return its JSON.
+        """Call any operation of the API; return its JSON.
 
         Raises
         ------
@@ -197,24 +197,24 @@ class Client:
         return _content(self.http.request(method, path, params=query, json=body))
 
     def get(self, path: str, **query: Any) -> Any:
-        """Read something."""
+        """Read a resource."""
         return self.request("GET", path, query=_body(query))
 
     def post(self, path: str, **body: Any) -> Any:
-        """Do something."""
+        """Call an operation that changes something."""
         return self.request("POST", path, body=body)
 
     def sign_in(self, name: str, password: str) -> None:
-        """Open a person's session and speak for it from now on."""
+        """Open a person's session and use it from now on."""
         token = self.post("/session", name=name, password=password)["token"]
         self.http.headers.update(_headers(token))
 
     def start(self, kind: str, **request: Any) -> dict[str, Any]:
-        """Start a job and return it as it begins; what the server can't do is refused here."""
+        """Start a job and return its first state; an impossible job is refused."""
         return dict(self.post(f"/start/{kind}", **request))
 
     def events(self, job_id: str | None = None) -> Iterator[Event]:
-        """Yield what happens: of one job until its end, else until the connection ends."""
+        """Yield events: of one job until its end, otherwise until the connection ends."""
         query = _body({"job_id": job_id})
         with self.http.stream("GET", "/events", params=query) as answer:
             if not answer.is_success:
@@ -268,7 +268,7 @@ class Client:
         return _result(self.wait(self.start(kind, **request)["job_id"], on_event))
 
     def answer(self, number: int, *, done: bool = True) -> None:
-        """Answer what somebody at the bench was asked to do."""
+        """Answer a request to the person at the bench."""
         self.post(f"/prompt/{number}", done=done)
 
     def activate(self, model_id: int, reason: str = "") -> None:
@@ -276,7 +276,7 @@ class Client:
         self.post(f"/models/{model_id}/activate", reason=reason)
 
     def sign_off(self, calibration_id: int, password: str, remark: str = "") -> None:
-        """Sign that a calibration was looked over; a person's session only."""
+        """Sign that a calibration was reviewed; a person's session only."""
         self.post(f"/calibrations/{calibration_id}/sign-off", password=password, remark=remark)
 
     def certificate(self, calibration_id: int, password: str, **request: Any) -> dict[str, Any]:
@@ -293,7 +293,7 @@ class Client:
         self.post("/stop", reason=reason)
 
     def download(self, path: str, file: Path | str, **query: Any) -> Path:
-        """Write what a path holds to a file, such as ``/runs/ID/export`` or ``/models/7/file``."""
+        """Write a resource to a file, such as ``/runs/ID/export`` or ``/models/7/file``."""
         target = Path(file)
         with self.http.stream("GET", path, params=_body(query)) as answer:
             if not answer.is_success:

@@ -42,7 +42,7 @@ class TorquebenchError(Exception):
 
 
 class InputError(TorquebenchError, ValueError):
-    """What the user handed in (file, table, option, array) can't be used. Exit code 2."""
+    """An input (file, table, option, array) can't be used. Exit code 2."""
 
 
 class SignalFault(TorquebenchError):  # noqa: N818 - a fault is the field's word for it

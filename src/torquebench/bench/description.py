@@ -328,7 +328,7 @@ class _BenchSection(_Section):
 
 
 class BenchDescription(_Section):
-    """Everything about a bench that the software has to know before it opens it."""
+    """Description of a bench, read before the bench is opened."""
 
     bench: _BenchSection
     driver: Mapping[str, Any] = Field(default_factory=dict)
@@ -345,7 +345,7 @@ class BenchDescription(_Section):
     power_supply: PowerSupplyDescription | None = None
 
     def counter_nm(self, side: Side) -> float:
-        """Return the standard uncertainty by counting in one window, N·m (arXiv:1506.05009)."""
+        """Return the standard uncertainty of one window due to counting, N·m (arXiv:1506.05009)."""
         transducer, counter = self.module(side).transducer, self.counter
         edge_s = hypot(counter.edge_jitter_s, 1.0 / (counter.timebase_hz * sqrt(12.0)))
         edges = 1e3 * transducer.option_khz * counter.window_s
@@ -361,12 +361,12 @@ class BenchDescription(_Section):
 
     @property
     def simulated(self) -> bool:
-        """Whether the figures from this bench have to say "simulated"."""
+        """Whether results of this bench must be labelled simulated."""
         return self.bench.driver == "simulated" or "simulation" in self.driver
 
     @property
     def simulation(self) -> Mapping[str, Any]:
-        """What is simulated, such as its seed and preset; empty for real instruments."""
+        """Settings of the simulation, such as seed and preset; empty for real instruments."""
         own = self.driver if self.bench.driver == "simulated" else self.driver.get("simulation")
         return dict(own or {})
 

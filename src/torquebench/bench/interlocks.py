@@ -67,14 +67,14 @@ _ROUNDING = 1e-9
 
 
 class BenchState(Protocol):
-    """What the interlocks depend on; torque in N·m, speed in rad/s, clockwise positive."""
+    """State of the bench for the interlocks; torque in N·m, speed in rad/s, clockwise positive."""
 
     @property
     def description(self) -> BenchDescription:
         """The bench."""
 
     def mounted(self) -> Mounting:
-        """Return what is between the flanges."""
+        """Return the part between the flanges."""
 
     def clamped(self) -> bool:
         """Whether the clamp is closed."""
@@ -86,10 +86,10 @@ class BenchState(Protocol):
         """Whether a drive has power."""
 
     def commanded(self, side: Side) -> tuple[float, float]:
-        """Torque and speed that a drive was last asked for."""
+        """Last commanded torque and speed of a drive."""
 
     def reading_nm(self, side: Side) -> float:
-        """Torque that a transducer reads. Raises SignalFault where it is unknown."""
+        """Torque reading of a transducer. Raises SignalFault if it is unknown."""
 
     def speed_rad_s(self, side: Side) -> float:
         """Measured speed of a side."""
@@ -101,13 +101,13 @@ class BenchState(Protocol):
         """Return the latched alarm."""
 
     def rail(self) -> RailPosition:
-        """Position of the guide rail; "end" where the bench has none."""
+        """Position of the guide rail; "end" if the bench has none."""
 
     def supplied(self) -> bool:
-        """Whether the drives' supply is on; true where nothing watches it."""
+        """Whether the drives' supply is on; true if it isn't monitored."""
 
     def absent_s(self) -> float:
-        """For how long nobody has confirmed to be there; 0 while somebody is."""
+        """Time since the last confirmation of presence ended, s; 0 while it is valid."""
 
 
 def _always_at_end() -> RailPosition:

@@ -31,7 +31,7 @@ StopReason = Literal["target", "budget"]
 
 
 class Adaptive(BaseModel):
-    """How points are added to a coarse series.
+    """Settings for points added to a coarse series.
 
     After each series a model is fitted to all points so far, and the next points are placed where
     they lower its worst uncertainty most. Measuring ends with the first round in which the
@@ -50,7 +50,7 @@ class Adaptive(BaseModel):
 
 @dataclass(frozen=True)
 class AdaptiveRound:
-    """One decision: what the points so far gave, and what was to be measured next.
+    """One decision: the model's uncertainty so far and the next points.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class Proposed:
 
 @dataclass(frozen=True)
 class Placement:
-    """How many points an adaptive calibration has measured, and why no more.
+    """Number of points of an adaptive calibration, and the reason for its end.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class Placement:
     def of(
         cls, rounds: Sequence[AdaptiveRound], settings: Adaptive, even: int | None = None
     ) -> Self:
-        """Return what came of an adaptive calibration from its decisions."""
+        """Return the result of an adaptive calibration from its decisions."""
         target = settings.target_percent
         reached = target is not None and rounds[-1].expanded_percent <= target
         reason: StopReason = "target" if reached else "budget"
@@ -147,7 +147,7 @@ class Placement:
 
     @property
     def sentence(self) -> str:
-        """How many points, and why.
+        """Number of points and reason, as a sentence.
 
         Examples
         --------
@@ -218,7 +218,7 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
 def even_points(
     range_nm: float, count: int, signs: Sequence[int]
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
-    """Return evenly spread points: what a rehearsal takes for those that nobody knows yet.
+    """Return evenly spread points, which a dry run uses instead of the placed points.
 
     Examples
     --------
@@ -243,12 +243,11 @@ def extension_steps(
     signs: Sequence[int],
     range_nm: float,
 ) -> list[Step]:
-    """Return the steps that load proposed points on the branches that they belong to.
+    """Return the steps that load proposed points on their branches.
 
-    Every direction is loaded to full scale and unloaded again, whether it has points or not:
-    a point on the way down then lies on the loop that the coarse series went through, and the
-    other direction begins with the memory of a full load, as it did there. The turn at full
-    scale isn't recorded.
+    Every direction is loaded to full scale and unloaded again, even without points, so that a
+    falling point lies on the loop of the coarse series, and the other direction begins after a full
+    load, as in the coarse series. The reversal isn't recorded.
 
     Parameters
     ----------

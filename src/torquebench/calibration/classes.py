@@ -41,7 +41,7 @@ class ClassLimits:
 
 @dataclass(frozen=True, eq=False)
 class Classification:
-    """Over which range a calibration keeps which class.
+    """Range over which a calibration meets each class.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def classify(
     form: Reproducibility = "range",
     fixed_scale: bool = False,
 ) -> Classification:
-    """Find the class of a calibration and the range over which each class holds.
+    """Find the class of a calibration and the range over which each class is met.
 
     Parameters
     ----------

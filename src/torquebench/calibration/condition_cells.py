@@ -44,7 +44,7 @@ class Cell:
 
 
 def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
-    """Return the cells that hold points, three bins a quantity.
+    """Return the cells that contain points, three bins for each quantity.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
 
 
 def cell_rows(data: CalibrationData, torque: Torque) -> list[list[str]]:
-    """Return a row of words for each cell of speed, temperature and torque that holds points."""
+    """Return a row of words for each cell of speed, temperature and torque with points."""
 
     def limits(pair: tuple[float, float] | None, factor: float = 1.0) -> str:
         return "-" if pair is None else f"{factor * pair[0]:.4g} … {factor * pair[1]:.4g}"

@@ -38,7 +38,7 @@ _OPTIONAL = (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationData:
-    """Readings of one measuring chain beside the torque of the standard, in measuring order.
+    """Readings of one measuring chain with the torque of the standard, in measuring order.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class CalibrationData:
 
     @property
     def loading_error_percent(self) -> NDArray[np.float64] | None:
-        """Standard minus what was asked for at every point, % of range; None where unknown."""
+        """Standard minus target torque at every point, % of range; None if unknown."""
         if self.nominal_nm is None:
             return None
         return 100.0 * (self.standard_nm - self.nominal_nm) / self.range_nm
@@ -268,7 +268,7 @@ class CalibrationData:
         return features(**known)
 
     def subset(self, index: ArrayLike) -> Self:
-        """Return the points that a mask or an index array picks, in that order.
+        """Return the points selected by a mask or an index array, in that order.
 
         Parameters
         ----------
@@ -293,7 +293,7 @@ class CalibrationData:
         return replace(self, **changes)
 
     def sha256(self) -> str:
-        """Return the SHA-256 of all columns and of what they refer to, as 64 hexadecimal digits.
+        """Return the SHA-256 of all columns and metadata, as 64 hexadecimal digits.
 
         The hash is over the float64 values, not over a file, so the same points give the same
         hash whatever table they were read from.
@@ -313,7 +313,7 @@ class CalibrationData:
         return digest.hexdigest()
 
     def notes(self) -> tuple[str, ...]:
-        """Return what these points can't support, in sentences: a one-sided or rising-only table.
+        """Return the limitations of these points, as sentences: a one-sided or rising-only table.
 
         Examples
         --------
@@ -424,7 +424,7 @@ class CalibrationData:
         return labels
 
     def loading_direction(self) -> NDArray[np.int8]:
-        """Return the direction of the load; unloaded points take that of the load taken off.
+        """Return the direction of the load; unloaded points have that of the removed load.
 
         An unloaded point at the beginning of a series takes that of the load to come.
         """

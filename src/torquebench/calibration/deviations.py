@@ -57,7 +57,7 @@ class ReferenceStandard:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationRecord:
-    """What a certificate is written from: the points, and the circumstances they were taken in.
+    """Points of a calibration with their conditions, for a certificate.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
 
 
 def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
-    """Raise where the profile refuses a certificate for one of these deviations.
+    """Raise if the profile refuses a certificate for one of these deviations.
 
     Raises
     ------

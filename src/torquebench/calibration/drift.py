@@ -65,13 +65,13 @@ class ControlChart:
 
     @property
     def in_control(self) -> bool:
-        """Whether nothing but chance is seen."""
+        """Whether the values show only random variation."""
         return not (self.outside or self.jumps or self.runs)
 
 
 @dataclass(frozen=True)
 class Trend:
-    """Whether values change steadily with time, by a test and by a line.
+    """Test and line for a steady change of values with time.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Trend:
 
 @dataclass(frozen=True)
 class DriftPrediction:
-    """When a value will have left its tolerance.
+    """Predicted time at which a value leaves its tolerance.
 
     Attributes
     ----------
@@ -122,8 +122,8 @@ class DriftPrediction:
 def span_errors(data: CalibrationData) -> dict[str, float]:
     """Return the error of the span of a calibration in each direction, in %.
 
-    It is the slope of reading over standard through zero, by least squares, less 1: one number
-    that repeated calibrations of a chain can be compared by.
+    It is the slope of reading over standard through zero, by least squares, minus 1: one number for
+    comparisons of repeated calibrations.
 
     Examples
     --------
@@ -198,7 +198,7 @@ def individuals_chart(values: ArrayLike, base: int | None = None) -> ControlChar
 
 
 def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.05) -> Trend | None:
-    """Return whether values change steadily with time; None for fewer than 4 different moments.
+    """Test values for a steady change with time; None for fewer than 4 different times.
 
     Parameters
     ----------
@@ -247,10 +247,10 @@ def predict_drift(
     level: float = 0.95,
     horizon_years: float = 10.0,
 ) -> DriftPrediction:
-    """Predict when a value will have left centre ± tolerance, from a line through its history.
+    """Predict when a value leaves centre ± tolerance, by a line through its history.
 
-    The interval is that of a single further value (Montgomery, eq. 10.46): it holds the line's
-    own uncertainty, which grows with the distance from the data, and the scatter about it.
+    The interval is that of a single further value (Montgomery, eq. 10.46): it contains the line's
+    uncertainty, which grows with the distance from the data, and the scatter about it.
 
     Parameters
     ----------
@@ -320,10 +320,10 @@ DAYS_PER_YEAR = 365.25
 def propose_due_date(
     last: datetime, prediction: DriftPrediction | None, *, longest_days: int = 365
 ) -> date:
-    """Return when the chain is to be calibrated again.
+    """Return the proposed date of the next calibration.
 
-    That is before the prediction interval reaches the tolerance, and at most `longest_days`
-    after the last calibration; where the interval has reached it already, at once.
+    The date is before the prediction interval reaches the tolerance, and at most `longest_days`
+    after the last calibration; if the interval has reached it already, it is now.
 
     Examples
     --------

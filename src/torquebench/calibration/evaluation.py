@@ -28,7 +28,7 @@ Reproducibility = Literal["range", "standard-deviation"]
 
 @dataclass(frozen=True, eq=False)
 class LoadingSeries:
-    """One increasing series and, where it was measured, the decreasing one after it.
+    """One increasing series and, if it was measured, the decreasing one after it.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class LoadingSeries:
 
 @dataclass(frozen=True, eq=False)
 class Interpolation:
-    """A polynomial through zero that describes the mean deflection, and what it leaves.
+    """A polynomial through zero that describes the mean deflection, and its residuals.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ _SIGN_SHARE = 0.01
 
 
 class Plausibility(BaseModel):
-    """What a calibration's points may contradict each other by, in % of full scale.
+    """Limits of contradictions between the points of a calibration, in % of full scale.
 
     A model of points that exceed one of these is not put into use; a person may decide otherwise.
 
@@ -82,7 +82,7 @@ class Plausibility(BaseModel):
 
 @dataclass(frozen=True)
 class Split:
-    """The place at which the points of a calibration stop agreeing with those before.
+    """Position from which the points of a calibration disagree with the earlier points.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class Split:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """One thing that isn't what the profile allows.
+    """One exceeded limit of the profile's plausibility checks.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class Contradiction:
 
     @classmethod
     def of_text(cls, text: str) -> Self:
-        """Return what a model file says in one sentence.
+        """Return the contradiction that a model file states as a sentence.
 
         Examples
         --------
@@ -164,7 +164,7 @@ def find_contradictions(
     torque_nm: FloatArray | None = None,
     before_nm: FloatArray | None = None,
 ) -> tuple[Contradiction, ...]:
-    """Return what the points of a calibration contradict, the clearest first.
+    """Return the contradictions of a calibration's points, the clearest first.
 
     Parameters
     ----------
@@ -354,7 +354,7 @@ def _shapes(torque: FloatArray, data: CalibrationData, *, loops: bool) -> Iterat
 
 
 def find_split(data: CalibrationData, limits: Plausibility | None = None) -> Split | None:
-    """Return where the points stop agreeing with those before; None where they don't.
+    """Return the position from which the points disagree with earlier ones; None if there is none.
 
     For every place in measuring order, a change of zero and span from there on is added to smooth
     curves with hysteresis in each direction. The change that explains most is a split where it is

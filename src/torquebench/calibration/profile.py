@@ -47,7 +47,7 @@ class _Settings(BaseModel):
 
 
 class Zero(_Settings):
-    """How the unloaded zero is taken.
+    """Settings of the unloaded zero.
 
     ``once`` takes one zero for all series, after the preloads in all directions; ``each-series``
     takes one before every series, as an evaluation with I₀ of each series needs it.
@@ -140,7 +140,7 @@ class Environment(_Settings):
 
 
 class Reference(_Settings):
-    """What the standard has to fulfil."""
+    """Requirements on the standard."""
 
     in_date: bool = True
 
@@ -229,7 +229,7 @@ class Profile(_Settings):
 
     @property
     def largest_percent(self) -> float:
-        """Largest torque that is loaded, preloads included, in % of full scale."""
+        """Largest loaded torque, including preloads, in % of full scale."""
         loaded = [self._top_percent]
         if self.preload.cycles or self.preload.cycles_after_change:
             loaded.append(100.0 if self.preload.percent is None else self.preload.percent)
@@ -307,7 +307,7 @@ class Profile(_Settings):
         same_points: bool | None = None,
         target_percent: float | None = None,
     ) -> Self:
-        """Return the profile with some of its settings changed; None leaves a setting alone.
+        """Return the profile with some of its settings changed; None keeps a setting.
 
         Parameters
         ----------
@@ -576,7 +576,7 @@ def available_profiles() -> tuple[str, ...]:
 
 
 def load_profile(name: str | Path) -> Profile:
-    """Return a profile by its name, or an own one by the path of its TOML file.
+    """Return a packaged profile by its name, or your own by the path of its TOML file.
 
     Parameters
     ----------

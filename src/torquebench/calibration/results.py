@@ -37,7 +37,7 @@ class SideBySide:
 
 @dataclass(frozen=True, eq=False)
 class DirectionResults:
-    """What was found in one direction.
+    """Results of one direction.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class DirectionResults:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResults:
-    """Everything that a certificate states of a calibration's points.
+    """Results of a calibration's points for a certificate.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ STEP_TOLERANCE_PERCENT = 0.5
 
 @dataclass(frozen=True)
 class ZeroHysteresis:
-    """How the zero differs after loading from either side.
+    """Difference of the zero after loading from either side.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def _check_steps(data: CalibrationData, where: NDArray[np.bool_], tolerance_perc
 
 
 def zero_hysteresis(data: CalibrationData) -> ZeroHysteresis:
-    """Return how the zero of reversing cycles differs after loading from either side.
+    """Return the difference of the zero of reversing cycles after loading from either side.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ class Step(BaseModel):
 
 
 def total_duration_s(steps: Sequence[Step], ramp_nm_per_s: float | None = None) -> float:
-    """Return how long a sequence takes, in s, without waiting longer for settling.
+    """Return the duration of a sequence in s, without additional settling.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ _NAMES = {1: "clockwise", -1: "counter-clockwise"}
 
 @dataclass(frozen=True, eq=False)
 class EvaluablePoints:
-    """What of a table can be evaluated, step by step.
+    """Points of a table that can be evaluated, step by step.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def evaluable_points(
     profile: Profile,
     deviations: Sequence[Deviation],
 ) -> EvaluablePoints:
-    """Return the points by the profile's steps, or by the table's own where it lacks some.
+    """Return the points by the profile's steps, or by the table's own if some are missing.
 
     Parameters
     ----------

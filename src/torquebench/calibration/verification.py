@@ -37,7 +37,7 @@ CELL_SHARE = 0.05
 
 
 class Chain(Protocol):
-    """What a verification needs of a measuring chain."""
+    """Interface of a measuring chain for a verification."""
 
     def torque(self, readings: Readings) -> Torque:
         """Return the compensated torques with their uncertainty."""
@@ -77,7 +77,7 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class Repeatability:
-    """Spread of the errors over the groups at the same place of the range.
+    """Spread of the errors over the groups at the same torque.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Repeatability:
 
 @dataclass(frozen=True)
 class ModelVerification:
-    """What a verification found for one model, or for the raw reading.
+    """Result of a verification for one model, or for the raw reading.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ class VerificationResult:
     data_sha256: str
 
     def of(self, name: str) -> ModelVerification:
-        """Return what was found for one model, by its name.
+        """Return the result of one model by its name.
 
         Raises
         ------

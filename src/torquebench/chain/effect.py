@@ -39,10 +39,10 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One influence on a reading: what it adds, and by how much that may be wrong.
+    """One influence on a reading: its contribution and uncertainty.
 
     A subclass is a frozen dataclass of numbers and words. It states its components for arrays of
-    readings. One with a memory of the readings before returns an object of its own from `stream`;
+    readings. A subclass that depends on earlier readings returns a separate object from `stream`;
     the others are their own stream.
 
     Attributes
@@ -71,7 +71,7 @@ class Effect(ABC):
 
     @abstractmethod
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return what the effect adds to readings.
+        """Return the contributions of the effect to readings.
 
         Parameters
         ----------
@@ -82,15 +82,15 @@ class Effect(ABC):
         """
 
     def outside(self, readings: Readings) -> Refusal | None:  # noqa: ARG002 - most refuse none
-        """Return which readings the effect refuses, None where it holds for all."""
+        """Return which readings the effect refuses, None if it accepts all."""
         return None
 
     def gaps(self) -> tuple[str, ...]:
-        """Name what it would cover but wasn't identified: U doesn't contain it."""
+        """Name parts of the effect that weren't identified: U doesn't contain them."""
         return ()
 
     def stream(self) -> Effect:
-        """Return what follows one stream of readings over its blocks; here, without memory."""
+        """Return an object that follows one stream of readings; here, without memory."""
         return self
 
     def copy(self) -> Effect:
@@ -98,7 +98,7 @@ class Effect(ABC):
         return self
 
     def forget(self) -> None:  # noqa: B027 - most have no memory
-        """Take the past as unknown, as after a gap or a fault."""
+        """Discard the history, as after a gap or a fault."""
 
     def specification(self) -> dict[str, Any]:
         """Return kind and fields as JSON-ready values."""

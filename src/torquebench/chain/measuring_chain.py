@@ -119,11 +119,11 @@ class MeasuringChain:
         return self.with_effects([SwitchedOff.of(record, *off)])
 
     def specification(self) -> tuple[Mapping[str, Any], ...]:
-        """Return what a model file keeps of the chain beside the model."""
+        """Return the chain's entries of a model file."""
         return tuple(effect.specification() for effect in self.stored)
 
     def missing(self) -> tuple[str, ...]:
-        """Return the influences that nothing is recorded of: U doesn't contain them."""
+        """Return the influences without any record: U doesn't contain them."""
         known = {effect.kind for effect in self.stored}
         known |= {effect.influence for effect in self.stored}
         return (
@@ -136,7 +136,7 @@ class MeasuringChain:
         )
 
     def torque(self, readings: Readings, place: Callable[[int], str] = "row {}".format) -> Torque:
-        """Return torque and uncertainty of readings that needn't have to do with each other.
+        """Return torque and uncertainty of independent readings.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class MeasuringChain:
         return torque
 
     def compensated(self, readings: Readings) -> Torque:
-        """Return the same as `torque`, with NaN for readings that it would refuse."""
+        """Return the same as `torque`, with NaN for refused readings."""
         return _sum(self.effects, readings, self.switched_off)
 
     @property
@@ -176,7 +176,7 @@ class MeasuringChain:
         )
 
     def refuse(self, readings: Readings, place: Callable[[int], str]) -> None:
-        """Raise an error that says which effect gives a reading no torque, and why."""
+        """Raise an error that names the effect which refuses a reading, and why."""
         for effect in self.effects:
             refusal = effect.outside(readings)
             if refusal is not None:
@@ -216,7 +216,7 @@ class MeasuringChain:
 
 
 class ChainStream:
-    """Compensates a stream: blocks of readings in the order of time, each handed over once.
+    """Compensates a stream: consecutive blocks of readings in time order.
 
     After the start, a gap or a fault the past is unknown, and the uncertainty says so until the
     readings have turned round often enough. The result doesn't depend on how the stream is cut.
@@ -245,7 +245,7 @@ class ChainStream:
         return other
 
     def forget(self) -> None:
-        """Take the past as unknown."""
+        """Discard the history."""
         self._last_s = float("nan")
         self._forget()
 

@@ -16,7 +16,7 @@ Known = FloatArray | float | None
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """Readings of one transducer in the order of time, with what else is known of them.
+    """Readings of one transducer in time order, with their conditions.
 
     Parameters
     ----------

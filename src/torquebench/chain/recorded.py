@@ -28,7 +28,7 @@ def rows_of(readings: Readings, rows: slice) -> Readings:
 
 
 class RecordedStream:
-    """Compensates a record with times: blocks in order, each with the one that follows it.
+    """Compensates a record with times: blocks in order, each with the next one.
 
     The acceleration comes from the speed where it isn't given. Where no branch is given, the place
     in the hysteresis loop of a chain that turns follows from the readings before. What it states is

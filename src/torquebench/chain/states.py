@@ -33,7 +33,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class EffectState:
-    """One part of the torque and of its budget.
+    """Contribution of one effect to the torque and its budget.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class EffectState:
 
 
 def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> list[EffectState]:
-    """Return the state of every part of a chain's torque.
+    """Return the state of every effect of a chain.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ already, so that ±2u holds 95.45 %."""
 
 
 class Shared(StrEnum):
-    """What two torques have to have in common to share an error."""
+    """Conditions under which two torques share an error."""
 
     CALIBRATION = "calibration"
     MOUNTING = "mounting"
@@ -39,7 +39,7 @@ class Shared(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Component:
-    """What one source adds to torques, and by how much that may be wrong.
+    """Contribution of one source to torques, and its uncertainty.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Torque:
         return COVERAGE_FACTOR * self.standard_uncertainty_nm
 
     def component(self, name: str) -> FloatArray:
-        """Return the size of one component's standard uncertainty, N·m; 0 where there is none."""
+        """Return the standard uncertainty of one component, N·m; 0 if there is none."""
         variance = np.zeros(self.value_nm.shape)
         for component in self.components:
             if component.name == name:
@@ -154,7 +154,7 @@ class Torque:
         return np.asarray(np.sqrt(variance))
 
     def added(self, name: str) -> FloatArray:
-        """Return what one component added to the torque, N·m; 0 where there is none."""
+        """Return the contribution of one component to the torque, N·m; 0 if there is none."""
         total = np.zeros(self.value_nm.shape)
         for component in self.components:
             if component.name == name:
@@ -182,14 +182,14 @@ class Torque:
         )
 
     def without(self, name: str) -> Torque:
-        """Return the torques without what one component added, which they may be wrong by now."""
+        """Return the torques without one component's correction and uncertainty."""
         parts = tuple(
             not_corrected(each) if each.name == name else each for each in self.components
         )
         return Torque(self.value_nm - self.added(name), parts)
 
     def and_also(self, *components: Component) -> Torque:
-        """Return the same torques with further components."""
+        """Return the same torques with additional components."""
         return Torque(self.value_nm, (*self.components, *components))
 
     def combined(
@@ -323,7 +323,7 @@ def _middle(place: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def joined(parts: Sequence[Torque]) -> Torque:
-    """Put torques of one chain one behind the other.
+    """Concatenate torques of one chain.
 
     Parameters
     ----------

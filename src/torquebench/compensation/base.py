@@ -343,7 +343,7 @@ class CompensationModel(Estimator, ABC):
         return float(self.noise_nm_)
 
     def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it
-        """Say why the model errs at points left out; empty where the kind can't tell."""
+        """Explain errors at points left out; empty if the kind of model can't."""
         return ""
 
     @property

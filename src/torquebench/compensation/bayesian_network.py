@@ -225,7 +225,7 @@ def train_member(
 
 @register("bayesian-network")
 class BayesianNetworkModel(CompensationModel):
-    """The sources' network 1-50-1, trained as well as fifty points allow.
+    """The source papers' network 1-50-1 with Bayesian regularisation.
 
     Levenberg-Marquardt with an analytic Jacobian, Bayesian regularisation, and a few starts of
     different smoothness, averaged by their evidence. More neurons than points do no harm: the

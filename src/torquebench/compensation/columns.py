@@ -74,11 +74,11 @@ def branch_values(branch: ArrayLike) -> FloatArray:
 
 
 def by_names(X: ArrayLike, columns: int | None = None) -> ArrayLike:
-    """Return a data frame's columns in the order of `FEATURES`; anything else as it is.
+    """Return a data frame's columns in the order of `FEATURES`; other arrays are unchanged.
 
-    A frame of pandas, polars or pyarrow is read by the names of its columns, wherever they stand;
-    other columns are passed over. A frame without any of these names is read by position, as
-    scikit-learn does.
+    A frame of pandas, polars or pyarrow is read by the names of its columns, in any order; other
+    columns are ignored. A frame without any of these names is read by position, as scikit-learn
+    does.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def features(
     speed_rpm: ArrayLike | None = None,
     temperature_c: ArrayLike | None = None,
 ) -> FloatArray:
-    """Put known columns together to a feature matrix X.
+    """Combine known columns to a feature matrix X.
 
     Parameters
     ----------

@@ -45,10 +45,10 @@ FEWEST_POINTS = 8
 
 
 class DiscrepancyUncertainty(CompensationModel):
-    """An estimator with the uncertainty that its discrepancy from the posterior gives it.
+    """An estimator whose uncertainty is its discrepancy from the posterior.
 
-    The values stay the estimator's own. Fewer than eight points say nothing of a discrepancy; the
-    estimator's covariance stands then.
+    The values are those of the estimator. Fewer than eight points don't determine a discrepancy;
+    the estimator's covariance is used then.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class DiscrepancyUncertainty(CompensationModel):
 
     @property
     def used_features(self) -> tuple[str, ...]:  # type: ignore[override] # see kind
-        """Columns that the estimator looks at."""
+        """Columns that the estimator uses."""
         return self.estimator.used_features
 
     @property
@@ -157,7 +157,7 @@ class DiscrepancyUncertainty(CompensationModel):
 
     @property
     def range_nm(self) -> float | None:  # type: ignore[override] # see kind
-        """Range that the estimator was told."""
+        """Range of the estimator."""
         return self.estimator.range_nm
 
     @property
@@ -167,7 +167,7 @@ class DiscrepancyUncertainty(CompensationModel):
 
     @property
     def outliers(self) -> str:  # type: ignore[override] # see kind
-        """What the estimator does with an outlier."""
+        """Treatment of outliers by the estimator."""
         return self.estimator.outliers
 
     @property

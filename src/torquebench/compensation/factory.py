@@ -18,10 +18,11 @@ POSTERIOR_POINTS = 200
 
 
 def make_model(name: str, **parameters: Any) -> CompensationModel:
-    """Make an unfitted model by its name, with an uncertainty that holds.
+    """Make an unfitted model by its name, with a calibrated uncertainty.
 
-    The hybrid states its own. Every other kind's covariance says nothing of what its form can't
-    follow; it is wrapped in a `DiscrepancyUncertainty` with the hybrid as the posterior.
+    The hybrid states its own uncertainty. The covariance of every other kind doesn't contain the
+    error of its form, so it is wrapped in a `DiscrepancyUncertainty` with the hybrid as the
+    posterior.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ def _follow(reading, widths, weights, lowest, highest, low, high):  # type: igno
 
 @dataclass(frozen=True)
 class HysteresisOperator:
-    """Play operators of a chain, and the states that its calibration passed through.
+    """Play operators of a chain, and their states during the calibration.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class HysteresisOperator:
 
     @classmethod
     def generic(cls, full_scale_nm: float, path_nm: ArrayLike | None = None) -> HysteresisOperator:
-        """Return plays from 0.5 % of full scale upwards, equally weighted, without amplitude.
+        """Return play operators from 0.5 % of full scale upwards, equally weighted.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class HysteresisOperator:
     def from_table(
         cls, table: CompensationTable, path_nm: ArrayLike | None = None
     ) -> HysteresisOperator:
-        """Find the plays whose loop along the calibration's path is the model's own.
+        """Find the play operators whose loop along the calibration's path is that of the model.
 
         The widths are the generic ones; their weights follow from how the model's two branches
         part and meet (non-negative least squares).
@@ -173,7 +173,7 @@ class HysteresisOperator:
         return replace(generic._weighted(parts, rising - falling), amplitude_std_nm=std)
 
     def tracker(self) -> BranchTracker:
-        """Return a tracker that knows nothing of the past yet."""
+        """Return a tracker without history."""
         return BranchTracker(self)
 
     def reference(self, reading_nm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -392,12 +392,12 @@ class HistoryCompensator:
         return self._at(reading, self.tracker, self._even_tracker)
 
     def peek(self, reading_nm: float) -> LiveTorque:
-        """Compensate a reading in N·m, such as the last ones' mean, without moving on."""
+        """Compensate a reading in N·m, such as a mean, without changing the state."""
         reading = np.array([reading_nm])
         return self._at(reading, self.tracker.copy(), self._even_tracker.copy())
 
     def forget(self) -> None:
-        """Take the past as unknown, as after a gap in the readings or a fault."""
+        """Discard the history, as after a gap in the readings or a fault."""
         self.tracker.forget()
         self._even_tracker.forget()
 

@@ -81,7 +81,7 @@ def register(kind: str) -> Callable[[_Model], _Model]:
 
 
 def check_kind(name: str) -> str:
-    """Return the name of a model after checking that there is such a kind; nothing is imported.
+    """Return the name of a model after checking that this kind exists; nothing is imported.
 
     Raises
     ------

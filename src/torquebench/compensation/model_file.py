@@ -24,7 +24,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a model came from and what it fits.
+    """Origin of a model and its conditions of use.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class StoredModel:
         counter_identity: str | None = None,
         range_nm: float | None = None,
     ) -> None:
-        """Refuse the use with another transducer, counter or range than the model was made with.
+        """Refuse the use with another transducer, counter or range than those of the model.
 
         Parameters
         ----------
@@ -122,7 +122,7 @@ class StoredModel:
 
 
 def save_model(path: str | Path, stored: StoredModel, *, private: bool = False) -> Path:
-    """Write a model file; the old file stays whole until the new one is complete.
+    """Write a model file; the old file is kept until the new one is complete.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def physics_basis(points: ChainPoints, step_width: float) -> FloatArray:
 
 @register("physics")
 class PhysicsModel(CompensationModel):
-    """Physical form of the additional torque alone, as a Bayesian linear model.
+    """Physical form of the additional torque, as a Bayesian linear model.
 
     Equation 15 in consistent form per direction, a reversal step and hysteresis; see the module's
     table. A drift of the zero during the calibration is estimated and left out. The coefficients

@@ -106,7 +106,7 @@ def _next_noted(done: int) -> int:
 
 @register("published-network")
 class PublishedNetworkModel(CompensationModel):
-    """The sources' back-propagation network, trained as they say: it stands for comparison.
+    """The source papers' back-propagation network with its published training, for comparison.
 
     Input and target are scaled to -1 to 1; 50 hidden neurons with tanh, one linear output, batch
     gradient descent on the mean square error. The articles give neither learning rate nor epochs
@@ -221,7 +221,7 @@ class PublishedNetworkModel(CompensationModel):
         self.noise_nm_ *= np.sqrt(mean_weight)  # of one point, where bins stand for many
 
     def shortcoming(self, left_out_rms_nm: float) -> str:
-        """Say whether the start or the number of epochs leaves errors at points left out."""
+        """Tell whether the start or the number of epochs causes errors at points left out."""
         unstated = "the articles state neither start nor epochs"
         training, points = self.training_rms_nm_, self.training_inputs_.size
         if training < 0.5 * left_out_rms_nm:

@@ -21,7 +21,7 @@ _FEWEST_GROUPS = 5
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Scatter of repeated points, which no model can go below.
+    """Scatter of repeated points, which limits the accuracy of every model.
 
     Attributes
     ----------

@@ -73,7 +73,7 @@ _Model = TypeVar("_Model", bound=CompensationModel)
 
 @dataclass(frozen=True)
 class ModelScore:
-    """Errors of one model at points left out, beside what it took.
+    """Errors of one model at points left out, with its cost.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ def worse_than_raw(
     folds: int = 4,
     progress: Progress = NO_PROGRESS,
 ) -> str:
-    """Leave out steps to see whether a fitted model is worse than the raw reading.
+    """Test by cross-validation whether a fitted model is worse than the raw reading.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ class Comparison:
 
     @property
     def caution(self) -> str:
-        """What keeps the comparison from telling models apart, in a sentence; empty if nothing."""
+        """Reason why the comparison can't distinguish models; empty if there is none."""
         scored = self.steps - 2
         if scored >= _FEW_STEPS:
             return ""

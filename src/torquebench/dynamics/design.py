@@ -28,7 +28,7 @@ _FINE = 40  # steps of a simulated signal in a sample
 
 @dataclass(frozen=True)
 class StepResponse:
-    """What a step of torque becomes.
+    """Response to a step of torque.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class StepResponse:
 
 @dataclass(frozen=True, eq=False)
 class InverseFilter:
-    """A filter that gives the torque back from the reading, up to a bandwidth.
+    """A filter that reconstructs the torque from the reading, up to a bandwidth.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ def _solve(
 def step_response(
     transfer: TransferFunction, interval_s: float, behind: UncertainFilter | None = None
 ) -> StepResponse:
-    """Simulate a step of torque, wherever between two samples it comes.
+    """Simulate a step of torque at any time between two samples.
 
     Parameters
     ----------

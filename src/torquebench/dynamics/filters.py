@@ -21,7 +21,7 @@ _LONGEST_RESPONSE = 1_000_000
 
 
 class Filtered(NamedTuple):
-    """Samples behind a filter.
+    """Filtered samples.
 
     Attributes
     ----------
@@ -210,10 +210,10 @@ class UncertainFilter:
 
 
 class FilterStream:
-    """Filters a stream: blocks in order, each handed over once.
+    """Filters a stream of consecutive blocks.
 
-    The signal counts as constant before its first sample and after a fault (NaN), which begins it
-    anew. Results don't depend on how the stream is cut, to the last digit.
+    The signal is assumed constant before its first sample and after a fault (NaN), which restarts
+    the filter. Results don't depend on the division into blocks, to the last digit.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ class FilterStream:
         return other
 
     def forget(self) -> None:
-        """Begin anew with the next sample, as after a gap."""
+        """Restart with the next sample, as after a gap."""
         self._line.begun = False
 
     def push(self, values: ArrayLike, uncertainty: ArrayLike | None = None) -> Filtered:

@@ -29,7 +29,7 @@ _WORDS = {"resonance_hz": "resonance", "damping_ratio": "damping"}
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Readings at an even rate while the torque at the flange was known: steps or sines.
+    """Readings at a constant rate with a known torque at the flange: steps or sines.
 
     It begins at rest: the first values of reading and torque belong to a steady state.
 
@@ -48,7 +48,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Inertia:
-    """Inertia of what turns between transducer and flange.
+    """Moment of inertia between transducer and flange.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ _SEGMENTS = 120  # of a full circle
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """Boundary of a section: closed polygons in metres, the material lies between them.
+    """Boundary of a section: closed polygons in metres that enclose the material.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ _FLANGE_SHARE = 0.4
 
 @dataclass(frozen=True)
 class SupportDesign:
-    """A column with an arm, and the cylinder that takes its place; lengths in metres.
+    """A column with an arm, and the cylinder that replaces it; lengths in metres.
 
     Attributes
     ----------

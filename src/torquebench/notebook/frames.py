@@ -35,9 +35,9 @@ def read_calibration(
 ) -> CalibrationData:
     """Return a calibration from a file, a data frame or a mapping of columns.
 
-    Columns are found by their names, wherever they stand: ``reading_nm`` and ``standard_nm``, and
+    Columns are identified by their names, in any order: ``reading_nm`` and ``standard_nm``, and
     optionally ``series``, ``branch`` ("up", "down"), ``nominal_nm``, ``temperature_c`` and the
-    others of a calibration's file.
+    other columns of a calibration's file.
 
     Parameters
     ----------

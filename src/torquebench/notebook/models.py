@@ -52,12 +52,12 @@ Outliers = Literal["downweight", "refuse", "keep"]
 
 
 class FitWarning(UserWarning):
-    """Something about a fit that a user of the model has to know."""
+    """A warning about a fit."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compensation:
-    """A fitted compensation with what is known of its measuring chain.
+    """A fitted compensation with its measuring chain.
 
     Parameters
     ----------

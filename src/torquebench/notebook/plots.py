@@ -31,7 +31,7 @@ _ENDINGS = (".svg", ".png", ".pdf")
 
 
 class Drawing:
-    """A figure that notebooks show by themselves.
+    """A figure that notebooks display automatically.
 
     Parameters
     ----------

@@ -200,7 +200,7 @@ def calibration_of(
 
 @dataclass(frozen=True, eq=False)
 class ReadingsTable:
-    """Readings to compensate, beside all other cells of their file.
+    """Readings to compensate, with all other cells of their file.
 
     Parameters
     ----------

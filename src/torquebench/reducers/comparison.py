@@ -41,7 +41,7 @@ COMMON_CONTRIBUTIONS = frozenset(
 
 @dataclass(frozen=True)
 class Change:
-    """How a value of one specimen changed.
+    """Change of a value of one specimen.
 
     Parameters
     ----------

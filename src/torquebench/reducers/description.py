@@ -80,7 +80,7 @@ class EfficiencyLimit(_Settings):
 
 
 class DataSheetLimits(_Settings):
-    """What a data sheet promises; each may be left out.
+    """Limits of a data sheet; each is optional.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class DataSheetLimits(_Settings):
 
 
 class ReducerDescription(_Settings):
-    """A type of reducer: what a test needs to know and what it is judged by.
+    """A type of reducer: data for its tests and limits for verdicts.
 
     Attributes
     ----------
@@ -182,12 +182,12 @@ class ReducerDescription(_Settings):
 
     @property
     def signed_ratio(self) -> float:
-        """Input turns for one output turn, negative where the output turns against the input."""
+        """Input revolutions per output revolution, negative if the output reverses."""
         return -self.ratio if self.reversed else self.ratio
 
 
 def available_reducers() -> tuple[str, ...]:
-    """Return the names of the types that come with the package.
+    """Return the names of the packaged types.
 
     Examples
     --------
@@ -205,7 +205,7 @@ def available_reducers() -> tuple[str, ...]:
 
 
 def load_reducer(name_or_path: str | Path) -> ReducerDescription:
-    """Return a description: one that comes with the package, by name, or a TOML file, by path.
+    """Return a packaged description by its name, or one from a TOML file by its path.
 
     Raises
     ------

@@ -36,7 +36,7 @@ class Module(Device):
 
 
 class BenchDevices(Device):
-    """Everything that a plan may touch.
+    """All devices that a plan may use.
 
     Parameters
     ----------

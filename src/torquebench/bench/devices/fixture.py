@@ -85,7 +85,7 @@ class GuideRailDevice(StandardReadable):
 
 
 class MountingDevice(StandardReadable):
-    """What is between the flanges; `set` asks the operator for it, only with the clamp open.
+    """Part between the flanges; `set` asks the operator to mount it, only with the clamp open.
 
     `set("calibrator" | "verification_standard" | "reducer" | "nothing")`.
     """

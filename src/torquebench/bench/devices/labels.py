@@ -23,7 +23,7 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class Point:
-    """Where in a procedure a point lies.
+    """Position of a point in a procedure.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class SynchronousRecording:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Put recordings one behind the other; no part gives empty columns."""
+        """Concatenate recordings; no part gives empty columns."""
         names = [field.name for field in fields(cls)]
         return cls(
             *(np.concatenate([getattr(part, name) for part in parts] or [[]]) for name in names)
@@ -111,7 +111,7 @@ class ModuleRecording:
 
 
 class Recorder(Device, AsyncReadable, Triggerable):
-    """Takes what the bench has recorded since a mark.
+    """Records torques and angles of the bench from a mark on.
 
     `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its
     samples, and the next stretch begins. `set("fine")` does the same, but torques are counted

@@ -43,7 +43,7 @@ class Zero(StandardReadable):
 
 
 class Transducer(StandardReadable):
-    """Torque transducer of a module: latest reading, and who it is."""
+    """Torque transducer of a module: latest reading and identity."""
 
     def __init__(self, context: BenchContext, side: Side) -> None:
         transducer = context.description.module(side).transducer

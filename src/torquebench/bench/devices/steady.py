@@ -47,7 +47,7 @@ _DTYPES = {"settled": "boolean", "samples": "integer"}
 
 @dataclass(frozen=True)
 class SteadySettings:
-    """How a steady value is taken.
+    """Settings of a steady value.
 
     Parameters
     ----------

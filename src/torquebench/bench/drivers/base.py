@@ -80,10 +80,10 @@ class Identity:
 
 @runtime_checkable
 class Identified(Protocol):
-    """An instrument that says who it is; counters, drives and read-outs always do."""
+    """An instrument that states its identity; counters, drives and read-outs always do."""
 
     def identity(self) -> Identity:
-        """Ask the instrument who it is."""
+        """Read the identity of the instrument."""
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ class Temperature(Protocol):
     """The temperature probes."""
 
     def temperatures(self) -> Mapping[str, float]:
-        """Ask for all probes: name to °C."""
+        """Read all probes: temperature in °C by name."""
 
 
 @runtime_checkable

@@ -59,7 +59,7 @@ class FastCheck(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """A level that was reached, or left again (`violation` is None then)."""
+    """A level that was reached or left again (`violation` is None then)."""
 
     watch: Watch
     violation: Violation | None

@@ -19,7 +19,7 @@ __all__ = ["Counter", "Timebase"]
 @register("counter")
 @dataclass(frozen=True)
 class Counter(Effect):
-    """Quantisation and edge jitter in the window of a reading: white, so that averaging lowers it.
+    """Quantisation and edge jitter in the window of a reading: white noise, reduced by averaging.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Counter(Effect):
     window_nm: float = field(default=0.0, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the counter's own uncertainty of each window."""
+        """Return the uncertainty of each window due to the counter."""
         return (
             Component("counter", Shared.NOTHING, known_or(readings.counter_nm, self.window_nm)),
         )
@@ -41,7 +41,7 @@ class Counter(Effect):
 @register("time base")
 @dataclass(frozen=True)
 class Timebase(Effect):
-    """Another counter's clock than the calibration's, accepted at a price in uncertainty.
+    """Another counter's clock than the calibration's, accepted with an added uncertainty.
 
     Two timebases that differ by a relative d make the same edges differ by d·f in frequency. The
     torque that this looks like is d·f/s with the sensitivity s, which is d·(f₀/s + T): it shifts
@@ -84,7 +84,7 @@ class Timebase(Effect):
             )
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return what the difference of the clocks may change zero and gain by."""
+        """Return the effect of the difference of the clocks on zero and gain."""
         limit = self.tolerance_ppm * 1e-6 * (self.zero_nm + np.abs(torque_nm))
         return (
             Component(

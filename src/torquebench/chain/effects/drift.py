@@ -36,7 +36,7 @@ class Drift(Effect):
     interval_h: float = field(default=_HOURS_PER_YEAR, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the limit at the age of the calibration, as a rectangle."""
+        """Return the limit at the age of the calibration, as a rectangular distribution."""
         age = self.interval_h if readings.calibration_age_h is None else readings.calibration_age_h
         limit = 1e-2 * self.percent_per_year * age / _HOURS_PER_YEAR
         return (

@@ -84,7 +84,7 @@ class Dynamics(Effect):
         self.filter()
 
     def filter(self) -> UncertainFilter:
-        """Return the filter; raises `InputError` where it is none."""
+        """Return the filter; raises `InputError` if the coefficients don't form one."""
         rows = np.asarray(self.factors, np.float64).reshape(-1, len(self.weights))
         return UncertainFilter(np.asarray(self.weights), covariance=rows.T @ rows)
 

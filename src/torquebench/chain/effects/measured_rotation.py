@@ -169,11 +169,11 @@ class MeasuredRotation(Effect):
         return 1.1 * min(self.low_rpm, 0.0), 1.1 * max(self.high_rpm, 0.0)
 
     def gaps(self) -> tuple[str, ...]:
-        """Name what grows with the load, where no turning reference identified it."""
+        """Name load-dependent parts if no rotating reference identified them."""
         return () if self.load_at_nm else ("drag over load, span over speed",)
 
     def outside(self, readings: Readings) -> Refusal | None:
-        """Return which speeds and temperatures the tables don't reach."""
+        """Return which speeds and temperatures are outside the tables."""
         speed = row_of(readings.speed_rpm, readings.reading_nm.size)
         low, high = self._limits_rpm
         rows = (speed < low) | (speed > high)
@@ -188,7 +188,7 @@ class MeasuredRotation(Effect):
         return Refusal(rows, f"temperature {now[rows][0]:.4g} °C", allowed)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return what turning adds at the speed, temperature, load and time of each reading."""
+        """Return the effect of rotation at speed, temperature, load and time of each reading."""
         count = torque_nm.size
         speed, celsius = row_of(readings.speed_rpm, count), row_of(readings.temperature_c, count)
         zero_u, zero, drag_u, drag, running, running_u = rotation(

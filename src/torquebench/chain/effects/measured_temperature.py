@@ -26,9 +26,9 @@ CORRELATION_K = 10.0
 class MeasuredTemperature(Effect):
     """Zero and span over temperature, by empty runs and calibrations at several temperatures.
 
-    Both count from the calibration's temperature. A zero that was taken at another temperature
-    takes its own change with it. Between the temperatures that were measured and the ends of the
-    table the curves are extrapolated, with the uncertainty that this has.
+    Both are relative to the calibration's temperature. A zero that was measured at another
+    temperature contains the change up to there. Outside the measured temperatures, up to the ends
+    of the table, the curves are extrapolated with a larger uncertainty.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class MeasuredTemperature(Effect):
         )
 
     def outside(self, readings: Readings) -> Refusal | None:
-        """Return which temperatures the curves don't reach."""
+        """Return which temperatures are outside the curves."""
         now = row_of(readings.temperature_c, readings.reading_nm.size)
         rows = (now < self.at_c[0]) | (now > self.at_c[-1])
         if not rows.any():
@@ -97,7 +97,7 @@ class MeasuredTemperature(Effect):
         return Refusal(rows, f"temperature {now[rows][0]:.4g} °C", allowed)
 
     def gaps(self) -> tuple[str, ...]:
-        """Name the span, where it wasn't identified."""
+        """Name the span if it wasn't identified."""
         return () if self.span else ("temperature of span",)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:

@@ -15,7 +15,7 @@ __all__ = ["Mounting"]
 @register("mounting")
 @dataclass(frozen=True)
 class Mounting(Effect):
-    """Span that changes when what is between the flanges is mounted anew.
+    """Change of span after remounting the part between the flanges.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ __all__ = ["Reference"]
 @register("reference standard")
 @dataclass(frozen=True)
 class Reference(Effect):
-    """Error of the reference standard, which every torque of the calibration carries on.
+    """Error of the reference standard, which all torques of the calibration have in common.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Reference(Effect):
     expanded_uncertainty_of_torque: float = field(default=0.0, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return half of U, in the direction of the torque: a wrong span is wrong on both sides."""
+        """Return half of U; a span error affects both directions of torque."""
         size = np.abs(torque_nm)
         certified = np.minimum(size / self.from_nm, 1.0) if self.from_nm > 0.0 else 1.0
         fixed = self.expanded_uncertainty_nm * certified

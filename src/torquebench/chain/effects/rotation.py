@@ -21,10 +21,10 @@ STANDSTILL_RPM = 0.5
 @register("rotation")
 @dataclass(frozen=True)
 class Rotation(Effect):
-    """What turning changes in a chain that was calibrated and zeroed at standstill.
+    """Effect of rotation on a chain that was calibrated and zeroed at standstill.
 
-    The zero's shift is the same in both directions, the drag turns round with the speed: both
-    stand in the sign of their components. An empty run measures them together.
+    The zero's shift is equal in both directions, and the drag reverses with the speed; the signs of
+    their components show this. An empty run measures their sum.
 
     Parameters
     ----------

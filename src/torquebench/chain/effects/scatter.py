@@ -15,7 +15,7 @@ __all__ = ["Scatter"]
 
 @dataclass(frozen=True)
 class Scatter(Effect):
-    """Scatter of the calibration's points: new with every loading, however long it is averaged.
+    """Scatter of the calibration's points: new with every loading, not reduced by averaging.
 
     Parameters
     ----------

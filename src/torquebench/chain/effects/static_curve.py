@@ -31,12 +31,11 @@ _SQUARE_ROOT_2 = np.sqrt(2.0)
 
 @dataclass(frozen=True)
 class StaticCurve(Effect):
-    """Additional torque of a fitted model, and what the calibration leaves open of it.
+    """Additional torque of a fitted model, and the remaining uncertainty of the calibration.
 
-    Where the model tells the branches of a hysteresis loop apart, a row's branch counts; where it
-    isn't known, the middle of the loop does, and half the loop as an arcsine distribution, since
-    after long runs a reading lies on one of the branches rather than between them. In a stream the
-    place in the loop follows from the readings before.
+    If the model distinguishes the branches of a hysteresis loop, a row's branch is used. If it
+    isn't known, the middle of the loop is used, and half the loop is an arcsine distribution, since
+    after long runs a reading is more probably on one of the branches than between them.
 
     Parameters
     ----------
@@ -65,7 +64,7 @@ class StaticCurve(Effect):
 
     @cached_property
     def table(self) -> CompensationTable | None:
-        """The model compiled once, within 1e-6 of full scale: what every reading is compensated by.
+        """The model, compiled once within 1e-6 of full scale; it compensates every reading.
 
         None where the model looks at speed or temperature, or jumps: then it is asked itself.
         """

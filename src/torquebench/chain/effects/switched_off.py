@@ -25,7 +25,7 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
 @register("switched off")
 @dataclass(frozen=True)
 class SwitchedOff(Effect):
-    """Components that aren't corrected: what each would add is a standard uncertainty instead.
+    """Components that aren't corrected; their contribution is a standard uncertainty instead.
 
     Parameters
     ----------
@@ -50,5 +50,5 @@ class SwitchedOff(Effect):
         return cls(values["record"], tuple(values["names"]))
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return nothing: the chain leaves the named components out."""
+        """Return nothing: the chain omits the named components."""
         return ()

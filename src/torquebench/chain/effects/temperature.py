@@ -18,11 +18,11 @@ __all__ = ["Temperature"]
 @register("temperature")
 @dataclass(frozen=True)
 class Temperature(Effect):
-    """Zero and span that change with temperature, by coefficients known to a limit.
+    """Zero and span over temperature, by coefficients that are known within limits.
 
-    The span counts from the temperature of the calibration, the zero from that at the zeroing. A
-    coefficient within ±c and a change of temperature d ± e, both rectangular, leave
-    c/√3·√(d² + e²/3).
+    The span is relative to the temperature of the calibration, the zero to that of the zeroing. A
+    coefficient within ±c and a change of temperature d ± e, both rectangular, give c/√3·√(d² +
+    e²/3).
 
     Parameters
     ----------

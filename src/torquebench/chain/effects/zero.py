@@ -18,7 +18,7 @@ __all__ = ["Zero"]
 @register("zero")
 @dataclass(frozen=True)
 class Zero(Effect):
-    """Uncertainty of the zero in use, and its change since within a limit that grows with time.
+    """Uncertainty of the zero in use, and its drift within a limit that grows with time.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Zero(Effect):
     zero_nm: float = field(default=0.0, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the zero itself, and the limit at its age as a rectangle."""
+        """Return the zero, and the limit at its age as a rectangular distribution."""
         limit = self.drift_nm_per_h * known_or(readings.zero_age_h, self.interval_h)
         return (
             Component("zero", Shared.ZEROING, known_or(readings.zero_nm, self.zero_nm)),

@@ -23,7 +23,7 @@ _FEWEST_ROWS = 20
 
 @dataclass(frozen=True, eq=False)
 class EmptyRun:
-    """A run with nothing mounted: the true torque is 0 but for the inertia of what turns.
+    """A run with nothing mounted: the true torque is that of inertia only.
 
     Parameters
     ----------

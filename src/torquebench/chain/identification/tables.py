@@ -56,7 +56,7 @@ _MOST_ROWS = 20_000
 
 @dataclass(frozen=True)
 class Identified:
-    """What was identified of one chain.
+    """Identified effects of one chain.
 
     Parameters
     ----------

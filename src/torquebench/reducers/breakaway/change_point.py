@@ -20,7 +20,7 @@ SIGNIFICANT = 5.0
 
 @dataclass(frozen=True)
 class FirstMotion:
-    """Where an angle begins to move.
+    """Position at which an angle begins to move.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ period 99 % of the torque and 94 % of the acceleration stay, of one of 20 sample
 
 @dataclass(frozen=True)
 class FlangeInertia:
-    """What turns between a transducer's measuring section and the reducer.
+    """Moment of inertia between a transducer's measuring section and the reducer.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def torque_at_flange(
     standard_uncertainty_nm: ArrayLike = 0.0,
     angle_uncertainty_rad: float = 0.0,
 ) -> tuple[Floats, Floats]:
-    """Take off a torque what the flange's acceleration takes.
+    """Subtract the torque that accelerates the flange.
 
     A drive's ripple swings the flange, and the transducer before it reads what that takes, too:
     where the ripple turns a loading back, that is missing at the reducer or added to it. Torque

@@ -58,7 +58,7 @@ class LoopCurve:
 
 @dataclass(frozen=True, eq=False)
 class LoopFeatures:
-    """What one single loop shows.
+    """Values of one single loop.
 
     Parameters
     ----------
