@@ -13,7 +13,10 @@ run: $(VENV)/.installed
 plant: $(VENV)/.installed-plant
 	$(BIN)/python -m examples.plant.demonstration $(if $(VIEW),--view)
 
-test: lint types contracts docs tests other-processor
+# Types and documentation keep one processor busy each.
+test: lint contracts
+	$(MAKE) --jobs 2 types docs
+	$(MAKE) tests other-processor
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

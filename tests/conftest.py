@@ -38,8 +38,13 @@ settings.register_profile(
 settings.load_profile("torquebench")
 
 
+_LONG = ("test_installation.py", "test_demo_acceptance.py", "test_http_api_schema.py")
+"""Minutes of one processor each: begun last, they would leave the other idle at the end."""
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out the tests on reference data where a user's clone doesn't have them."""
+    """Begin with the longest, and leave out reference tests where a clone has no such data."""
+    items.sort(key=lambda item: item.path.name not in _LONG)
     if _CI or _REFERENCE_DATA.is_dir():
         return
     left_out = [item for item in items if "reference_data" in getattr(item, "fixturenames", ())]

@@ -9,7 +9,7 @@ CTRL_C = "\x03"
 
 
 def test_pause_and_resume(tmp_path: Path) -> None:
-    dialogue = [("5/13", CTRL_C), ("[r]esume or [a]bort?", "r\n")]
+    dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", "r\n")]
     code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
     assert code == 0, shown
     assert "Pausing at the next point" in shown
@@ -20,7 +20,7 @@ def test_pause_and_resume(tmp_path: Path) -> None:
 
 
 def test_pause_and_abort(tmp_path: Path) -> None:
-    dialogue = [("5/13", CTRL_C), ("[r]esume or [a]bort?", "what?\n"), ("[a]bort?", "a\n")]
+    dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", "what?\n"), ("[a]bort?", "a\n")]
     code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
     assert code == 130, shown
     assert "without torque" in shown
@@ -28,7 +28,7 @@ def test_pause_and_abort(tmp_path: Path) -> None:
 
 
 def test_a_second_interrupt_aborts(tmp_path: Path) -> None:
-    dialogue = [("5/13", CTRL_C), ("[r]esume or [a]bort?", CTRL_C)]
+    dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", CTRL_C)]
     code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
     assert code == 130, shown
     assert "Traceback" not in shown

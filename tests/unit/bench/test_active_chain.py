@@ -23,8 +23,14 @@ def fitted(kind: str) -> CompensationModel:
     return make_model(kind, range_nm=FULL_SCALE_NM).fit(features(reading, branch), standard)
 
 
+@cache
+def chain_of(model: CompensationModel) -> MeasuringChain:
+    """A chain never changes: its table is computed once for all tests."""
+    return MeasuringChain(model)
+
+
 def active_chain(model: CompensationModel) -> ActiveChain:
-    return ActiveChain(MeasuringChain(model), "1", model.kind)
+    return ActiveChain(chain_of(model), "1", model.kind)
 
 
 class Stream:
