@@ -26,11 +26,18 @@ INTRODUCTION = """\
 can reach, not what a real bench does.*
 
 """
-LONG_NUMBER = re.compile(r"(\d+\.\d{2})\d+")
+LONG_NUMBER = re.compile(r"\b([1-9]\d*\.\d{2})\d+")
+"""Below 1 a number may be a scale: of letters, which shrink where it loses digits."""
 
 
 def smaller(svg: str) -> str:
-    """Return a figure with coordinates to a hundredth of a point."""
+    """Return a figure with coordinates to a hundredth of a point.
+
+    Examples
+    --------
+    >>> smaller('<use transform="translate(12.34567 0.123456) scale(0.015625)"/>')
+    '<use transform="translate(12.34 0.123456) scale(0.015625)"/>'
+    """
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     return LONG_NUMBER.sub(r"\1", re.sub(r"\n\s*", "\n", svg))
 

@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from benchmarks.papers_page import smaller
 
 from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
 from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS
@@ -18,6 +19,7 @@ STATED = {
         (Path(__file__).parent / "stated.toml").read_text(encoding="utf-8")
     ).items()
 }
+DOCS = Path(__file__).parents[3] / "docs"
 FIGURE = re.compile(r"\d+(?:\.\d+)?")
 NAME = re.compile(r"\b(?:[A-Z][A-Za-z]*\d[\w-]*|[A-Z]{2,}\w*|Modrol|LabVIEW)\b")
 
@@ -65,10 +67,17 @@ def test_limits_and_claims_are_theirs() -> None:
         assert name in STATED[1]
 
 
+def test_letters_keep_their_size_in_the_documentations_figures() -> None:
+    assert "scale(0.015625)" in smaller('<use transform="translate(12.3456 0) scale(0.015625)"/>')
+    figures = sorted((DOCS / "images" / "papers").glob("*.svg"))
+    assert figures
+    for path in figures:
+        letters = set(re.findall(r"scale\((0\.0\d*)\)", path.read_text(encoding="utf-8")))
+        assert letters == {"0.015625"}, path.name
+
+
 def test_the_documentations_page_is_current_in_its_words() -> None:
-    page = (
-        Path(__file__).parents[3] / "docs" / "explanation" / "papers-item-by-item.md"
-    ).read_text(encoding="utf-8")
+    page = (DOCS / "explanation" / "papers-item-by-item.md").read_text(encoding="utf-8")
     for number, item in ITEMS.items():
         heading, _, rest = page.partition(f"\n## {number}. {item.title}: ")
         assert heading != page, f"item {number}: python -m benchmarks.papers_page --write"
