@@ -113,7 +113,7 @@ def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
 def private_folder(folder: Path) -> None:
     """Make a folder, with those above it, that nobody but its owner may look into.
 
-    One that exists stays as it is: whoever shares it has decided so.
+    One that exists stays as it is: the person who shares it has decided so.
     """
     for each in (*reversed(folder.parents), folder):
         if not each.is_dir():

@@ -285,7 +285,7 @@ class Client:
         return _result(self.wait(self.post(path, password=password, **request)["job_id"]))
 
     def reading(self, signal: str) -> float | None:
-        """Return the newest value of a signal; None where there is none or it is stale."""
+        """Return the newest value of a signal; None if there is none or it is stale."""
         return _value(self.get("/bench"), signal)
 
     def stop(self, reason: str = "") -> None:
@@ -417,7 +417,7 @@ class AsyncClient:
         return _result(await self.wait(started["job_id"]))
 
     async def reading(self, signal: str) -> float | None:
-        """Return the newest value of a signal; None where there is none or it is stale."""
+        """Return the newest value of a signal; None if there is none or it is stale."""
         return _value(await self.get("/bench"), signal)
 
     async def stop(self, reason: str = "") -> None:

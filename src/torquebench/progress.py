@@ -11,10 +11,10 @@ SHARES = 100
 
 
 class Progress(Protocol):
-    """Whoever shows stages of work: a bar in the terminal, a job of the panel, or nobody."""
+    """The person who shows stages of work: a bar in the terminal, a job of the panel, or nobody."""
 
     def start(self, title: str, total: int | None = None) -> None:
-        """Begin a stage of `total` steps (None where it is unknown); ends the stage before."""
+        """Begin a stage of `total` steps (None if it is unknown); ends the stage before."""
 
     def reach(self, done: int, detail: str = "") -> None:
         """Say how many steps are done, and what is at work."""

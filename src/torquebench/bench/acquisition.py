@@ -1,4 +1,4 @@
-"""Acquisition: runs always, in its own thread, from edges to torque to whoever needs it.
+"""Acquisition: runs always, in its own thread, from edges to torque to the person who needs it.
 
 A block of edges becomes frequency, torque and, where a compensation is active, compensated
 torque; then the supervisor judges it, the journal keeps it (its failure brings the bench to the
@@ -150,7 +150,7 @@ class Acquisition:
         channel.push(EdgeBlock(ticks, 0, stop_tick, timebase_hz))
 
     def _catch_up(self) -> None:
-        """Acquire what the counter has buffered since it began, until blocks have to be waited for.
+        """Acquire what the counter has buffered since it began, until blocks must be waited for.
 
         The supervisor would see everything that much too late, and other instruments, who state
         what is now, would seem to run ahead of the counter.
@@ -301,7 +301,7 @@ class Acquisition:
         return None
 
     def _raise_alarm(self, failure: Exception | None) -> None:
-        """Stop the bench where the journal failed; without the lock, for whoever listens."""
+        """Stop the bench where the journal failed; without the lock, for the person who listens."""
         if failure is None:
             return
         self._supervisor.trip(

@@ -199,7 +199,7 @@ class ActiveChain:
         return self._recent.window(start_s, stop_s)
 
     def fine_window(self, start_s: float, stop_s: float) -> TimedTorque | None:
-        """Return the torques of shorter windows in [start, stop); None where there are none."""
+        """Return the torques of shorter windows in [start, stop); None if there are none."""
         return None if self._fine is None else self._fine[1].window(start_s, stop_s)
 
     def states(self) -> tuple[EffectState, ...]:

@@ -92,7 +92,7 @@ def last_end(folder: Path, content: bytes) -> AuditEnd:
 
 
 def audit_end(path: Path) -> AuditEnd:
-    """Return the last whole line of a run's part of the log; line 0 where there is none."""
+    """Return the last whole line of a run's part of the log; line 0 if there is none."""
     if not path.exists():
         return AuditEnd()
     places = (_place(line) for line in reversed(path.read_bytes().split(b"\n")))

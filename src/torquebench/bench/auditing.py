@@ -81,7 +81,7 @@ class AuditedDrive:
         self._ramp_s = ramp_s
 
     def identity(self) -> Identity:
-        """Ask the drive who it is."""
+        """Read the identity of the drive."""
         return self.drive.identity()
 
     def enable(self) -> None:

@@ -238,7 +238,7 @@ class _FineWindows:
         return torque
 
     def over(self, edges: EdgeBlock) -> bool:
-        """Return whether nobody has asked for longer than a ring keeps."""
+        """Return whether nobody has requested longer than a ring keeps."""
         self._remaining_s -= (edges.stop_tick - edges.start_tick) / edges.timebase_hz
         return self._remaining_s < 0.0
 

@@ -194,7 +194,7 @@ class BenchClock:
     # -- driving (acquisition only) ---------------------------------------------------------
 
     def wait_for_demand(self, timeout_s: float) -> bool:
-        """Wait on the calling thread until the bench has to go on; True when it has to.
+        """Wait on the calling thread until the bench has to continue; True when it has to.
 
         A bench that isn't fast always has to.
         """

@@ -121,7 +121,7 @@ class DriveDescription(_Section):
 class EncoderDescription(_Section):
     """An angle encoder, counts after interpolation.
 
-    `accuracy_arcsec` is ± what its data sheet allows over a turn; unknown where it isn't given.
+    `accuracy_arcsec` is ± what its data sheet allows over a turn; unknown if it isn't given.
     `certificate` may name a CSV file beside the `bench.toml` with the columns `angle_deg`,
     `error_arcsec` and `expanded_uncertainty_arcsec` (k = 2); its errors are then corrected.
     """
@@ -171,8 +171,8 @@ class ModuleDescription(_Section):
     """One module: range, transducer, drive, encoder, limits and its transducer's probe.
 
     `flange_inertia_kgm2` is that of all that turns between the transducer's measuring section and
-    the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops take off
-    what the output's flange takes to move. Unknown where it isn't given. `bearing_drag_percent` is
+    the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops subtract
+    what the output's flange takes to move. Unknown if it isn't given. `bearing_drag_percent` is
     the limit of the drag of bearings between transducer and flange.
     """
 

@@ -148,12 +148,12 @@ class PresentState:
         return self._commands.side(side).enabled
 
     def commanded(self, side: Side) -> tuple[float, float]:
-        """Torque and speed that a drive was last asked for."""
+        """Torque and speed that a drive was last requested."""
         commands = self._commands.side(side)
         return commands.torque_nm, commands.speed_rad_s
 
     def reading_nm(self, side: Side) -> float:
-        """Torque that a transducer reads. Raises SignalFault where it is unknown."""
+        """Torque that a transducer reads. Raises SignalFault if it is unknown."""
         return self._acquisition.latest(torque_channel(side)).torque_nm
 
     def alarm(self) -> Alarm | None:

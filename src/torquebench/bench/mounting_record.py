@@ -18,7 +18,7 @@ COAXIALITY_LIMIT_MM = 0.03
 
 
 class MountingRecord(BaseModel):
-    """What was found at a mounting; what isn't known is left out.
+    """Result at a mounting; what isn't known is left out.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class MountingRecord(BaseModel):
 
     @classmethod
     def of_run(cls, metadata: Mapping[str, Any]) -> MountingRecord | None:
-        """Return the record that a run kept; None where nobody entered one."""
+        """Return the record that a run kept; None if nobody entered one."""
         found = metadata.get(MOUNTED)
         return None if not found else cls.model_validate(found)
 
@@ -116,6 +116,6 @@ _WORDS: Mapping[str, str] = {
 
 
 def mounting_facts(record: MountingRecord | None) -> tuple[tuple[str, str], ...]:
-    """Return what a report says of a mounting: nothing where nothing was entered."""
+    """Return what a report says of a mounting: nothing if nothing was entered."""
     stated = {} if record is None else record.stated()
     return tuple((_WORDS[key], value) for key, value in stated.items())

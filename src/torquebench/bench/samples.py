@@ -1,4 +1,4 @@
-"""Samples of one block of bench time, and the recent ones kept for whoever asks."""
+"""Samples of one block of bench time, and the recent ones kept for the person who asks."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class Stretch:
     compensated: Mapping[Side, Torque] = field(default_factory=dict)
 
     def channel(self, name: str) -> ChannelSamples | None:
-        """Return the windows of a channel; None where it isn't in use."""
+        """Return the windows of a channel; None if it isn't in use."""
         first = self.blocks[0].channels.get(name)
         if first is None or len(self.blocks) == 1:
             return first

@@ -28,7 +28,7 @@ def slices_of(block_s: float, look_s: float) -> int:
 def joined(parts: Sequence[CounterBlock]) -> CounterBlock:
     """Put slices that follow each other together to one block.
 
-    Channels that were selected or left meanwhile aren't in it: the next block has them whole.
+    Channels that were selected or left in the meantime aren't in it: the next block has them whole.
 
     Raises
     ------

@@ -93,7 +93,7 @@ class SideCommands:
         self.enabled = True
 
     def ask_zero(self, time_s: float, ramp_s: float) -> SetPoint:
-        """Note that the drive is about to be told to go to zero, and within which time."""
+        """Note that the drive is about to be commanded to go to zero, and within which time."""
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
         self.set_point = SetPoint(
@@ -102,7 +102,7 @@ class SideCommands:
         return self.set_point
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
-        """Note that the drive has been told, unless it was asked for something else since."""
+        """Note that the drive has been told, unless it was requested something else since."""
         if self.set_point is asked:
             self.set_point = replace(asked, told_s=time_s)
 

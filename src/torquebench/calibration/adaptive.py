@@ -92,7 +92,7 @@ class Proposed:
     predicted_percent: float
 
     def round(self, points: int) -> AdaptiveRound:
-        """Return this decision, taken after so many points, for the record."""
+        """Return this decision, taken after this number of points, for the record."""
         count = int(self.target_nm.size)
         return AdaptiveRound(points, self.now_percent, count, self.predicted_percent)
 

@@ -112,7 +112,7 @@ _Part = tuple[float, float, NDArray[np.bool_]]
 
 
 def _parts(values: NDArray[np.float64] | None, whole: float) -> Iterator[_Part | None]:
-    """Yield bins of a quantity with the rows in them; one None where it isn't known or constant."""
+    """Yield bins of a quantity with the rows in them; one None if it isn't known or constant."""
     if values is None or np.ptp(values) < whole:
         yield None
         return

@@ -20,7 +20,7 @@ RANGE_MARGIN = 0.02
 """Readings and standard values may exceed the range by this share of it, not by more."""
 
 UNLOADED_SHARE = 0.001
-"""Standard values below this share of the range count as unloaded: they have no direction."""
+"""Standard values below this share of the range are treated as unloaded: they have no direction."""
 
 _REQUIRED = ("reading_nm", "standard_nm", "series", "branch")
 _OPTIONAL = (
@@ -196,9 +196,9 @@ class CalibrationData:
 
     @property
     def loading_accuracy_percent(self) -> float | None:
-        """Largest difference of the standard from what was asked for, % of range.
+        """Largest difference of the standard from the request, % of range.
 
-        None where the table doesn't say what was asked for.
+        None where the table doesn't say the request.
         """
         error = self.loading_error_percent
         return None if error is None else float(np.max(np.abs(error)))

@@ -62,7 +62,7 @@ class Zero(_Settings):
 class Preload(_Settings):
     """How often a preload is applied and removed before the first series of a position.
 
-    `percent` is its torque in % of full scale, which it is where nothing else is said.
+    `percent` is its torque in % of full scale, which it is if nothing else is said.
     """
 
     cycles: Annotated[int, Field(ge=0, le=100)] = 0
@@ -134,7 +134,7 @@ class Position(_Settings):
 
 
 class Environment(_Settings):
-    """How steady the surroundings have to be from the first point to the last."""
+    """How steady the surroundings must be from the first point to the last."""
 
     temperature_drift_k: Annotated[float, Field(gt=0, le=50)] = 1.0
 
@@ -164,7 +164,7 @@ class Interruption(_Settings):
     """How a calibration that was interrupted may go on.
 
     ``series`` repeats the interrupted series, ``position`` everything in its mounting position,
-    ``never`` the whole calibration. It goes on within `longest_h` hours, or not at all.
+    ``never`` the whole calibration. It continues within `longest_h` hours, or not at all.
     """
 
     resume: Literal["series", "position", "never"] = "series"
@@ -245,7 +245,7 @@ class Profile(_Settings):
     def within(self, percent: float) -> Self:
         """Return the profile, brought down to what was calibrated, in % of full scale.
 
-        A calibration to 90 % or more counts as one to full scale, and changes nothing.
+        A calibration to 90 % or more is treated as one to full scale, and changes nothing.
 
         Examples
         --------

@@ -25,7 +25,7 @@ __all__ = ["bench_effects", "mounting_effect", "reference_effect", "stated_effec
 def reference_effect(
     percent: float | None, range_nm: float, record: str = "stated with the fit"
 ) -> tuple[Effect, ...]:
-    """Return the effect of a reference standard; nothing where nothing is stated.
+    """Return the effect of a reference standard; nothing if nothing is stated.
 
     Parameters
     ----------

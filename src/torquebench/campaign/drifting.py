@@ -215,7 +215,7 @@ _Kind = TypeVar("_Kind", bound=Effect)
 
 
 def _first(effects: Sequence[Effect], kind: type[_Kind]) -> _Kind | None:
-    """Return the effect of a kind; None where there is none."""
+    """Return the effect of a kind; None if there is none."""
     return next((each for each in effects if isinstance(each, kind)), None)
 
 

@@ -269,7 +269,7 @@ def fit_models(
 def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
     """Return the model in use of the chain that was calibrated, to compare a new one with.
 
-    None where there is none, or where the transducer was adjusted since its calibration. A model
+    None if there is none, or where the transducer was adjusted since its calibration. A model
     whose file is missing or was changed says nothing of the chain; the bench refuses it.
     """
     try:
@@ -320,7 +320,7 @@ def fit_table(
     limits: Plausibility | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> FitResult:
-    """Fit a model to a table, beside a comparison of all kinds where one is asked for.
+    """Fit a model to a table, beside a comparison of all kinds if one is requested.
 
     Parameters
     ----------
@@ -429,7 +429,7 @@ def described_model(
 ) -> StoredModel:
     """Return a model with what is known of the chain, its points and the software.
 
-    What the calibration contradicts, and who uses the model all the same, stands in it.
+    What the calibration contradicts, and who uses the model nevertheless, stands in it.
     """
     return StoredModel(
         model,

@@ -93,7 +93,7 @@ def measure_calibration(
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> Measured[StaircaseResult]:
-    """Calibrate one module against the calibrator, or go on with an interrupted calibration.
+    """Calibrate one module against the calibrator, or continue with an interrupted calibration.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Register what is measured, although the registry's server restarts meanwhile."""
+"""Register what is measured, although the registry's server restarts in the meantime."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def registered_patiently(
     register: Callable[[], Result],
     progress: Progress = NO_PROGRESS,
 ) -> Result:
-    """Register what came of a run; the progress says where that has to be tried again.
+    """Register the result of a run; the progress says where that must be tried again.
 
     Parameters
     ----------

@@ -74,10 +74,10 @@ class InterruptedCalibration:
 
     @property
     def series(self) -> int:
-        """The series that the calibration goes on with, by the profile's clause.
+        """The series that the calibration continues with, by the profile's clause.
 
         Placed points of an adaptive calibration are known one by one: each lies on a branch that
-        was gone through up to it, and none depends on the points after it. So it goes on with a
+        was gone through up to it, and none depends on the points after it. So it continues with a
         new series of points that are placed by all points so far. Where every point was taken
         it is a series behind the last one.
         """
@@ -128,7 +128,7 @@ class InterruptedCalibration:
         """Steps of the profile that are still to be loaded.
 
         Those that lead to damaged points; then preloads and zero again, and what is left of the
-        profile. Only what prepares the bench where nothing of it is left, as before placing
+        profile. Only what prepares the bench if nothing of it is left, as before placing
         points.
         """
         first = self.series
@@ -141,7 +141,7 @@ class InterruptedCalibration:
 
     @property
     def kept(self) -> tuple[tuple[Step, Row], ...]:
-        """Points of the complete series before the one that is gone on with."""
+        """Points of the complete series before the one that is resumed."""
         first = self.series
         return tuple((step, row) for step, row in self.points if step.series < first)
 
@@ -264,7 +264,7 @@ def resume_calibration(
     on_pause: OnPause | None = None,
     now: datetime | None = None,
 ) -> Measured[StaircaseResult]:
-    """Redo preload and zero, and go on with the interrupted series, in a run of its own.
+    """Redo preload and zero, and continue with the interrupted series, in a run of its own.
 
     The result holds the points of both runs; the new run's record names the old one.
 
@@ -357,7 +357,7 @@ def _certificates(interrupted: InterruptedCalibration, description: Any) -> tupl
 
 
 def _before(registry: Registry, folder: RunFolder) -> InterruptedCalibration | None:
-    """Return what a run that was itself a continuation had gone on with."""
+    """Return what a run that was itself a continuation had resumed."""
     resumed = folder.metadata.get("resumes")
     return _read(registry, registry.run(str(resumed[-1]))) if resumed else None
 

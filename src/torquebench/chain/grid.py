@@ -24,7 +24,7 @@ class Place(NamedTuple):
 
 
 def located(nodes: FloatArray, values: FloatArray) -> Place:
-    """Return where values lie; those outside count as the nearest node."""
+    """Return where values lie; those outside are treated as the nearest node."""
     if nodes.size == 1:
         return Place(np.zeros(np.shape(values), dtype=np.intp), np.zeros(np.shape(values)))
     node = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, nodes.size - 2)

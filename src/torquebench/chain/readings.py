@@ -11,7 +11,7 @@ __all__ = ["FloatArray", "Known", "Readings", "known_or", "row_of"]
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
-"""One value for all readings or one for each; None or NaN where it isn't measured."""
+"""One value for all readings or one for each; None or NaN if it isn't measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +66,7 @@ class Readings:
 
 
 def known_or(value: Known, otherwise: float) -> FloatArray:
-    """Return a quantity with another number where it isn't measured.
+    """Return a quantity with another number if it isn't measured.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def known_or(value: Known, otherwise: float) -> FloatArray:
 
 
 def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
-    """Return a quantity for each of so many readings, with another number where it isn't measured.
+    """Return a quantity for each of so many readings, with another number if it isn't measured.
 
     Examples
     --------

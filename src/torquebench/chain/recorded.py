@@ -30,7 +30,7 @@ def rows_of(readings: Readings, rows: slice) -> Readings:
 class RecordedStream:
     """Compensates a record with times: blocks in order, each with the next one.
 
-    The acceleration comes from the speed where it isn't given. Where no branch is given, the place
+    The acceleration comes from the speed if it isn't given. Where no branch is given, the place
     in the hysteresis loop of a chain that turns follows from the readings before. What it states is
     what `ChainStream` states of the same readings with the same accelerations, wherever the record
     is cut.
@@ -92,7 +92,7 @@ class RecordedStream:
         )
 
     def completed(self, readings: Readings, following: Readings | None) -> Readings:
-        """Return the readings with the acceleration by their speed, where it isn't given."""
+        """Return the readings with the acceleration by their speed, if it isn't given."""
         time_s, speed = readings.time_s, readings.speed_rpm
         if (
             readings.acceleration_rad_s2 is not None

@@ -32,7 +32,7 @@ app = typer.Typer(
 def _add_commands(wanted: str) -> None:
     """Add every command; only those on records where one of them is wanted.
 
-    Lists of records are looked at all day long, and building the other commands takes longer than
+    Lists of records are checked all day long, and building the other commands takes longer than
     reading them.
     """
     if wanted == "records":

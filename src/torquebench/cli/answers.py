@@ -1,8 +1,8 @@
 """What each command answers with `--json`: one table of facts a command.
 
-Whoever adds a command adds its answer here. The documentation's page of answers is made of this
-file, and tests hold what commands print against it. Names end with their unit; `None` is a value
-that isn't known or doesn't exist.
+The person who adds a command adds its answer here. The documentation's page of answers is made of
+this file, and tests hold what commands print against it. Names end with their unit; `None` is a
+value that isn't known or doesn't exist.
 """
 
 from typing import Any, NotRequired, TypedDict
@@ -597,7 +597,7 @@ class Restored(TypedDict):
 
 
 class Rebuilt(TypedDict):
-    """What a registry that was made anew contains."""
+    """What a registry that was rebuilt contains."""
 
     anew: bool
     mended: list[str]

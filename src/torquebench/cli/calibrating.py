@@ -1,4 +1,4 @@
-"""Calibrate modules at the terminal, and report what came of it."""
+"""Calibrate modules at the terminal, and report the result of it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run_calibrations(
     interrupted: InterruptedCalibration | None = None,
     reports: Sequence[Path] = (),
 ) -> None:
-    """Calibrate modules one after the other, or go on with one, and report each."""
+    """Calibrate modules one after the other, or continue with one, and report each."""
     from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.finishing import finish_calibration, registers_calibration
     from torquebench.campaign.fitting import ModelChoice

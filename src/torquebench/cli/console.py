@@ -44,7 +44,7 @@ __all__ = [
 ]
 
 PLAIN_WIDTH = 80
-"""Columns where nobody looks: pipes, files and logs stay readable on any terminal."""
+"""Columns if nobody looks: pipes, files and logs stay readable on any terminal."""
 
 
 @dataclass
@@ -98,7 +98,7 @@ def answer_line(**facts: Any) -> None:
 
 
 def write_answer(exit_code: int) -> None:
-    """Print the command's answer as one JSON object on one line, where that is wanted."""
+    """Print the command's answer as one JSON object on one line, if that is wanted."""
     if not _output.json:
         return
     from torquebench import __version__
@@ -158,7 +158,7 @@ def claim_file(path: Path) -> None:
 
 
 def out() -> Console:
-    """Return the console of results (standard output); plain where it isn't a terminal."""
+    """Return the console of results (standard output); plain if it isn't a terminal."""
     silent = _output.json or _output.quiet
     return _console(stderr=_output.standard_output_is_a_file, quiet=silent)
 

@@ -44,7 +44,7 @@ ROLES = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """One thing that was checked.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def _temperatures(station: Station) -> Iterator[Finding]:
 
 
 def _standard(station: Station) -> Iterator[Finding]:
-    """Check whether a standard that states torque itself goes on stating it."""
+    """Check whether a standard that states torque itself continues stating it."""
     import numpy as np
 
     from torquebench.bench.drivers.base import SIDES

@@ -1,4 +1,4 @@
-"""`torquebench evaluate`: results from tables that were measured elsewhere."""
+"""`torquebench evaluate`: results from tables that were measured on another bench."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def export_data(
 
 
 def _format(out: Path, wanted: Format | None) -> Format:
-    """Return the format to write, as asked for or by the file's ending.
+    """Return the format to write, as requested or by the file's ending.
 
     Raises
     ------

@@ -101,7 +101,7 @@ def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
 
 
 def _extra_of(module: str) -> str:
-    """Return the extra that brings a module; empty where none does."""
+    """Return the extra that brings a module; empty if none does."""
     from importlib.metadata import requires
 
     name = _DISTRIBUTIONS.get(module.partition(".")[0], module.partition(".")[0])

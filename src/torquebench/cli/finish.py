@@ -56,7 +56,7 @@ def finish(
 
 
 def finish_and_report(registry: Registry, run: UnfinishedRun) -> None:
-    """Finish a run and print what came of it."""
+    """Finish a run and print the result of it."""
     from torquebench.campaign.finishing import finish_run
     from torquebench.cli.calibrating import report_calibration
     from torquebench.cli.progress import TerminalProgress

@@ -73,7 +73,7 @@ class BenchInterrupts:
                 signal.signal(number, handler)
 
     def ask(self, _station: Station) -> Literal["resume", "abort"]:
-        """Ask whether a paused run goes on; no answer at all aborts."""
+        """Ask whether a paused run continues; no answer at all aborts."""
         self._progress.pause()
         answer = ""
         try:

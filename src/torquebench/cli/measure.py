@@ -81,7 +81,7 @@ def measure(
 
 
 def compensated(station: Station, side: Side, accepted: Timebase | None = None) -> str:
-    """Compensate a side by its active model where there is one, and say by which."""
+    """Compensate a side by its active model if there is one, and say by which."""
     from torquebench.errors import ModelMismatchError
 
     try:

@@ -165,7 +165,7 @@ def _finish(
 
 
 def _value(cell: str) -> str | float:
-    """Return a table's cell as a number where it is one."""
+    """Return a table's cell as a number if it is one."""
     try:
         return float(cell.replace("−", "-"))
     except ValueError:

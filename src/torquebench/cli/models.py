@@ -213,7 +213,7 @@ def fit(
 
 
 def _print_fit(fitted: FitResult) -> None:
-    """Print the comparison, where there is one, and the errors before and after."""
+    """Print the comparison, if there is one, and the errors before and after."""
     from torquebench.cli.tables import comparison_table, error_blocks
 
     data, comparison, noise = fitted.data, fitted.comparison, fitted.noise

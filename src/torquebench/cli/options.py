@@ -99,7 +99,7 @@ CLOCK_TOLERANCE_PPM = 100.0
 
 
 def accepted_counter(identity: str | None, tolerance_ppm: float) -> Timebase | None:
-    """Return the other counter that a command accepts, None where none is named."""
+    """Return the other counter that a command accepts, None if none is named."""
     from torquebench.chain import Timebase
 
     if not identity:

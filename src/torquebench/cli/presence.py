@@ -146,7 +146,7 @@ if sys.platform == "win32":  # pragma: no cover - the tests run elsewhere
         gone = False
 
         def take(self) -> None:
-            """Nothing has to be prepared."""
+            """Nothing must be prepared."""
 
         def give_back(self) -> None:
             """Nothing was changed."""

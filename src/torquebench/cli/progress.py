@@ -1,4 +1,4 @@
-"""Progress in the terminal: bars where somebody looks, one line a stage where nobody does."""
+"""Progress in the terminal: bars where somebody looks, one line a stage if nobody does."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TITLE_COLUMNS = 38
 
 
 class Attendance(Protocol):
-    """Whoever takes keys while no question is asked; see `cli.presence`."""
+    """The person who takes keys while no question is asked; see `cli.presence`."""
 
     def pause(self) -> None:
         """Leave the keys to a question."""
@@ -76,7 +76,7 @@ class TerminalProgress:
         self._bars.stop()
 
     def start(self, title: str, total: int | None = None) -> None:
-        """Begin a stage of `total` steps (None where nobody can tell); ends the stage before."""
+        """Begin a stage of `total` steps (None if nobody can tell); ends the stage before."""
         self.finish()
         self._title, self._total, self._since = title, total, time.monotonic()
         if self._drawn:

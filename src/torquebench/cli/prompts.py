@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["answering"]
 
 POLL_S = 0.2
-"""How often a waiting question is looked at: another door may have answered it."""
+"""How often a waiting question is checked: another door may have answered it."""
 
 
 @contextlib.contextmanager

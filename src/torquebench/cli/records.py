@@ -102,7 +102,7 @@ def list_records(
 def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
     """Return the newest runs without opening the registry.
 
-    None where it isn't a file of ours, or where a run may not be finished, which is named then.
+    None if it isn't a file of ours, or where a run may not be finished, which is named then.
     """
     if os.environ.get(REGISTRY_URL):
         return None

@@ -38,7 +38,7 @@ def present(
     output: Path | None,
     settings: dict[str, Any],
 ) -> None:
-    """Print a result within 80 columns, write it into a folder where one is named.
+    """Print a result within 80 columns, write it into a folder if one is named.
 
     Raises
     ------

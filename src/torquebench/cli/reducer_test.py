@@ -1,4 +1,4 @@
-"""`torquebench test`: a mounted reducer put to its tests, judged against its data sheet."""
+"""`torquebench test`: a mounted reducer put to its tests, evaluated against its data sheet."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ YesOption = Annotated[
 
 
 class _Tests(TyperGroup):
-    """Names the tests where one is asked for that doesn't exist."""
+    """Names the tests if one is requested that doesn't exist."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         if args and not args[0].startswith("-") and args[0] not in self.commands:

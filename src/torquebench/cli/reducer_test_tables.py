@@ -50,7 +50,7 @@ def rehearsal_table(
 
 
 def print_record(record: ReducerTestRecord) -> None:
-    """Print the values with U, limits and verdicts of every part, and what has to be known."""
+    """Print the values with U, limits and verdicts of every part, and what must be known."""
     said = " - simulated" if record.simulated else ""
     specimen = f" {record.serial}" if record.serial else ""
     said = f"{', short test' if record.short else ''}{said}"

@@ -1,4 +1,4 @@
-"""`torquebench calibrate --resume RUN`: go on with a calibration that was interrupted."""
+"""`torquebench calibrate --resume RUN`: continue with a calibration that was interrupted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def resume_run(
     real_time: bool,
     yes: bool,
 ) -> None:
-    """Recover what was left open, read the run back and go on with it.
+    """Recover what was left open, read the run back and continue with it.
 
     A run that is measured already is fitted and registered; its bench isn't opened.
 

@@ -170,7 +170,7 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
 
 
 def _status(control: str) -> dict[str, Any] | None:
-    """Return what running simulators say, None where there are none."""
+    """Return what running simulators say, None if there are none."""
     from torquebench.bench.drivers.simulation_control import SimulationControl
 
     channel = SimulationControl(control, timeout_s=2.0)

@@ -144,7 +144,7 @@ def verification(
 
 
 def _entries(station: Station, side: Side, named: list[str] | None) -> dict[str, ModelEntry]:
-    """Return the models that are verified, by their names; each has to be of this module."""
+    """Return the models that are verified, by their names; each must be of this module."""
     transducer = station.description.module(side).transducer.serial
     registry = station.registry
     if not named:

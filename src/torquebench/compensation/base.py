@@ -154,7 +154,7 @@ class CompensationModel(Estimator, ABC):
 
     @abstractmethod
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        """Return compensated torque and, when asked for, the curve's standard uncertainty."""
+        """Return compensated torque and, when requested, the curve's standard uncertainty."""
 
     def _after_restore(self) -> None:
         """Recompute what isn't part of the state."""

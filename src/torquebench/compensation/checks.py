@@ -26,8 +26,8 @@ __all__ = [
 ]
 
 WHOLE_SHARE = 0.9
-"""Share of the range from which on a calibration counts as one to full scale: readings of the last
-step are a little off it, and placed points needn't lie on it."""
+"""Share of the range from which on a calibration is treated as one to full scale: readings of the
+last step are a little off it, and placed points needn't lie on it."""
 
 # An outlier is this many standard deviations beyond its neighbours; more where few points make
 # the standard deviation uncertain. Normal noise has such a point in less than 1 of 1000 data sets.

@@ -101,7 +101,7 @@ class Estimator:
 
     n_features_in_: int
     limits: ClassVar[dict[str, tuple[Limit, ...]]] = {}
-    """What each parameter may be, where it isn't free."""
+    """What each parameter may be, if it isn't free."""
 
     @classmethod
     @functools.cache

@@ -1,6 +1,6 @@
 """Hysteresis with memory: which branch a live reading is on follows from where it came from.
 
-A reading that turns round in mid-range is on neither branch of the calibrated loop. Its place
+A reading that reverses in mid-range is on neither branch of the calibrated loop. Its place
 between them is the state of play (backlash) operators of several widths w, moved by the readings:
 
     p ← max(x − w, min(x + w, p)),    s = (x − p) / w  in [−1, 1]
@@ -44,7 +44,7 @@ FloatArray = NDArray[np.float64]
 
 _GENERIC_WIDTHS = np.geomspace(0.005, 0.9, 14)
 """Play widths in full scales: the narrowest is far above the noise of a reading, the widest never
-turns round within one direction."""
+reverses within one direction."""
 
 _REFERENCE_STEPS = 512
 """Steps of a full scale in which the calibration's path is followed."""

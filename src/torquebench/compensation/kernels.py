@@ -5,7 +5,7 @@ Everything is in fractions of full scale; u is the reading, b the branch. The co
     trend        c² (u u′ + u²u′² + u|u| u′|u′|) + c₀²      equation 15, wide; a zero that was taken
     smooth       a₁² exp(−(u − u′)² / 2l₁²)               eq. 4.9 of Rasmussen & Williams (2006)
     rough        a₂² (1 + d + d²/3) exp(−d), d = √5|u − u′|/l₂           Matérn 5/2, eq. 4.17
-    reversal     a₃² tanh(u/w) tanh(u′/w)                 the step where the torque turns round
+    reversal     a₃² tanh(u/w) tanh(u′/w)                 the step where the torque reverses
     hysteresis   a₄² bs(1 − |u|) b′s′(1 − |u′|) exp(−(u − u′)² / 2l₄²)   closes at full scale
     drift        d² t t′                                  the zero's creep since it was taken
     noise        σ² where both points are the same one

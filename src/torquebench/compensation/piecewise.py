@@ -26,7 +26,7 @@ first-level cache, the last one is for curves with kinks, which no degree helps.
 
 _FIRST_INTERVALS = 128
 _NEAR = 0.02
-"""Share of full scale round zero that has narrower intervals: there the torque turns round."""
+"""Share of full scale round zero that has narrower intervals: there the torque reverses."""
 
 _CHECKS = {1: 5, 3: 9}
 """Evenly spaced points of an interval where the deviation is taken, by degree."""

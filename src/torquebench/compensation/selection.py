@@ -259,7 +259,7 @@ class Comparison:
         )
 
     def behind_raw(self, name: str) -> str:
-        """Say that a candidate is worse than the raw reading, and why; empty where it isn't."""
+        """Say that a candidate is worse than the raw reading, and why; empty if it isn't."""
         score = self.score(name)
         left_out = LeftOut(score.worst_nm, score.rms_nm)
         return behind_raw(name, self.models[name], left_out, self.raw, self.full_scale_nm)
@@ -304,7 +304,7 @@ def compare(
     Points of one step (repeats, both branches) are always left out together. A fold holds every
     k-th step, so neighbours on both sides stay in; the outermost steps always stay in and aren't
     scored, because a model never has to extrapolate. What a model chooses for itself
-    (regularisation, smoothing) it chooses anew in every fold.
+    (regularisation, smoothing) it chooses again in every fold.
 
     Parameters
     ----------

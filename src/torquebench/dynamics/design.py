@@ -17,7 +17,7 @@ __all__ = ["InverseFilter", "StepResponse", "design_inverse", "step_response"]
 FloatArray = NDArray[np.float64]
 
 GAIN_OF_BANDWIDTH = 3.3
-"""Wanted bandwidth over the raw chain's, where nobody states another."""
+"""Wanted bandwidth over the raw chain's, if nobody states another."""
 HIGHEST_SHARE = 0.3
 """Largest bandwidth as a share of the sampling rate."""
 _REGULARISATION = 1e-6

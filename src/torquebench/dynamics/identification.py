@@ -251,7 +251,7 @@ def identify_inertia(
     """Identify the inertia between transducer and flange from ramps of an empty run.
 
     Means over blocks of reading and acceleration are compared, beside zero, drift, zero over speed
-    and drag, which have to be told apart from the acceleration: ramps of different steepness
+    and drag, which must be told apart from the acceleration: ramps of different steepness
     through the same speeds.
 
     Parameters

@@ -12,7 +12,7 @@ __all__ = ["MOST_CONNECTIONS", "MOST_OF_ONE", "PatientProtocol"]
 
 HEAD_S = 30.0
 """How long a request's head may take to come whole, s. Browsers use a connection that they have
-opened in advance for ten seconds, and don't try again where it is closed meanwhile."""
+opened in advance for ten seconds, and don't try again where it is closed in the meantime."""
 LAST_LOOK_S = 0.1
 """What has come while this process had no time is read before a connection is closed, s."""
 LARGEST_HEAD = 64 * 1024
@@ -24,7 +24,7 @@ MOST_OF_ONE = 200
 """Of one address, which isn't that of the proxy that is believed; one more takes the place of its
 own longest idle one."""
 FOR_STOPS = 50
-"""Further ones where nobody idles: they may stop the bench and nothing else."""
+"""Further ones if nobody idles: they may stop the bench and nothing else."""
 STOPS = (b"POST /panel/stop ", b"POST /api/v1/stop ")
 
 _TURNS = itertools.count(1)

@@ -82,7 +82,7 @@ def run_in_process(
 
 
 class _Sent(NoProgress):
-    """Sends what is reached to whoever waits."""
+    """Sends what is reached to the person who waits."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe

@@ -131,7 +131,7 @@ def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:
 
 
 def read_rows(path: Path, columns: int) -> list[list[str]]:
-    """Read rows below the header; none where there is no such file.
+    """Read rows below the header; none if there is no such file.
 
     Raises
     ------

@@ -52,7 +52,7 @@ Blocks = list[Facts | Table | Figure]
 
 @dataclass(frozen=True)
 class Design:
-    """A chain with the range over which it is looked at.
+    """A chain with the range over which it is checked.
 
     Attributes
     ----------

@@ -895,7 +895,7 @@ INTERFACE = (
 
 
 def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
-    """Return how the same calibration does in rest and while it turns."""
+    """Return how the same calibration does in rest and while it rotates."""
     rows, worst = [], []
     for side, fitted in bench.modules.items():
         data = fitted.tables.verification

@@ -25,7 +25,7 @@ __all__ = ["FolderStore", "PushedFolder"]
 
 BLOCK = 4 * 2**20
 STAYS = (EDGE_ARCHIVE,)
-"""Raw edges are too large to be sent, and stay where they were measured."""
+"""Raw edges are too large to be sent, and stay if they were measured."""
 
 
 @dataclass(frozen=True)

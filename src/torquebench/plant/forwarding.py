@@ -1,7 +1,7 @@
 """Store and forward: what a bench has recorded, sent to the plant when the link is there.
 
 A bench writes into its own registry and folders first, always. The plant knows how far it has
-each bench's hash chain, and goes on from there; whatever is sent twice changes nothing.
+each bench's hash chain, and continues from there; whatever is sent twice changes nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ LINK_FILE = "plant.json"
 BATCH = 1000
 """Links in one transaction: a cut loses at most the sending of so many."""
 MISSING = 200
-"""Folders that are asked for at a time."""
+"""Folders that are requested at a time."""
 
 
 @dataclass

@@ -52,7 +52,7 @@ WHERE (CAST(:type AS text) IS NULL OR r.specimen_type = :type)
 
 @dataclass(frozen=True)
 class SpecimenFilter:
-    """Which tested specimens are asked for.
+    """Which tested specimens are requested.
 
     Parameters
     ----------
@@ -154,8 +154,8 @@ def capability(
 ) -> Answer:
     """Return Cp and Cpk of a type with their intervals, over all and bench by bench.
 
-    The uncertainty of the tests counts as one that all of them share, which is the worst case for
-    the mean and so for Cpk.
+    The uncertainty of the tests is treated as one that all of them share, which is the worst case
+    for the mean and so for Cpk.
 
     Parameters
     ----------

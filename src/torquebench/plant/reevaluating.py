@@ -28,7 +28,7 @@ CHUNK = 8
 AHEAD = 4
 """Chunks a worker that wait: enough to keep it busy, and no more in memory."""
 SAME = 1e-9
-"""Relative difference below which a value counts as unchanged."""
+"""Relative difference below which a value is treated as unchanged."""
 KINDS = ("calibrate", "check", "verify", "test")
 
 _TASKS = """

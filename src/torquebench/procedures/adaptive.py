@@ -29,10 +29,10 @@ Result = TypeVar("Result")
 
 
 def meanwhile(work: Callable[[], Result]) -> Plan[Result | None]:
-    """Compute something on another thread while the run engine goes on answering.
+    """Compute something on another thread while the run engine continues answering.
 
-    Simulated bench time stands meanwhile. In a rehearsal nothing is computed and the result is
-    None.
+    Simulated bench time stands in the meantime. In a rehearsal nothing is computed and the result
+    is None.
     """
 
     async def on_thread() -> Result:

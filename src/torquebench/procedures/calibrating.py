@@ -122,7 +122,7 @@ def calibrate(
 ) -> Plan[StaircaseResult]:
     """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
 
-    An adaptive profile goes on from there with the points that it places itself. The opposite
+    An adaptive profile continues from there with the points that it places itself. The opposite
     module is locked. Ends without torque, drives off, however it ends.
 
     Parameters

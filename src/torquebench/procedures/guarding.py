@@ -17,7 +17,7 @@ __all__ = ["StepLimits", "guarded", "loading_limits", "turning_limits"]
 Result = TypeVar("Result")
 
 TORQUE_MARGIN = 1.05
-"""How far a reading may go beyond the largest torque that will be asked for."""
+"""How far a reading may go beyond the largest torque that will be requested."""
 ZERO_MARGIN = 0.02
 """What may be added by a zero that wasn't measured yet, of the range."""
 STANDING_RPM = 5.0

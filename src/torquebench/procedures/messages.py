@@ -24,7 +24,7 @@ def checkpoint() -> Generator[Msg, Any, None]:
 
 
 def progress(done: int, total: int, message: str) -> Generator[Msg, Any, None]:
-    """Tell whoever watches the run how far it is."""
+    """Tell the person who watches the run how far it is."""
     yield Msg("progress", None, done, total, message)
 
 

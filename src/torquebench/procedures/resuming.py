@@ -1,4 +1,4 @@
-"""Where an interrupted staircase goes on: zero and preload again, then the interrupted series."""
+"""Where an interrupted staircase continues: zero and preload again, then the interrupted series."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ def complete_series(steps: Sequence[Step], taken: Collection[tuple[int, int]]) -
 
 
 def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
-    """Return the steps that go on with a series: its preloads and its zero again, then the rest.
+    """Return the steps that continue with a series: its preloads and its zero again, then the rest.
 
     Preloads and zero are those that came last before the series, in their order. Where the series
     isn't the first of its mounting position the standard is to be seated in it again, since
-    nobody knows what happened meanwhile.
+    nobody knows what happened in the meantime.
 
     Raises
     ------

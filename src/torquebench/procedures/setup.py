@@ -135,7 +135,7 @@ def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
 def run_down(devices: BenchDevices) -> Plan[None]:
     """Wait until both sides stand: without power their own friction brakes them.
 
-    A side that goes on turning is left to the interlocks, which refuse what comes next.
+    A side that continues turning is left to the interlocks, which refuse what comes next.
     """
     standstill_rad_s = devices.context.description.safety.standstill_rpm * RAD_S_PER_RPM
     for _ in range(round(RUN_DOWN_S / REST_S)):

@@ -56,7 +56,7 @@ def _ending(column: str) -> str:
 
 
 def column_unit(column: str) -> tuple[str, str]:
-    """Return unit and description of a column; both are empty where nothing is known of it.
+    """Return unit and description of a column; both are empty if nothing is known of it.
 
     Examples
     --------

@@ -489,7 +489,7 @@ def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
 
 
 def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | None:
-    """Return the header that is most likely a quantity; None where none is of its kind.
+    """Return the header that is most likely a quantity; None if none is of its kind.
 
     A header that names a unit of another kind never is: a time is no torque.
     """
@@ -513,7 +513,7 @@ def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | N
 def quantity(
     table: CsvTable, columns: Mapping[str, Source], key: str
 ) -> NDArray[np.float64] | None:
-    """Return a numeric column in its SI unit, shape (n,), or None where there is none."""
+    """Return a numeric column in its SI unit, shape (n,), or None if there is none."""
     if key not in columns:
         return None
     name, factor = columns[key]
@@ -552,7 +552,7 @@ def branches(table: CsvTable) -> NDArray[np.int8] | None:
 
 
 def check_direction(table: CsvTable, torque_nm: NDArray[np.float64]) -> None:
-    """Check that the column ``direction``, where there is one, agrees with the torque's sign.
+    """Check that the column ``direction``, if there is one, agrees with the torque's sign.
 
     Raises
     ------

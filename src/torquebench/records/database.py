@@ -71,7 +71,7 @@ REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 SERVER_TIMEOUT_S = 10.0
 """How long a server may take for one answer, s."""
 PATIENCE_S = 30.0
-"""How long `Database.patiently` goes on trying, s."""
+"""How long `Database.patiently` continues trying, s."""
 RETRY_S = 0.25
 DISCONNECTING = ("08", "57P")
 """SQLSTATEs of a connection that has gone: PostgreSQL 18, appendix A."""
@@ -90,7 +90,7 @@ class UnavailableError(RecordError):
 def lost_registry(data_dir: Path) -> str:
     """Return that a data directory's own registry is missing or empty beside runs, in words.
 
-    Empty where it isn't: nobody is to begin a new one there unless it is meant.
+    Empty if it isn't: nobody is to begin a new one there unless it is meant.
     """
     file, runs = data_dir / REGISTRY_FILE, data_dir / "runs"
     if file.exists() and file.stat().st_size:
@@ -307,7 +307,7 @@ class Database:
     ) -> Result:
         """Do something with the registry, again and again while its server doesn't answer.
 
-        A file is tried once: what is wrong with it doesn't mend itself.
+        A file is tried once: what is wrong with it doesn't repair itself.
 
         Parameters
         ----------
@@ -551,7 +551,7 @@ def row_of(kind: type[Row], entry: Any, /, **others: Any) -> Row:
 
 
 def equipment_row(session: Session, kind: EquipmentKind, serial: str) -> EquipmentRow:
-    """Return a piece of equipment's row, a new one where it isn't registered yet."""
+    """Return a piece of equipment's row, a new one if it isn't registered yet."""
     query = select(EquipmentRow).where(EquipmentRow.kind == kind, EquipmentRow.serial == serial)
     row = session.scalar(query)
     if row is None:

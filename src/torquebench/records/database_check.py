@@ -21,7 +21,7 @@ _OF_AN_INDEX = ("missing from index", "entries in index", "non-unique entry in i
 
 
 def damage_of_file(file: Path) -> tuple[str, ...]:
-    """Return what SQLite finds wrong in a file: pages, indexes, references; empty where nothing.
+    """Return what SQLite finds wrong in a file: pages, indexes, references; empty if nothing.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Every edge of every channel: a delta-encoded Arrow stream while a run goes on."""
+"""Every edge of every channel: a delta-encoded Arrow stream while a run continues."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -78,7 +78,7 @@ class Damage:
 
 @dataclass(frozen=True)
 class ReadLines:
-    """What was found in a file of lines.
+    """Result in a file of lines.
 
     Parameters
     ----------

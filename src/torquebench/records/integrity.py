@@ -91,12 +91,12 @@ class Finding:
 
     @property
     def place(self) -> str:
-        """Where it is, with the field where it is known."""
+        """Where it is, with the field if it is known."""
         return f"{self.where}, {self.field}" if self.field else self.where
 
     @property
     def what(self) -> str:
-        """What was found there, in words."""
+        """Result there, in words."""
         match self.kind:
             case "changed" if self.field:
                 return f"{self.found} instead of {self.registered}"

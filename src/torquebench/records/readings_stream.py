@@ -301,7 +301,7 @@ class _CsvSource:
         return self._fast(content, before) or self._careful(content, before)
 
     def _fast(self, content: bytes, before: int) -> _Block | None:
-        """Let Arrow read a plain piece; None where it isn't one."""
+        """Let Arrow read a plain piece; None if it isn't one."""
         if content.startswith(b"#") or b"\n#" in content or not content.strip():
             return None
         text = pa.string()
@@ -453,7 +453,7 @@ class _ArrowSource:
 
 
 def _numbers(values: NDArray[np.float64]) -> Any:
-    """Return numbers as Arrow without a copy; `pyarrow.array` imports pandas where there is one."""
+    """Return numbers as Arrow without a copy; `pyarrow.array` imports pandas if there is one."""
     buffer = pa.py_buffer(np.ascontiguousarray(values, dtype=np.float64))
     return pa.Array.from_buffers(pa.float64(), values.size, [None, buffer])
 

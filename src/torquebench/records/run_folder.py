@@ -52,7 +52,7 @@ run is sealed: damage to it costs no point."""
 _RUN = "run"
 """Name of the first line, a copy of the metadata."""
 _DAMAGED = ".damaged"
-"""Ending of a file's name as it was found, where a part of it was damaged."""
+"""Ending of a file's name in its original state, where a part of it was damaged."""
 _RESULTS = "results.json"
 MANIFEST = "manifest.json"
 """The file that seals a run folder."""
@@ -87,7 +87,7 @@ def new_run_id(kind: str, started: datetime | None = None) -> str:
 
 @dataclass(frozen=True)
 class Recovery:
-    """What was found in a folder that nobody sealed.
+    """Result in a folder that nobody sealed.
 
     Parameters
     ----------
@@ -420,7 +420,7 @@ class RunFolder:
 
     @property
     def recovery(self) -> Recovery | None:
-        """What was found when the run was recovered; None where it was sealed by its writer."""
+        """Result when the run was recovered; None where it was sealed by its writer."""
         path = self.path / _RECOVERY
         if not path.exists():
             return None
@@ -541,10 +541,10 @@ class RunFolder:
         """Seal a folder that a kill or a power cut left open.
 
         It is sealed as interrupted, or as completed where its results are there: they are written
-        when everything is measured. Documents with their checksum and complete samples are kept.
-        An incomplete last line or block is cut off, and what is damaged is left out;
-        ``recovery.json`` reports both, and a damaged file stays as it was found, under a name of
-        its own. Nothing is filled in.
+        when everything is measured. Documents with their checksum and complete samples are kept. An
+        incomplete last line or block is cut off, and what is damaged is left out; ``recovery.json``
+        reports both, and a damaged file stays in its original state, under a name of its own.
+        Nothing is filled in.
 
         Returns
         -------
@@ -600,7 +600,7 @@ class RunFolder:
         return report
 
     def _recover_metadata(self) -> Iterator[str]:
-        """Write damaged metadata anew from its copy, where there is one."""
+        """Write damaged metadata again from its copy, if there is one."""
         path = self.path / _METADATA
         if _read_checked_json(path) is not None:
             return
@@ -642,7 +642,7 @@ def _checked_json(content: Mapping[str, Any]) -> str:
 
 
 def _read_checked_json(path: Path) -> dict[str, Any] | None:
-    """Return what `_checked_json` has written, or None where it isn't as it was written."""
+    """Return what `_checked_json` has written, or None if it isn't as it was written."""
     try:
         content = json.loads(path.read_bytes())
         digest = content.pop("sha256")

@@ -24,7 +24,7 @@ from torquebench.records.schema import (
 __all__ = ["DISCARDED", "INTERRUPTED", "RunStateRecords"]
 
 DISCARDED = "discarded"
-"""What the end of a run is amended to where somebody decides that nothing comes of it."""
+"""What the end of a run is amended to where somebody decides that it has no result."""
 INTERRUPTED = ("interrupted", "aborted", "failed")
 CHUNK = 500
 

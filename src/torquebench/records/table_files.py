@@ -147,7 +147,7 @@ def cell_texts(column: Any) -> list[str]:
 def numbers_of(column: Any) -> NDArray[Any]:
     """Return a column as an array, NaN where it has no value.
 
-    `to_numpy` imports pandas where there is one, which takes longer than a file of 10⁶ rows.
+    `to_numpy` imports pandas if there is one, which takes longer than a file of 10⁶ rows.
     """
     import numpy as np
     import pyarrow as pa

@@ -34,7 +34,7 @@ __all__ = [
 REGISTERS = "registers"
 """Key of a run's metadata: what is registered of it once it is measured, and how."""
 LONGEST_H = 24.0
-"""How long an interrupted calibration can be gone on with, unless its profile says it, h."""
+"""How long an interrupted calibration can be resumed, unless its profile says it, h."""
 RECENT = timedelta(days=30)
 MANY = 10_000
 
@@ -49,7 +49,7 @@ class RunState(Enum):
     MEASURED = "measured"
     """It is complete and registered; what it was made for isn't."""
     INTERRUPTED = "interrupted"
-    """A calibration that can be gone on with; from its beginning where it has no point yet."""
+    """A calibration that can be resumed; from its beginning where it has no point yet."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _registers(run: RunSummary) -> bool:
 
 
 def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[UnfinishedRun]:
-    """Yield interrupted calibrations that can still be gone on with, and that nothing follows."""
+    """Yield interrupted calibrations that can still be resumed, and that nothing follows."""
     candidates = registry.interrupted_calibrations(now - RECENT)
     for run in candidates:
         folder = RunFolder(run.folder)
@@ -178,7 +178,7 @@ def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[Unfinishe
 def can_go_on(folder: RunFolder, now: datetime) -> bool:
     """Return whether an interrupted calibration had begun, not too long ago by its profile.
 
-    One that goes on with another run and has no point of its own leaves that to the other run.
+    One that continues with another run and has no point of its own leaves that to the other run.
     """
     start, last_s = _start_and_last_point(folder)
     if not start or (last_s is None and folder.metadata.get("resumes")):
@@ -208,7 +208,7 @@ def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | No
 
 
 def followers(registry: RunStateRecords, run: RunSummary) -> tuple[RunSummary, ...]:
-    """Return the runs that went on with a run, the newest first.
+    """Return the runs that resumed a run, the newest first.
 
     One that was discarded doesn't count, nor one that ended before it had a point.
     """
@@ -226,7 +226,7 @@ def followers(registry: RunStateRecords, run: RunSummary) -> tuple[RunSummary, .
 def latest_unfinished_calibration(registry: RunStateRecords) -> RunSummary | None:
     """Return the newest calibration that isn't finished, whether or not it still can be.
 
-    None where the newest ones are registered, discarded, or were gone on with by a later run.
+    None where the newest ones are registered, discarded, or were resumed by a later run.
     """
     measured = {run.run_id for run in registry.completed_runs_without_result()}
     for run in registry.runs(limit=MANY):

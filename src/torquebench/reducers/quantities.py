@@ -71,7 +71,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """What was found and what to do about it, without the name."""
+        """Result and what to do about it, without the name."""
         return f"{self.message}; {self.remedy}"
 
     def __str__(self) -> str:

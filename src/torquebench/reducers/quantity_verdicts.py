@@ -11,7 +11,7 @@ __all__ = ["QuantityVerdict", "verdicts"]
 
 @dataclass(frozen=True)
 class QuantityVerdict:
-    """One value of a result held against its limit.
+    """One value of a result compared with its limit.
 
     Parameters
     ----------

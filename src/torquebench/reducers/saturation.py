@@ -1,4 +1,4 @@
-"""Drives that don't reach what they are asked for."""
+"""Drives that don't reach what they are requested."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MISSED = 0.05
 
 
 def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
-    """Say where the drive doesn't follow what it is asked for."""
+    """Say where the drive doesn't follow what it is requested."""
     largest = float(np.quantile(np.abs(torque), 0.99))
     if demanded is not None:
         wanted = float(np.max(np.abs(demanded)))

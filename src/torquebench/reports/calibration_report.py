@@ -102,7 +102,7 @@ def _loading(finished: FinishedCalibration) -> Section:
 
 
 def loading_figures(data: CalibrationData) -> list[Figure]:
-    """Return how far each step was from the requested torque; empty where nobody asked."""
+    """Return how far each step was from the requested torque; empty if nobody asked."""
     error = data.loading_error_percent
     if error is None:
         return []

@@ -1,4 +1,4 @@
-"""Reports of tables that were measured elsewhere: reducer tests and static calibrations."""
+"""Reports of tables that were measured on another bench: reducer tests and static calibrations."""
 
 from __future__ import annotations
 

@@ -237,7 +237,7 @@ def _write_models(export: _Export, registry: Registry, calibration: CalibrationE
 
 
 def _write_certificates(export: _Export, registry: Registry, calibration: CalibrationEntry) -> None:
-    """Copy what was issued, or write a draft where nothing was."""
+    """Copy what was issued, or write a draft if nothing was."""
     issued = registry.certificates(calibration.calibration_id)
     for entry in issued:
         for name, digest in entry.files.items():
@@ -296,7 +296,7 @@ def _write_readme(export: _Export, run: RunSummary) -> None:
 
 
 def _wrapped(text: str) -> str:
-    """Break long lines; what goes on is indented as its line is."""
+    """Break long lines; what continues is indented as its line is."""
     lines = []
     for line in text.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]

@@ -1,4 +1,4 @@
-"""The report of one fit: the errors before and after, and a comparison where there is one."""
+"""The report of one fit: the errors before and after, and a comparison if there is one."""
 
 from __future__ import annotations
 

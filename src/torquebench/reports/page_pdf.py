@@ -89,7 +89,7 @@ def _shares(table: Table) -> list[float]:
     """Return each column's share of the width that is left; 0 is as wide as its text.
 
     Columns of numbers are as wide as their text, sentences share the rest by their length, and
-    where there are none, the last column of words or the first beside numbers takes it. Where
+    if there are none, the last column of words or the first beside numbers takes it. Where
     columns of numbers would need most of the line, their headings are broken.
     """
     columns = list(zip(table.header, *table.rows, strict=True))

@@ -40,7 +40,7 @@ class Verified:
 def spread_percent(error_nm: NDArray[np.float64], data: CalibrationData) -> float | None:
     """Return the largest standard deviation of an error over the groups at one place, % FS.
 
-    None where there is one group only, or groups differ in length.
+    None if there is one group only, or groups differ in length.
     """
     groups = [error_nm[data.series == each] for each in np.unique(data.series)]
     if len(groups) < 2 or len({group.size for group in groups}) != 1:

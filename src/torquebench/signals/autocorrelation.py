@@ -38,7 +38,7 @@ def correlation_length(residual: ArrayLike, fitted: int = 1) -> float:
     """Count samples per independent sample: 1 + 2·Σ of the autocorrelation.
 
     By the initial monotone sequence of C. J. Geyer, Practical Markov chain Monte Carlo,
-    Statistical Science 7 (1992) 473, with the bias taken out that fitting a mean (and a slope)
+    Statistical Science 7 (1992) 473, with the bias removed that fitting a mean (and a slope)
     brings into the autocorrelation. Never below 1, so anticorrelated samples gain nothing.
     Measured on white and first-order autoregressive noise (coefficient up to 0.6): with 30
     samples or more, twice the standard error from it covers in 90-97 %.

@@ -1,4 +1,4 @@
-"""Several channels on one time axis, with the transducers' group delays taken out."""
+"""Several channels on one time axis, with the transducers' group delays removed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

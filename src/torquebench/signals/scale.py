@@ -139,7 +139,7 @@ class FrequencyScale:
 
     @property
     def zero(self) -> float:
-        """The zero in use in Hz: measured, or nominal where none is measured."""
+        """The zero in use in Hz: measured, or nominal if none is measured."""
         return self.nominal_zero_hz if self.zero_hz is None else self.zero_hz
 
     def with_zero(self, zero_hz: float) -> "FrequencyScale":

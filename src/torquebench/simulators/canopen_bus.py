@@ -88,7 +88,7 @@ class CanBusSimulator(LineServer):
             node.join(self.network)
 
     def _tick(self) -> None:
-        """Let nodes send what nobody has asked for: heartbeats and emergencies."""
+        """Let nodes send what nobody has requested: heartbeats and emergencies."""
         while not self._closing.wait(TICK_S):
             now_s = time.monotonic()
             with self._bus_lock:

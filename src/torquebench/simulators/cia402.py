@@ -34,7 +34,7 @@ RAMPS = (
 
 
 def serial_number(serial: str) -> int:
-    """Return the number that a CANopen identity can hold for a serial: itself where it is one."""
+    """Return the number that a CANopen identity can hold for a serial: itself if it is one."""
     return int(serial) if serial.isdigit() else zlib.crc32(serial.encode())
 
 

@@ -56,7 +56,7 @@ ATTRIBUTE_SERIAL = 0x632
 
 
 def device_number(serial: str) -> int:
-    """Return a device's serial number from eight hexadecimal digits, 0 where it is none."""
+    """Return a device's serial number from eight hexadecimal digits, 0 if it is none."""
     with contextlib.suppress(ValueError):
         return int(serial, 16) & 0xFFFFFFFF
     return 0
@@ -302,7 +302,7 @@ class _Servicer(services.NiDAQmxServicer):
         )
 
     def _await(self, task: _Task, count: int, timeout_s: float, context: Any) -> int:
-        """Wait for so many samples as the plant's time goes on; return how many are asked for."""
+        """Wait for so many samples as the plant's time continues; return how many are requested."""
         age_s = self._faults.age_s()
         if count == ALL_THERE_ARE:
             timeout_s = 0.0

@@ -163,7 +163,7 @@ class WireFaults:
 
     @property
     def scale(self) -> float:
-        """By what a value is multiplied; 1 where nothing is wrong."""
+        """By what a value is multiplied; 1 if nothing is wrong."""
         return self._amount("scale", 1.0)
 
     def age_s(self) -> float:

@@ -1,9 +1,9 @@
 """The simulated bench that all simulators of one description share, and its time.
 
-On demand, bench time goes on as the counter is read: whoever asks for samples up to a time makes
-them. That keeps unmodified drivers exact at any speed, because the counter's clock is the bench's
-clock. When nobody reads any more (the client was killed) while a drive is on, time follows the
-wall, so that the drive's own watchdog can act.
+On demand, bench time continues as the counter is read: the person who asks for samples up to a time
+makes them. That keeps unmodified drivers exact at any speed, because the counter's clock is the
+bench's clock. When nobody reads any more (the client was killed) while a drive is on, time follows
+the wall, so that the drive's own watchdog can act.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ STEP_S = 0.05
 """Longest piece of bench time that is computed at once."""
 WALL_STEP_S = 0.005
 LONGEST_STALL_S = 2.0
-"""A plant that follows the wall has stood still where nothing was computed for longer, s."""
+"""A plant that follows the wall has stood still if nothing was computed for longer, s."""
 KEPT_TORQUES = 400
 KEPT_COUNTS = 400
 

@@ -170,7 +170,7 @@ def _noted_head(backup: Path) -> ChainHead:
 
 
 def _copy_database(source: Path, target: Path) -> None:
-    """Copy a SQLite database in one state of it, whoever writes it meanwhile."""
+    """Copy a SQLite database in one state of it, the person who writes it in the meantime."""
     target.unlink(missing_ok=True)
     with (
         sqlite_reader(source) as address,
@@ -289,7 +289,7 @@ def _copy_file(source: Path, target: Path) -> None:
 
 
 def _copy_audit(source: Path, target: Path) -> None:
-    """Copy whole lines of a log that may be written, and put aside, meanwhile."""
+    """Copy whole lines of a log that may be written, and put aside, in the meantime."""
     if not source.is_dir():
         return
     private_folder(target)

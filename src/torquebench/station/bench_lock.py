@@ -1,7 +1,7 @@
 """One owner of a bench and of its records: a lock that goes when its process goes.
 
-Two processes that command one drive, or that write runs of one bench into one registry, would
-each be right and together be wrong. So whoever opens a bench locks the data directory and, where
+Two processes that command one drive, or that write runs of one bench into one registry, would each
+be right and together be wrong. So the person who opens a bench locks the data directory and, where
 the bench has instruments of its own, its drives. Reading records needs no lock.
 """
 
@@ -29,7 +29,7 @@ __all__ = ["LOCK_FILE", "BenchLock"]
 LOCK_FILE = "bench.lock"
 """In the data directory; says who has the bench open. It stays when the bench is closed."""
 LOCKED_BYTE = 2**30
-"""Far behind the text, which whoever is refused wants to read."""
+"""Far behind the text, which the person who is refused wants to read."""
 LONGEST_OWNER = 4096
 LONGEST_SHOWN = 120
 
@@ -109,7 +109,7 @@ class BenchLock:
 
 
 def _owner(description: BenchDescription | None) -> dict[str, str]:
-    """Say who this process is, for whoever is refused."""
+    """Say who this process is, for the person who is refused."""
     return {
         "bench": "" if description is None else description.name,
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),

@@ -490,7 +490,7 @@ class Station:
         self.engine.pause()
 
     def resume(self) -> None:
-        """Go on with a paused run; `devices.interruptions` has grown by one meanwhile."""
+        """Go on with a paused run; `devices.interruptions` has grown by one in the meantime."""
         self.engine.resume()
 
     @property

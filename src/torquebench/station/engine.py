@@ -117,7 +117,7 @@ class BenchEngine:
 
     @property
     def pausing(self) -> bool:
-        """Whether a pause was asked for and not yet ended."""
+        """Whether a pause was requested and not yet ended."""
         return self._pausing
 
     @property
@@ -214,7 +214,7 @@ class BenchEngine:
         set_bluesky_event_loop(None)
 
     def watch(self) -> None:
-        """Have the supervisor watch that the loop answers and that the plan goes on.
+        """Have the supervisor watch that the loop answers and that the plan continues.
 
         A plan may take its time where it waits for the bench, is held, or has something computed
         elsewhere; drives without power have nobody watch it.
@@ -248,7 +248,7 @@ class BenchEngine:
         await self._clock.sleep(float(message.args[0]))
 
     async def _report(self, message: Msg) -> None:
-        """Report progress to whoever watches."""
+        """Report progress to the person who watches."""
         done, _, detail = message.args
         self.progress.reach(done, detail)
 

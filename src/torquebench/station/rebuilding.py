@@ -1,4 +1,4 @@
-"""A registry made anew, or completed, from what the data directory holds beside it.
+"""A registry rebuilt, or completed, from what the data directory holds beside it.
 
 A run's folder says what was measured, on which bench, by whom; model files say which points they
 were fitted to; certificates have their record beside them. What people said about records later
@@ -92,7 +92,7 @@ class Rebuilt:
 
 
 def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
-    """Make a lost or damaged registry anew, and enter what the registry doesn't know.
+    """Make a lost or damaged registry again, and enter what the registry doesn't know.
 
     A sound registry is only added to. A damaged one is kept under another name; where only its
     indexes or triggers are damaged, it stays and those are made again.

@@ -100,7 +100,7 @@ class RegistryQueue:
                 self._pause()
 
     def _pause(self) -> None:
-        """Leave the registry alone for a moment, unless the bench is closed meanwhile."""
+        """Leave the registry alone for a moment, unless the bench is closed in the meantime."""
         deadline = time.monotonic() + RETRY_S
         with self._changed:
             while not self._closing and (left_s := deadline - time.monotonic()) > 0.0:

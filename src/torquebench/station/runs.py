@@ -1,4 +1,4 @@
-"""What a run is told, says meanwhile and leaves behind."""
+"""What a run is told, says in the meantime and leaves behind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that a kill, a full disk or a database has left behind: sealed and entered at the start."""
+"""Runs that a kill, a full disk or a database has left: sealed and entered at the start."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
     """Seal what was left open, and enter what the registry doesn't know of runs measured here.
 
     Complete documents and samples are kept, incomplete ends are cut off and counted; nothing is
-    filled in. A run that another process holds is left alone. Whoever calls this owns the data
-    directory (`BenchLock`): a run that is just being begun isn't held yet.
+    filled in. A run that another process holds is left alone. The person who calls this owns the
+    data directory (`BenchLock`): a run that is just being begun isn't held yet.
     """
     found = [_recovered(registry, run) for run in unentered_folders(registry)]
     runs = registry.root / "runs"

@@ -74,7 +74,7 @@ class Sheet:
     unread: Unread | None = field(default=None)
 
     def section(self, template: int) -> Section | None:
-        """Return the first section of a template, None where there is none."""
+        """Return the first section of a template, None if there is none."""
         return next((each for each in self.sections if each.template == template), None)
 
 

@@ -197,7 +197,7 @@ class BenchTwin:
         self._settle_plant()
 
     def hold(self, reducer: ReducerConstants) -> None:
-        """Take another reducer to test; one that is mounted is taken off for it."""
+        """Take another reducer to test; one that is mounted is subtracted for it."""
         self._parameters = self._parameters.with_reducer(reducer)
         if self._mounting == "reducer":
             self.mount("nothing")
@@ -214,7 +214,7 @@ class BenchTwin:
             self.enable(side, enabled=False)
 
     def command_torque(self, side: Side, torque_nm: float) -> None:
-        """Ask the drive for a torque; the loading accuracy decides what the flange gets."""
+        """Read from the drive a torque; the loading accuracy decides what the flange gets."""
         index = _index(side)
         torque = _finite(torque_nm, "torque", "N·m")
         if not self._enabled[index]:
@@ -226,7 +226,7 @@ class BenchTwin:
         self._orders.target[index] = transducer_torque(chain, wanted, angle)
 
     def command_speed(self, side: Side, speed_rad_s: float) -> None:
-        """Ask the drive for a speed."""
+        """Read from the drive a speed."""
         index = _index(side)
         speed = _finite(speed_rad_s, "speed", "rad/s")
         if not self._enabled[index]:
@@ -305,7 +305,7 @@ class BenchTwin:
         amount: float = 1.0,
         hours: float = 0.0,
     ) -> None:
-        """Fill the bearings between transducer and flange of a side anew.
+        """Fill the bearings between transducer and flange of a side again.
 
         Parameters
         ----------
@@ -497,7 +497,7 @@ class BenchTwin:
         return self._references[index].constants.zero_hz
 
     def _gather(self, reseated: tuple[float, float]) -> simulation.Constants:
-        """Constants for the kernels; mounting anew changes the linear part of each chain a bit."""
+        """Constants for the kernels; mounting again changes the linear part of each chain a bit."""
         chains = [
             side.chain._replace(
                 linear=(side.chain.linear[0] + change, side.chain.linear[1] + change)

@@ -94,7 +94,7 @@ class Loading:
     """Loading accuracy of a drive: what a command gives differs from what it asks for.
 
     The random part follows the commanded torque: the same command again gives the same torque, a
-    command some per cent of the range away draws anew. So a ramp of many small commands stays a
+    command some per cent of the range away draws again. So a ramp of many small commands stays a
     ramp.
 
     Parameters

@@ -1,7 +1,7 @@
 """The twin's two paths through the same operators: 1 ms steps in time, and static sweeps.
 
-Numba's cache of a kernel watches the kernel's own file only: whoever changes a file that these
-kernels call deletes ``__pycache__/*.nb*`` here, or goes on with what was compiled before.
+Numba's cache of a kernel watches the kernel's own file only: the person who changes a file that
+these kernels call deletes ``__pycache__/*.nb*`` here, or continues with what was compiled before.
 """
 
 from typing import NamedTuple

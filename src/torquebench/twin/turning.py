@@ -38,7 +38,7 @@ LUBRICANTS: dict[LubricantName, tuple[float, float]] = {
 """Viscosity at 23 °C as a share of the grease's, and Vogel's coefficient B, K."""
 
 SEASONED_H = 1000.0
-"""Hours after which a bearing counts as run in."""
+"""Hours after which a bearing is treated as run in."""
 
 # Places in a side's row of the lubrication array.
 VISCOSITY = 0  # at 23 °C, share of the grease's

@@ -41,12 +41,12 @@ class Verdict(StrEnum):
 
     @property
     def severity(self) -> int:
-        """Place in the order of severity, 0 where there is no limit."""
+        """Place in the order of severity, 0 if there is no limit."""
         return list(Verdict).index(self)
 
     @classmethod
     def worst(cls, verdicts: Iterable[str]) -> Verdict:
-        """Return the most severe of some verdicts; ``NONE`` where there is none.
+        """Return the most severe of some verdicts; ``NONE`` if there is none.
 
         Examples
         --------

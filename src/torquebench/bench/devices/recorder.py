@@ -299,7 +299,7 @@ def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) ->
 
 
 def _interpolated(time_s: FloatArray, at: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation that goes on straight beyond both ends (half a window at most)."""
+    """Linear interpolation that continues straight beyond both ends (half a window at most)."""
     inside = np.interp(time_s, at, values)
     if at.size < 2:
         return inside

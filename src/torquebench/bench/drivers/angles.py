@@ -67,7 +67,7 @@ class CounterWithAngles:
         return self.counter.clock_identity
 
     def identity(self) -> Identity:
-        """Ask the counter who it is."""
+        """Read the identity of the counter."""
         return self.counter.identity()
 
     def select(self, channels: frozenset[str]) -> None:
@@ -75,7 +75,7 @@ class CounterWithAngles:
         self.counter.select(channels)
 
     def read_block(self, duration_s: float) -> CounterBlock:
-        """Return the next block with the positions polled meanwhile."""
+        """Return the next block with the positions polled in the meantime."""
         parts: list[CounterBlock] = []
         polled: list[tuple[float, Mapping[Side, int]]] = []
         windows = max(POLLS, round(duration_s / self.window_s))
@@ -101,5 +101,5 @@ class CounterWithAngles:
 
 
 def with_angles(counter: CounterCard, source: AngleSource, window_s: float) -> CounterWithAngles:
-    """Return a counter card that takes its angles from elsewhere."""
+    """Return a counter card that takes its angles from another source."""
     return CounterWithAngles(counter, source, window_s)

@@ -162,7 +162,7 @@ class CounterCard(Protocol):
         """Which clock that is: calibration and measurement must name the same one."""
 
     def identity(self) -> Identity:
-        """Ask the instrument who it is."""
+        """Read the identity of the instrument."""
 
     def select(self, channels: frozenset[str]) -> None:
         """Time only these channels from the next block on; the others cost nothing."""
@@ -196,7 +196,7 @@ class Drive(Protocol):
     """The motor of one module with its servo drive. The drive ramps; the watchdog is its own."""
 
     def identity(self) -> Identity:
-        """Ask the drive who it is."""
+        """Read the identity of the drive."""
 
     def enable(self) -> None:
         """Power the motor at zero torque and zero speed."""
@@ -334,7 +334,7 @@ class OperatorPrompts(Protocol):
         """
 
     def cancel(self) -> None:
-        """Give up waiting for a confirmation: whoever waits gets an `InterlockError`."""
+        """Give up waiting for a confirmation: the person who waits gets an `InterlockError`."""
 
 
 @runtime_checkable

@@ -236,7 +236,7 @@ class Cia402Drive:
         self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM_PER_RAD_S
 
     def identity(self) -> Identity:
-        """Ask the drive for its identity object."""
+        """Read from the drive its identity object."""
         link = self._link
         vendor, product, revision, serial = (link.read(IDENTITY, sub) for sub in (1, 2, 3, 4))
         return Identity(

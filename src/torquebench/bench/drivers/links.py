@@ -69,7 +69,7 @@ class WireError(Exception):
 
 
 def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
-    """Split `host:port`; raises `InputError` where it isn't that or the port is below `lowest`.
+    """Split `host:port`; raises `InputError` if it isn't that or the port is below `lowest`.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
 class Link(ABC, Generic[Connection]):
     """A connection shared by every caller of one instrument.
 
-    After an error of the wire the connection is closed and opened anew, since what still comes
+    After an error of the wire the connection is closed and opened again, since what still comes
     over the old one may answer an older question; then the question is asked once more. Every
     question of this project's drivers may be asked twice: commands state absolute values.
 

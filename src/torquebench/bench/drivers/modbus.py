@@ -72,7 +72,7 @@ class ModbusDrive:
         self._maximum = registers.float_of(words[:2]), registers.float_of(words[2:])
 
     def identity(self) -> Identity:
-        """Ask the drive who it is."""
+        """Read the identity of the drive."""
         return self._link.identity(f"{self._side}.drive")
 
     def enable(self) -> None:

@@ -56,7 +56,7 @@ class ModbusTemperature:
         self._answer: dict[str, float] = {}
 
     def identity(self) -> Identity:
-        """Ask the module who it is."""
+        """Read the identity of the module."""
         return self._link.identity("temperature")
 
     def temperatures(self) -> Mapping[str, float]:
@@ -99,7 +99,7 @@ class ModbusReadout:
         self._clocks: dict[Side, SampleClock] = {}
 
     def identity(self) -> Identity:
-        """Ask the amplifier who it is."""
+        """Read the identity of the amplifier."""
         return self._link.identity("reference")
 
     @property
@@ -160,7 +160,7 @@ class ModbusModes:
         self._travel_s = travel_s
 
     def identity(self) -> Identity:
-        """Ask the module who it is."""
+        """Read the identity of the module."""
         return self._link.identity("modes")
 
     def set_mode(self, side: Side, mode: Mode) -> None:
@@ -214,7 +214,7 @@ class ModbusClamp:
         self._travel_s = travel_s
 
     def identity(self) -> Identity:
-        """Ask the module who it is."""
+        """Read the identity of the module."""
         return self._link.identity("clamp")
 
     def set_clamped(self, clamped: bool) -> None:
@@ -255,7 +255,7 @@ class ModbusRail:
         self._travel_s = travel_s
 
     def identity(self) -> Identity:
-        """Ask the module who it is."""
+        """Read the identity of the module."""
         return self._link.identity("guide_rail")
 
     def move(self, position: RailPosition) -> None:
@@ -294,7 +294,7 @@ class ModbusSupply:
         self._link = link
 
     def identity(self) -> Identity:
-        """Ask the module who it is."""
+        """Read the identity of the module."""
         return self._link.identity("power_supply")
 
     def supplies(self) -> bool:

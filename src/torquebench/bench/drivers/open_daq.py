@@ -37,7 +37,7 @@ HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
 class SignalOptions(Options):
     """One signal of the device: the end of its path, and what its values are in Hz.
 
-    Without `scale_hz` the signal's own unit says it, which then has to be Hz, kHz or MHz.
+    Without `scale_hz` the signal's own unit says it, which then must be Hz, kHz or MHz.
     """
 
     signal: Annotated[str, Field(min_length=1)]

@@ -16,7 +16,7 @@ LARGEST_DRIFT = 2e-4
 SETTLED_BY = 5
 """So many answers one after the other that weren't quicker than one before, by a period."""
 FORGOTTEN_S = 1.0
-"""Nobody has asked for so long: what lies between is lost, and how much, nobody says."""
+"""Nobody has requested so long: what lies between is lost, and how much, nobody says."""
 
 
 class SampleClock:

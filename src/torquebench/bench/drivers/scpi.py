@@ -85,7 +85,7 @@ class ScpiCounter(DescribedCounter):
 
     @property
     def shortest_read_s(self) -> float:
-        """A block is asked for at once: every question costs a turn on the wire."""
+        """A block is requested at once: every question costs a turn on the wire."""
         return self._counting.block_s
 
     def identity(self) -> Identity:
@@ -162,7 +162,7 @@ class ScpiCounter(DescribedCounter):
 
 
 class ReadoutOptions(ScpiOptions):
-    """A calibrator's amplifier: how its samples since the last question are asked for.
+    """A calibrator's amplifier: how its samples since the last question are requested.
 
     `scale` is N·m a unit of the answer.
     """
@@ -189,7 +189,7 @@ class ScpiReadout:
             self._fetch(side)
 
     def identity(self) -> Identity:
-        """Ask the amplifier who it is."""
+        """Read the identity of the amplifier."""
         return self._link.identity("reference")
 
     @property

@@ -1,6 +1,6 @@
 """The simulated bench behind the roles: the only file outside the twin's package that knows it.
 
-It delivers edges and encoder counts as hardware does; frequency, torque and everything after
+It delivers edges and encoder is treated as hardware does; frequency, torque and everything after
 them is the same code for both. Drives ramp by themselves and have their own watchdog.
 """
 

@@ -1,6 +1,6 @@
 """A client of `socketcand`, a CAN bus over TCP, for python-can.
 
-python-can's own goes on trying for 10 s where nobody listens, leaves its socket open when the
+python-can's own continues trying for 10 s if nobody listens, leaves its socket open when the
 greeting fails, and spins when the server has gone.
 """
 

@@ -303,7 +303,7 @@ class AlarmBook:
         return numbered
 
     def restate(self, number: int, found: str) -> None:
-        """Say anew what an alarm has found, as it has changed meanwhile; see `announce`."""
+        """Say again what an alarm has found, as it has changed in the meantime; see `announce`."""
         with self._lock:
             entry = self._entries[number - 1]
             alarm = replace(entry.alarm, found=found)

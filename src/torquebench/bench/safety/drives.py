@@ -23,7 +23,7 @@ Order = Callable[[], None]
 Answer = Callable[[bool], None]
 SHORTEST_SILENCE_S = 0.005
 ENDING_S = 2.0
-"""How long a worker that is told to end may still be busy with its drive, s."""
+"""How long a worker that is commanded to end may still be busy with its drive, s."""
 
 
 class DriveWorker:
@@ -70,7 +70,7 @@ class DriveWorker:
             )
 
     def start(self) -> None:
-        """Start the thread, where there is one."""
+        """Start the thread, if there is one."""
         if self._thread is not None:
             self._thread.start()
 
@@ -81,7 +81,7 @@ class DriveWorker:
             self._thread.join(ENDING_S)
 
     def read(self, since: float) -> DriveState | None:
-        """Return its state where it was asked for it after a moment, and has answered.
+        """Return its state where it was requested it after a moment, and has answered.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class DriveWorker:
         return self._idle.is_set()
 
     def silent_s(self, since: float) -> float:
-        """Return how long a question waits for its answer, s of wall time; 0 where none waits.
+        """Return how long a question waits for its answer, s of wall time; 0 if none waits.
 
         Time in which nobody has asked, as this computer was busy, isn't the drive's silence.
 
@@ -120,7 +120,7 @@ class DriveWorker:
         return 0.0 if self._idle.is_set() else time.monotonic() - max(put, since)
 
     def found_wrong(self, since: float, enabled: float, watchdog_s: float) -> str:
-        """Return what is wrong with a drive that has power; empty where nothing is known to be.
+        """Return what is wrong with a drive that has power; empty if nothing is known to be.
 
         Parameters
         ----------

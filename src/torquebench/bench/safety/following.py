@@ -1,4 +1,4 @@
-"""Whether the drives do what they were told: command and reading held against each other.
+"""Whether the drives do what they were told: command and reading compared with each other.
 
 A drive that pulls the other way, keeps its torque or turns on its own says "enabled, no fault";
 so does one whose torque transducer reads something else. Where the drive would be if it obeyed is
@@ -74,7 +74,7 @@ class _Course:
 class FollowingJudge:
     """Holds what a drive was told against what the bench reads; called by acquisition's thread.
 
-    With a standard mounted the flanges are held, so the whole commanded torque has to be there.
+    With a standard mounted the flanges are held, so the whole commanded torque must be there.
     With a reducer, which may turn, the torque is between nothing and what was commanded; the same
     holds for the speed of a drive that controls speed.
 

@@ -64,7 +64,7 @@ class Heartbeats:
         self._present_until = time.monotonic() + self._presence_s
 
     def present_s(self) -> float:
-        """How long the last confirmation still counts, wall s; 0 where none does."""
+        """How long the last confirmation still counts, wall s; 0 if none does."""
         return max(0.0, self._present_until - time.monotonic())
 
     def absent_s(self) -> float:

@@ -42,7 +42,7 @@ class StepLimits:
 
 @dataclass(frozen=True)
 class SideLimits:
-    """Limits in force on one side; infinity where nothing is watched. Fields as `StepLimits`."""
+    """Limits in force on one side; infinity if nothing is watched. Fields as `StepLimits`."""
 
     torque_nm: float
     speed_rpm: float
@@ -149,7 +149,7 @@ class Watch:
         """Take a new value; True when the level changed.
 
         The level falls only when the value is a hysteresis below what had raised it, and a value
-        that isn't a number leaves it as it is: a missing signal is judged elsewhere.
+        that isn't a number leaves it as it is: a missing signal is evaluated elsewhere.
 
         Examples
         --------

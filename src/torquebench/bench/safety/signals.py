@@ -37,7 +37,7 @@ periods come on top."""
 CLOCK_SETTLING_S = 1.0
 """How long a read-out may take at the start until the times of its samples are known, s."""
 OWN_KEPT_S = 2.0
-"""How long a module's torque is kept for its standard to be held against, s."""
+"""How long a module's torque is kept for its standard to be compared with, s."""
 HELD_SHARE = 0.01
 """A standard that repeats one value while its module moves by this share of the range is stuck."""
 

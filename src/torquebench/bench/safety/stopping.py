@@ -129,14 +129,14 @@ class ReadBack:
                     break
 
     def torque_nm(self, side: Side, since_s: float) -> float:
-        """Return the torque read after a bench time, 0 below `unloaded_percent`; NaN where none."""
+        """Return the torque read after a bench time, 0 below `unloaded_percent`; NaN if none."""
         read_s, torque_nm = self._torque.get(side, (-math.inf, math.nan))
         if read_s <= since_s:
             return math.nan
         return 0.0 if abs(torque_nm) <= self.unloaded_nm(side) else torque_nm
 
     def unloaded_nm(self, side: Side) -> float:
-        """Torque below which a side counts as unloaded, N·m."""
+        """Torque below which a side is treated as unloaded, N·m."""
         share = self._description.safety.unloaded_percent / 100.0
         return share * self._description.module(side).range_nm
 
@@ -190,5 +190,5 @@ class ReadBack:
 
 
 def said(remaining: Iterable[Remaining]) -> str:
-    """Say what is left, the sides where nothing is left out."""
+    """Say what is left, the sides if nothing is left out."""
     return "; ".join(each.words for each in remaining if not each.gone)

@@ -69,11 +69,11 @@ GOING_OFF_S = 1.0
 UNREAD_S = 0.5
 """So long after power is off the supervisor waits for a torque to be read, s."""
 NEWS = 0.05
-"""An alarm that says how much is still on says it anew when it has changed by this share."""
+"""An alarm that says how much is still on says it again when it has changed by this share."""
 RETOLD_S = 1.0
 """So often a drive that is on although it was told to go off is told again, s of wall time."""
 FAST_PATIENCE = 15.0
-"""How much longer a stall may be in simulated time, which doesn't pass meanwhile."""
+"""How much longer a stall may be in simulated time, which doesn't pass in the meantime."""
 FAST_SILENCE_S = 0.5
 """Without a block for so long drives are asked without one in simulated time, s of wall time."""
 DRIVE_PATIENCE_S = 0.1
@@ -176,7 +176,7 @@ class SafetySupervisor:
 
     @property
     def unsafe(self) -> Alarm | None:
-        """The alarm that says what is still on after a stop; None where nothing is known to be."""
+        """The alarm that says what is still on after a stop; None if nothing is known to be."""
         latched = self._book.latched
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE or self.safe:
             return None
@@ -315,7 +315,7 @@ class SafetySupervisor:
         self._act(*self._signals.check_edges(raw, channels))
 
     def check(self, block: AcquiredBlock) -> None:
-        """Judge a block; act on what is wrong, go on with an action that has begun."""
+        """Judge a block; act on what is wrong, continue with an action that has begun."""
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
         self._read_back.take(block)
@@ -449,7 +449,7 @@ class SafetySupervisor:
             self._trip_for(violation)
 
     def _advance(self, now_s: float) -> Violation | None:
-        """Take the next step of the way; return what must stop the bench anew."""
+        """Take the next step of the way; return what must stop the bench again."""
         stage, since_s, since = self._stage, self._stage_s, self._stage_wall
         if stage is Stage.RAMPING:
             if self._deadline.passed(now_s) or self._read_back.at_zero(since_s, since):

@@ -70,7 +70,7 @@ def preparations(
     settings: ReducerTestSettings,
     rotating: Collection[Side] = (),
 ) -> list[Preparation]:
-    """Return what has to be measured before some tests; one mounting after the other.
+    """Return what must be measured before some tests; one mounting after the other.
 
     Parameters
     ----------

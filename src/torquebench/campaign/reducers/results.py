@@ -171,7 +171,7 @@ class ReducerTestRecord:
 
     @property
     def verdict(self) -> Verdict:
-        """The worst verdict of all outcomes; empty where nothing was judged."""
+        """The worst verdict of all outcomes; empty if nothing was evaluated."""
         return Verdict.worst(outcome.verdict for outcome in self.outcomes)
 
     @property

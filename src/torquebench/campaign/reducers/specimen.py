@@ -1,4 +1,4 @@
-"""One reducer on one bench: every test of it a run of its own, evaluated, judged, registered."""
+"""One reducer on one bench: every test of it a run of its own, evaluated, evaluated, registered."""
 
 from __future__ import annotations
 

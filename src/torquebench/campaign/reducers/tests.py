@@ -1,4 +1,4 @@
-"""Tests of a mounted reducer: rehearsed, measured, evaluated, judged, recorded."""
+"""Tests of a mounted reducer: rehearsed, measured, evaluated, evaluated, recorded."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class TwistCompliance:
     bend_rad: tuple[float, ...] = ()
 
     def at(self, torque_nm: ArrayLike) -> FloatArray:
-        """Return the twist at torques, rad; beyond the levels it goes on with the slope."""
+        """Return the twist at torques, rad; beyond the levels it continues with the slope."""
         torque = np.asarray(torque_nm, dtype=np.float64)
         straight = self.rad_per_nm * torque
         if not self.level_nm:

@@ -28,8 +28,9 @@ class Dynamics(Effect):
     """The inverse of an identified transfer function, as a filter along the stream.
 
     It works on readings at the rate that it was designed for. Its output is later than the torque
-    by `delay_s`. Readings at another rate stay as they are, and what the chain is late by enters
-    as an uncertainty that grows with the rate of change; readings without a time count as steady.
+    by `delay_s`. Readings at another rate stay as they are, and what the chain is late by enters as
+    an uncertainty that grows with the rate of change; readings without a time are treated as
+    steady.
 
     Parameters
     ----------

@@ -28,13 +28,13 @@ __all__ = ["MeasuredRotation"]
 
 CORRELATION_RPM = 300.0
 CORRELATION_K = 10.0
-"""Errors at speeds or temperatures farther apart count as independent."""
+"""Errors at speeds or temperatures farther apart are treated as independent."""
 
 
 @register("measured rotation")
 @dataclass(frozen=True)
 class MeasuredRotation(Effect):
-    """Tables over speed and temperature by empty runs, over speed and load by a turning reference.
+    """Tables over speed and temperature by empty runs, over speed and load by a rotating reference.
 
     The zero's shift is the part that is the same in both directions, the drag the part that turns
     round with the speed. Drag that grows with the load is a share of the torque's size against the

@@ -18,7 +18,7 @@ from torquebench.chain.torque import Component, Shared
 __all__ = ["MeasuredTemperature"]
 
 CORRELATION_K = 10.0
-"""Errors of the curves at temperatures farther apart count as independent."""
+"""Errors of the curves at temperatures farther apart are treated as independent."""
 
 
 @register("measured temperature")

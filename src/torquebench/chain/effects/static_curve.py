@@ -21,8 +21,8 @@ __all__ = ["CORRELATION_SHARE", "StaticCurve"]
 
 CORRELATION_SHARE = 0.1
 """Errors of the curve at readings farther apart than this share of full scale, or on opposite
-branches, count as independent. A smooth form is wrong in the same way over more than that; to share
-less than there is makes a comparison's U larger, never smaller."""
+branches, are treated as independent. A smooth form is wrong in the same way over more than that; to
+share less than there is makes a comparison's U larger, never smaller."""
 _STATE = frozenset({"speed_rpm", "temperature_c"})
 """Features that change while a model is in use: no table holds for all of them."""
 _SQUARE_ROOT_3 = np.sqrt(3.0)

@@ -77,7 +77,7 @@ def _side(u: FloatArray) -> FloatArray:
 def _scatter(
     u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
 ) -> FloatArray:
-    """Return what every point differs by from others at its level; NaN where there are none."""
+    """Return what every point differs by from others at its level; NaN if there are none."""
     scatter = np.full(u.size, np.nan)
     for side, leg in np.unique(np.column_stack([_side(u), branch]), axis=0):
         rows = np.flatnonzero((_side(u) == side) & (branch == leg))
@@ -112,7 +112,7 @@ def _pairs(
 
 
 def _fitted(way: FloatArray, product: FloatArray) -> tuple[float, float]:
-    """Return share and length of the correlation; a share of 0 where there is none to speak of."""
+    """Return share and length of the correlation; a share of 0 if there is none to speak of."""
     if way.size == 0:
         return 0.0, 1.0
     shapes = np.exp(-way / _LENGTHS[:, None])

@@ -4,9 +4,9 @@ The zero was taken at the beginning; what it has moved since is part of the cali
 compensation, and is marginalised with everything else. How a zero drifts isn't known, so each kind
 of drift is a Gaussian process W(t) with W(0) = 0 whose variance is 1 at the end:
 
-    steady      t with relaxations of long lags: a chain that follows the room
-    relaxing    relaxations (1 − exp(−t/τ)) of short lags: a chain that warms up or settles
-    anew        as steady, but from each direction's own beginning, where a zero may have been taken
+    steady      t with relaxations of long lags: a chain that follows the room relaxing
+    relaxations (1 − exp(−t/τ)) of short lags: a chain that warms up or settles again        as
+    steady, but from each direction's own beginning, where a zero may have been taken
 
 Each is a sum of functions φⱼ with common and own coefficients,
 W = a Σⱼ φⱼ / m + Σⱼ bⱼ φⱼ / √m, a and bⱼ independent with variance ½. Kinds and their amplitudes

@@ -5,7 +5,7 @@ to three); `averaging` weighs the candidates by their evidence. All scales are f
 scale and only orders of size: what mechanics can show, not what one chain does.
 
 Where the shapes come from
-    step        Coulomb friction of bearings and seals turns round with the torque; tanh(u/w) and
+    step        Coulomb friction of bearings and seals reverses with the torque; tanh(u/w) and
                 u/(w + |u|) are the two usual regularisations (E. Pennestrì et al., Nonlinear
                 Dynamics 83 (2016) 1785-1801).
     loop        hysteresis xʳ(1 − x)^q, which closes at full scale where a major loop turns; r = 0
@@ -16,7 +16,7 @@ Where the shapes come from
                 may stretch with the load, as teeth that wind up: the phase is that of u + d u|u|.
                 Half as likely, where the torques are close-set enough, it grows from nothing, as
                 √|u|: without load teeth engage smoothly.
-    wave        ripple whose amplitude and phase wander over the range, as of an engagement that
+    wave        ripple whose amplitude and phase drift over the range, as of an engagement that
                 changes with the load: a sine under each of six overlapping windows. Only looked for
                 where the torques are close-set enough.
     bump        one local engagement error.
@@ -293,7 +293,7 @@ def at_zero_time(u: FloatArray, branch: FloatArray) -> EffectPoints:
 def step_columns(points: EffectPoints, widths: FloatArray, shift: float) -> FloatArray:
     """Return reversal steps, shape (2 k, 1, n), or (2 k, 2, n) where they may be shifted.
 
-    Columns of a candidate: the step, and what it changes by where it isn't passed just at zero.
+    Columns of a candidate: the step, and what it changes by if it isn't passed just at zero.
     """
     x = points.u / widths[:, None]
     smooth, rational = np.tanh(x), x / (1.0 + np.abs(x))
@@ -442,7 +442,7 @@ def path_clocks(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatA
     """Read the time of calibration points off their place on the path.
 
     A series runs from zero to full scale and back, or through both directions, clockwise first. One
-    clock starts anew in each series and direction, where a zero may have been taken; the other
+    clock starts again in each series and direction, where a zero may have been taken; the other
     runs through all of them.
 
     Parameters

@@ -108,4 +108,4 @@ async def _watched(service: Service, caller: Caller) -> BenchService:
 
 
 Watched: TypeAlias = Annotated[BenchService, Depends(_watched)]
-"""The bench, for whoever is signed in."""
+"""The bench, for the person who is signed in."""

@@ -143,7 +143,7 @@ def _lists(columns: Any) -> dict[str, list[float | None]]:
 
 
 def finite_list(values: NDArray[np.float64]) -> list[float | None]:
-    """Return numbers as JSON has them: null where there is none."""
+    """Return numbers as JSON has them: null if there is none."""
     found: list[float | None] = values.tolist()
     if not np.isfinite(values).all():
         return [value if value is not None and math.isfinite(value) else None for value in found]
@@ -151,7 +151,7 @@ def finite_list(values: NDArray[np.float64]) -> list[float | None]:
 
 
 def live_document(found: LiveIncrement | LiveTrend) -> dict[str, Any]:
-    """Return the content of `LiveRows` for who sends many: null where there is no number."""
+    """Return the content of `LiveRows` for who sends many: null if there is no number."""
     return {
         "sequence": found.sequence,
         "missed": found.missed if isinstance(found, LiveIncrement) else 0,
@@ -163,7 +163,7 @@ def live_document(found: LiveIncrement | LiveTrend) -> dict[str, Any]:
 
 
 def live_rows(found: LiveIncrement | LiveTrend) -> LiveRows:
-    """Return rows as JSON has them: null where there is no number."""
+    """Return rows as JSON has them: null if there is no number."""
     return LiveRows(**live_document(found))
 
 
@@ -225,7 +225,7 @@ async def stop(service: Service, caller: Caller, body: StopBody) -> StopReport:
 
 @router.post("/presence", status_code=204)
 def confirm_presence(service: Service, caller: Caller) -> Response:
-    """Note that whoever commands is at the bench, where its description asks for it."""
+    """Note that the person who commands is at the bench, where its description asks for it."""
     service.confirm_presence(caller)
     return Response(status_code=204)
 
@@ -245,7 +245,7 @@ def acknowledge(
 ) -> AlarmView | None:
     """Clear the latched alarm by name, once its cause is gone; null where there was none.
 
-    With the identifiers of those that were looked at, one that came meanwhile stays.
+    With the identifiers of those that were checked, one that came in the meantime stays.
     """
     return service.acknowledge(caller, body.alarm_ids)
 

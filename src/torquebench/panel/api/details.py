@@ -135,7 +135,7 @@ class RecordingDetails(BaseModel):
 
 
 class ZeroDetails(BaseModel):
-    """Of "zero": a side that wasn't asked for is missing."""
+    """Of "zero": a side that wasn't requested is missing."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -165,7 +165,7 @@ class CertificateDetails(BaseModel):
 
 
 class ReducerQuantity(BaseModel):
-    """One result of a test; `limit`, `verdict` and `rule` are empty where there is none."""
+    """One result of a test; `limit`, `verdict` and `rule` are empty if there is none."""
 
     key: str
     title: str

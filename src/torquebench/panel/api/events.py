@@ -33,7 +33,7 @@ __all__ = ["router"]
 router = APIRouter(tags=["jobs"])
 
 LOOK_S = 0.05
-"""How often the bench is looked at for a listener, s."""
+"""How often the bench is checked for a listener, s."""
 ALIVE_S = 15.0
 """How often a listener to whom nothing happens hears that the server is there, s."""
 SLOWEST_S = 20.0
@@ -55,7 +55,7 @@ _ALARM: TypeAdapter[AlarmView] = TypeAdapter(AlarmView)
 
 
 class EventStream(Response):
-    """An answer that goes on until there is nothing more to say, or nobody who listens."""
+    """An answer that continues until there is nothing more to say, or nobody who listens."""
 
     media_type = "text/event-stream"
 
@@ -64,7 +64,7 @@ class EventStream(Response):
         self._events = events
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send every event as it comes."""
+        """Send every event as it arrives."""
         del scope
         headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
@@ -111,7 +111,7 @@ async def events(
 ) -> EventStream:
     """Tell what happens, from what is on: `job`, `points` of jobs, `prompt` and `alarm`.
 
-    The stream ends with the job that it was asked for, with the token, and with the server.
+    The stream ends with the job that it was requested, with the token, and with the server.
     """
     del caller  # whoever is signed in may listen
     if job_id is not None:
@@ -157,7 +157,7 @@ class _Listener:
         return self._job_id is not None and not self._service.jobs.get(self._job_id).open
 
     def news(self) -> str:
-        """Return what is new as text of events; empty where nothing is."""
+        """Return what is new as text of events; empty if nothing is."""
         return "".join((*self._of_alarms(), *self._of_prompts(), *self._of_jobs()))
 
     def _of_jobs(self) -> Iterator[str]:

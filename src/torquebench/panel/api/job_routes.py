@@ -61,7 +61,7 @@ def resume(service: Service, caller: Caller, job_id: JobId) -> JobView:
 
 @router.post("/jobs/{job_id}/finish")
 def finish(service: Service, caller: Caller, job_id: JobId) -> JobView:
-    """End a job that goes on until then, such as a recording, with its result."""
+    """End a job that continues until then, such as a recording, with its result."""
     return service.jobs.finish(caller, job_id)
 
 

@@ -108,7 +108,7 @@ class ActivateBody(ReasonBody):
 
 
 class AcknowledgeBody(Body):
-    """Which alarms were looked at."""
+    """Which alarms were checked."""
 
     alarm_ids: Annotated[
         list[Annotated[str, Field(max_length=64)]] | None,

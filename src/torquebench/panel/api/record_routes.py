@@ -323,13 +323,13 @@ def certificate_file(
 
 @router.post("/tables/preview")
 def preview_table(service: Watched, body: TableRequest) -> TableView:
-    """Read a calibration that was measured elsewhere and judge it; nothing is kept."""
+    """Read a calibration that was measured on another bench and judge it; nothing is kept."""
     return service.tables.preview(body)
 
 
 @router.post("/tables", status_code=201)
 def enter_table(service: Service, caller: Caller, body: EnterTableRequest) -> EnteredTable:
-    """Enter a calibration that was measured elsewhere; for metrologists and above."""
+    """Enter a calibration that was measured on another bench; for metrologists and above."""
     return service.tables.enter(caller, body)
 
 

@@ -206,7 +206,7 @@ class Choice:
 
     @property
     def value(self) -> str:
-        """The chosen one; empty where none is."""
+        """The chosen one; empty if none is."""
         return next(iter(self.values), "")
 
     def _option(self, name: str, said: str | tuple[str, str], disabled: bool) -> None:

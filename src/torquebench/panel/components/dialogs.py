@@ -19,7 +19,7 @@ def sheet(title: str) -> Iterator[Any]:
     """Open a dialog around what is made inside; it deletes itself when it closes.
 
     It is in its place from the first moment: a button that still moves is missed. It belongs to
-    the page as a whole: what it was opened from may be made anew before it closes.
+    the page as a whole: what it was opened from may be rebuilt before it closes.
     """
     with ui.context.client.content:
         dialog = ui.dialog()

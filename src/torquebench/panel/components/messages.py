@@ -18,7 +18,7 @@ AT_MOST = 4
 
 
 class Messages:
-    """Where a page says what came of a press of a button."""
+    """Where a page says the result of a press of a button."""
 
     def __init__(self, text: Text) -> None:
         self._text = text

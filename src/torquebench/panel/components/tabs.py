@@ -12,7 +12,7 @@ __all__ = ["Tabs"]
 
 
 class Tabs:
-    """Buttons for the parts above the one that is shown, which is made anew each time.
+    """Buttons for the parts above the one that is shown, which is rebuilt each time.
 
     Parameters
     ----------

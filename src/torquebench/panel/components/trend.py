@@ -15,7 +15,7 @@ __all__ = ["Band", "Trace", "Trend"]
 MOST_AHEAD = 12
 """How many messages may be under way that the browser hasn't painted: a third of a second's."""
 PATIENCE_S = 2.0
-"""After so long without an answer one message is sent all the same: an answer may get lost."""
+"""After so long without an answer one message is sent nevertheless: an answer may get lost."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class EffectsTable:
             self._place = box("div", "stack")
 
     def refresh(self) -> None:
-        """Show the newest window; the table is made anew only where a state has changed."""
+        """Show the newest window; the table is rebuilt only where a state has changed."""
         states = [each for each in self._visitor.service.effects(self._side) if _says(each)]
         may = self._visitor.has_role("metrologist")
         shown = (may, *((each.name, each.state, _kind_of(each)) for each in states))

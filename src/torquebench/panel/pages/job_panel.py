@@ -61,7 +61,7 @@ def stage_words(text: Text, job: JobView) -> str:
 
 
 class JobControls:
-    """The buttons that pause, end and abort a job, for whoever commands."""
+    """The buttons that pause, end and abort a job, for the person who commands."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text

@@ -1,4 +1,4 @@
-"""The job under way at the foot of every page, and what came of those that one has started."""
+"""The job under way at the foot of every page, and the result of those that one has started."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class JobStrip:
         self._controls.refresh(job)
 
     def _tell(self) -> None:
-        """Say what came of the reader's own jobs, until it is dismissed."""
+        """Say the result of the reader's own jobs, until it is dismissed."""
         visitor, log = self._visitor, self._visitor.service.jobs.log
         reader = visitor.looker
         if reader.kind != "person":

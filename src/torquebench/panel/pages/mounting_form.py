@@ -1,4 +1,4 @@
-"""What was found at the mounting, entered before a run: for the record and the certificate."""
+"""Result at the mounting, entered before a run: for the record and the certificate."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MountingForm:
                     )
 
     def request(self) -> dict[str, Any]:
-        """Return the field of a job's request; empty where nothing was entered."""
+        """Return the field of a job's request; empty if nothing was entered."""
         found: dict[str, Any] = {
             name: float(field.value) if name in NUMBERS else field.value.strip()
             for name, field in self._fields.items()

@@ -97,7 +97,7 @@ def look_of(request: Request) -> str:
 
 
 def visitor_of(service: BenchService, request: Request, dismissed: Dismissed) -> Visitor | None:
-    """Return who asks for a page; None where nobody is signed in."""
+    """Return who asks for a page; None if nobody is signed in."""
     token = request.cookies.get(SESSION_COOKIE, "")
     try:
         service.people.actor(token, touch=False)

@@ -37,7 +37,7 @@ Work (`jobs`): one at a time, each needs the lease
       What `JobView.result.details` holds is said in the modules job_calibrations, job_checks
       and job_reducers.
     - `jobs.current` / `jobs.get(job_id)` / `jobs.recent()` -> `JobView` (state, stages, progress,
-      problem, result); `jobs.points(job_id, since=0)` -> list of `JobPoint` as they come, with
+      problem, result); `jobs.points(job_id, since=0)` -> list of `JobPoint` as they arrive, with
       `values["reading_nm"]`, `["standard_nm"]`, `["error_nm"]`, `["series"]`, `["branch"]`.
     - `jobs.pause(actor, job_id)`, `resume`, `abort(actor, job_id, reason)`.
     - `jobs.prompt` -> `PendingPrompt(number, text)` or None; `jobs.answer(actor, number, done)`.
@@ -45,7 +45,7 @@ Work (`jobs`): one at a time, each needs the lease
       calibration_id, password, accepted=True, remark="")`, `issue_certificate(actor, request,
       password)` -> `JobView` of kind "certificate".
     - `unfinished()` -> list of `UnfinishedView`: what jobs "finish-run" and "discard-run" are for.
-    - `interrupted(run_id="")` -> `InterruptedView` or None: what can be gone on with;
+    - `interrupted(run_id="")` -> `InterruptedView` or None: what can be resumed;
       `recall(actor, calibration_id)` -> `JobView` of a registered calibration, as if just done.
     - `log(limit, before)` -> what people did, newest first.
 
@@ -63,7 +63,7 @@ Records (`records`): identifiers in, values out, never a path
       `error_curve(calibration_id, model_id=None)` -> `ErrorCurve`; `transducers()`,
       `drift(serial, tolerance_percent)`; `certificates()`, `certificate_file(number, name)`.
 
-Tables from elsewhere (`tables`): text in, never a path
+Tables from another source (`tables`): text in, never a path
     - `read_table(bytes)` -> text of an uploaded CSV file; `preview(request)` -> `TableView`
       (points, errors, deviations from the profile, class); `enter(actor, request)` ->
       `EnteredTable(calibration_id, run_id)`: compare, fit and certify it like any calibration.

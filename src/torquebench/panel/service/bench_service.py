@@ -322,7 +322,7 @@ class BenchService:
         )
 
     def refresh_compensation(self, side: Side) -> None:
-        """Use the registry's active model of a side from now on, where there is one."""
+        """Use the registry's active model of a side from now on, if there is one."""
         station = self.station
         try:
             active = station.activate_compensation(side)
@@ -502,7 +502,7 @@ class BenchService:
         )
 
     def interrupted(self, run_id: str = "") -> InterruptedView | None:
-        """Return a calibration that can be gone on with: a run, or the newest calibration."""
+        """Return a calibration that can be resumed: a run, or the newest calibration."""
         return interrupted_calibration(self.station.registry, run_id)
 
     def unfinished(self) -> list[UnfinishedView]:
@@ -647,11 +647,11 @@ class BenchService:
 
     @property
     def presence_left_s(self) -> float:
-        """How long the last confirmation still counts, s; 0 where none does."""
+        """How long the last confirmation still counts, s; 0 if none does."""
         return self.station.supervisor.heartbeats.present_s()
 
     def confirm_presence(self, actor: Actor) -> None:
-        """Note that whoever commands is at the bench; see `[safety] presence_s`.
+        """Note that the person who commands is at the bench; see `[safety] presence_s`.
 
         Raises
         ------

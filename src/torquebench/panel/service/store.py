@@ -1,6 +1,6 @@
 """The panel's own database: people, sessions, clients, what they did and what they changed.
 
-Beside the registry, not in it: accounts have to be changed and sessions deleted, which the
+Beside the registry, not in it: accounts must be changed and sessions deleted, which the
 registry's append-only tables forbid, and a registry may be shared by several benches.
 """
 

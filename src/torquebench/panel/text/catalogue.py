@@ -22,7 +22,7 @@ class Refusal(Protocol):
 
     @property
     def found(self) -> str:
-        """What was found."""
+        """Result."""
 
     @property
     def allowed(self) -> str:

@@ -3,7 +3,7 @@
 The measuring core raises its errors, alarms and questions as English sentences with their values
 in them. Their English template is the key here, as it is in gettext: a catalogue holds
 ``"at most {limit} N·m" = "不超过 {limit} N·m"``, a sentence is matched with it, and what stands in
-the placeholders is put into the other language's sentence, translated itself where it is known.
+the placeholders is put into the other language's sentence, translated itself if it is known.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def _templates(language: str) -> tuple[_Template, ...]:
 
 
 def translated(said: str, language: str) -> str:
-    """Return a sentence of the core in another language; as it is where nobody knows it.
+    """Return a sentence of the core in another language; as it is if nobody knows it.
 
     Examples
     --------

@@ -84,7 +84,7 @@ def compare_benches(
 ) -> TravellingComparison:
     """Compare benches by what they found for one specimen.
 
-    Each is held against the reference bench, or against the weighted mean of all others, which
+    Each is compared with the reference bench, or against the weighted mean of all others, which
     doesn't depend on it.
 
     Parameters

@@ -41,7 +41,7 @@ __all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
 STEP_S = 0.1
 """Bench time between two looks for the first motion, s."""
 LOOKS = 6
-"""Looks over which a side that moves gets on by a fifth of what counts as motion."""
+"""Looks over which a side that moves gets on by a fifth of what is treated as motion."""
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ __all__ = [
 ]
 
 LOADING_SHARE = 0.0015
-"""Share of its range by which a drive may miss a torque that it is asked for."""
+"""Share of its range by which a drive may miss a torque that it is requested."""
 TURNS = 4
 PHASE_DEG = 10.0
 """So near to its phase the input is turned."""
@@ -157,7 +157,7 @@ def hysteresis_loops(
 
     Before the loops of each position the output is turned there, both torques are zeroed, and
     the output is preloaded to +T and −T, which isn't part of any loop. The torque goes beyond T
-    by as much as a drive may stay below what it is asked for, where the reducer allows it. The
+    by as much as a drive may stay below what it is requested, where the reducer allows it. The
     positions share out one turn of the input too, as the transmission error of the input's
     orders makes a reducer stiffer at one of its phases than at another. A loop that a pause
     interrupts is preloaded and driven again.

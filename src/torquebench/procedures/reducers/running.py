@@ -185,7 +185,7 @@ def no_load_running(
     """Drive the input at steps of speed, output free, and read the torque that it needs.
 
     Zeroes before every series (one direction of one repeat) and after the last, so that the
-    transducer's drift while it turns can be taken out. Repeats until the means are known to the
+    transducer's drift while it rotates can be removed. Repeats until the means are known to the
     target of the settings.
 
     Raises

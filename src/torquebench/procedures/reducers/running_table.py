@@ -79,7 +79,7 @@ class RunningRecording:
 
 @dataclass(frozen=True)
 class Asked:
-    """One point: what is asked for, and where it stands."""
+    """One point: what is requested, and where it stands."""
 
     speed_rpm: float
     torque_nm: float

@@ -37,7 +37,7 @@ __all__ = [
 
 REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
-"""Share of the speed by which a drive may miss it before it counts as saturated."""
+"""Share of the speed by which a drive may miss it before it is treated as saturated."""
 TURN_RPM = 300.0
 """Input speed at most while the output is turned to another position, 1/min."""
 GENTLE_RPM_PER_S = 300.0
@@ -135,7 +135,7 @@ class ReducerLimits:
 
 @dataclass(frozen=True)
 class WarmUp:
-    """When a reducer counts as warm: its temperature no longer changes.
+    """When a reducer is treated as warm: its temperature no longer changes.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ def check_followed(
     *,
     slack_nm: float = 0.0,
 ) -> None:
-    """Refuse a point whose drive doesn't reach what it was asked for: it saturates.
+    """Refuse a point whose drive doesn't reach what it was requested: it saturates.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Calibration against a turning reference: steady torques at steady speeds, zero at speed."""
+"""Calibration against a rotating reference: steady torques at steady speeds, zero at speed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def calibrate_turning(
     series_done: int = 0,
     on_series: Callable[[CalibrationData, int], None] | None = None,
 ) -> Plan[CalibrationData]:
-    """Load a turning module against the turning calibrator.
+    """Load a turning module against the rotating calibrator.
 
     Each value is a mean over whole revolutions. Reading and reference are zeroed at rest; points
     without torque at each speed, before and after its loadings, show the zero at speed. Numbers of

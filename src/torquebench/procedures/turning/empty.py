@@ -49,7 +49,7 @@ LONGEST_PIECE_S = 30.0
 
 @dataclass(frozen=True)
 class EmptySummary:
-    """What came of an empty run; its rows are in the table and in the run's raw stream.
+    """Result of an empty run; its rows are in the table and in the run's raw stream.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class EmptyTable:
         self.series_done, self.zero_hz = series_done, zero_hz
 
     def summary(self) -> EmptySummary:
-        """Return what came of the run."""
+        """Return the result of the run."""
         rows = self.rows
         warm = rows[:, 3] if rows.size else np.full(1, np.nan)
         lowest, highest = float(np.min(warm)), float(np.max(warm))

@@ -13,9 +13,9 @@ __all__ = ["FirstMotion", "first_motion"]
 QUIET_SAMPLES = 6
 """Least samples at rest before the first motion."""
 CREEP_WINDOWS = 40
-"""Parts of a ramp in which its speed is looked at."""
+"""Parts of a ramp in which its speed is checked."""
 SIGNIFICANT = 5.0
-"""Standard deviations of the noise that count as motion."""
+"""Standard deviations of the noise that are treated as motion."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _creeping(
 
     Under a uniform ramp the creep's speed grows with time, so that its path is a parabola; it ends
     where the angle is half as fast again for good. The very beginning, where elastic parts wind
-    up, isn't looked at.
+    up, isn't checked.
     """
     edges = np.linspace(0, angle.size - 1, CREEP_WINDOWS + 1).astype(np.int64)
     speed = np.diff(angle[edges]) / np.maximum(np.diff(time[edges]), 1e-12)

@@ -34,7 +34,7 @@ BreakawayKind = Literal["starting", "back-driving"]
 MEDIAN_EFFICIENCY = np.sqrt(np.pi / 2.0)
 """Standard error of a median of normal values, in standard errors of their mean."""
 LEAST_MOVING = 8
-"""Samples between the start and the threshold from which on their torque is looked at."""
+"""Samples between the start and the threshold from which on their torque is checked."""
 SATURATED_SHARE = 0.2
 """A drive saturates where the torque stands still over more than this share of a ramp."""
 

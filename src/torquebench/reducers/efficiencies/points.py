@@ -16,7 +16,7 @@ __all__ = ["EfficiencyPoint", "Side", "SteadyPoints", "both_directions", "points
 FloatArray = NDArray[np.float64]
 Side = Literal["input", "output"]
 SAME_POINT = 0.01
-"""Share of the largest torque and speed within which points count as repeats."""
+"""Share of the largest torque and speed within which points are treated as repeats."""
 CANCELLING = ("torque zero", "zero by speed")
 """Ends of names of contributions that cancel in the mean of both directions."""
 

@@ -215,7 +215,7 @@ def _harmonics(power: Floats, base: float) -> Floats:
 
 
 def _quick(values: Floats) -> Floats:
-    """Return what goes on within a twentieth of a stretch."""
+    """Return what continues within a twentieth of a stretch."""
     width = max(5, int(values.size / SLOWEST)) | 1
     padded = np.pad(values, width // 2, mode="reflect", reflect_type="odd")
     return values - np.convolve(padded, np.full(width, 1.0 / width), mode="valid")

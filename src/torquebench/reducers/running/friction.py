@@ -25,7 +25,7 @@ __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_cur
 
 
 LARGEST_TEMPERATURE_RANGE_K = 2.0
-"""Above this change during a test the temperature counts as unsteady."""
+"""Above this change during a test the temperature is treated as unsteady."""
 
 
 @dataclass(frozen=True, eq=False)

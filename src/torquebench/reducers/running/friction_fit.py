@@ -23,7 +23,7 @@ FORMS: dict[str, tuple[str, ...]] = {
 """Parameters of each form, the simplest first."""
 
 SUPPORTED = 3.0
-"""A part counts as supported where it exceeds this many standard uncertainties."""
+"""A part is treated as supported where it exceeds this many standard uncertainties."""
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     """Resample in angle, low-pass without phase shift and average whole revolutions.
 
     Between the samples the error is averaged over each step of an even grid where the record is
-    dense, and interpolated where it isn't. A Fourier transform over all whole revolutions, cut at
+    dense, and interpolated if it isn't. A Fourier transform over all whole revolutions, cut at
     the highest order, is a low-pass in angle without phase shift, and exact for what repeats.
 
     The angle is the output's own, θ_o, of which the error is a function: over θ_i/R each order

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 TURN = 2.0 * np.pi
 SAMPLES_PER_PERIOD = 10.0
 RATIO_TOLERANCE = 1e-3
-"""Relative deviation of the ratio that is named before anything else is looked at."""
+"""Relative deviation of the ratio that is named before anything else is checked."""
 GAP_STEPS = 25.0
 """A step of the angle that is so much larger than nearly all others is a gap of the record."""
 DRIFT_SHARE = 0.05

@@ -49,7 +49,7 @@ def check_certificate(registry: Registry, given: str) -> CertificateCheck:
     """Compare a certificate's file, or the text of its QR code, with the registry.
 
     A file must have the very bytes that were issued; a code must have number and hash of an
-    issued record; XML is held against schema and schematron too.
+    issued record; XML is compared with schema and schematron too.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
 
 
 def _word(key: str, record: CertificateRecord) -> str:
-    """Return the key of a label, of its variant where there is no compensation."""
+    """Return the key of a label, of its variant if there is no compensation."""
     return key if record.compensation else f"{key}_raw"
 
 
@@ -295,7 +295,7 @@ def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
 
 
 def _turning(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
-    """Return the budget while it turns; None where that wasn't measured."""
+    """Return the budget while it rotates; None where that wasn't measured."""
     found = record.turning_budget
     if found is None:
         return None

@@ -29,7 +29,7 @@ _SI = "https://ptb.de/si"
 _NEWTON_METRE = r"\newton\metre"
 _COVERAGE = 0.9545
 _UNKNOWN_COUNTRY = "AQ"
-"""Antarctica, where nobody calibrates: the schema demands a country, and the schematron a real
+"""Antarctica, if nobody calibrates: the schema demands a country, and the schematron a real
 one, even for a simulated calibration by no laboratory."""
 
 

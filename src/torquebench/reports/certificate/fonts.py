@@ -1,4 +1,4 @@
-"""Which fonts a certificate is set in, and what to install where one is missing."""
+"""Which fonts a certificate is set in, and what to install if one is missing."""
 
 import unicodedata
 from collections.abc import Iterable

@@ -33,7 +33,7 @@ class Labels:
         return self._words[key]
 
     def get(self, key: str) -> str:
-        """Return the word for a key, or the key itself where there is none."""
+        """Return the word for a key, or the key itself if there is none."""
         return self._words.get(key, key)
 
     def filled(self, key: str, values: Mapping[str, str | float]) -> str:
@@ -58,7 +58,7 @@ class Labels:
         return iter(self._words)
 
     def model(self, kind: str) -> str:
-        """Return a kind of compensation model in words; the kind itself where it is unknown.
+        """Return a kind of compensation model in words; the kind itself if it is unknown.
 
         Examples
         --------

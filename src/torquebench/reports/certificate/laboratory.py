@@ -43,7 +43,7 @@ class _Policy(BaseModel):
 
 
 class Letterhead(BaseModel):
-    """The laboratory that issues, and the customer; the laboratory itself where none is given.
+    """The laboratory that issues, and the customer; the laboratory itself if none is given.
 
     `laboratory.people` are those who measure, check and sign there. `policy.unreviewed` is what
     becomes of a certificate that nobody has reviewed: it is refused, or every page states it. The
@@ -58,7 +58,7 @@ class Letterhead(BaseModel):
 
     @property
     def parties(self) -> tuple[Party, Party]:
-        """Laboratory and customer; both empty where there is no laboratory."""
+        """Laboratory and customer; both empty if there is no laboratory."""
         laboratory = Party() if self.laboratory is None else self.laboratory.party()
         return laboratory, laboratory if self.customer is None else self.customer.party()
 

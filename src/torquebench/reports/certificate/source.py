@@ -76,7 +76,7 @@ class Source:
     ) -> "Source":
         """Read and check what the certificate of a calibration rests on.
 
-        Its model is the one in use or the latest, unless another one is asked for.
+        Its model is the one in use or the latest, unless another one is requested.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Source:
         )
 
     def calibration_record(self) -> CalibrationRecord:
-        """Return the calibration as its profile is held against it."""
+        """Return the calibration as its profile is compared with it."""
         return CalibrationRecord(
             data=self.data,
             performed=self.run.started,

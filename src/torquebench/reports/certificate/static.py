@@ -28,7 +28,7 @@ __all__ = ["resolution_of", "static_tables", "zero_hysteresis_statement"]
 
 
 def resolution_of(data: CalibrationData) -> float:
-    """Return the resolution of a chain's indication in N·m, where nobody has stated one.
+    """Return the resolution of a chain's indication in N·m, if nobody has stated one.
 
     A counter's own steps are far below the noise, so that the noise decides what can be told
     apart: twice the median standard error of a point's mean.

@@ -30,7 +30,7 @@ STATIC_QUANTITIES = {
 
 
 def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
-    """Return the section of the static evaluation; None where there is none."""
+    """Return the section of the static evaluation; None if there is none."""
     if not record.static:
         return None
     first = record.static[0]

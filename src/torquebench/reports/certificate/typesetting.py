@@ -56,7 +56,7 @@ def certificate_pdf(
 
 
 def certificate_pages(record: CertificateRecord, language: str) -> list[bytes]:
-    """Return the pages of a certificate as PNG, to be looked at; raises like `certificate_pdf`."""
+    """Return the pages of a certificate as PNG, to be checked; raises like `certificate_pdf`."""
     return _typeset(record, language, None, format="png", ppi=PICTURE_PPI)
 
 

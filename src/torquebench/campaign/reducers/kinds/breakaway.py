@@ -41,7 +41,7 @@ __all__ = ["BACK_DRIVING", "STARTING"]
 FloatArray = NDArray[np.float64]
 
 PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
-"""What elastic contacts, backlash and wind-up may move before a side counts as turning."""
+"""What elastic contacts, backlash and wind-up may move before a side is treated as turning."""
 TAKEN_AWAY = 0.85
 """Share of the largest torque of a ramp below which its drive has let go."""
 

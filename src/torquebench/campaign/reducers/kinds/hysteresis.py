@@ -43,7 +43,7 @@ __all__ = ["WORK"]
 FloatArray = NDArray[np.float64]
 
 LARGE = 0.5
-"""Share of the loop's torque above which the torque counts as large."""
+"""Share of the loop's torque above which the torque is treated as large."""
 
 
 def _plan(
@@ -111,7 +111,7 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -
 
 
 def _flange(bench: Bench) -> FlangeInertia | None:
-    """Return what turns between the output's transducer and the reducer, where it is described."""
+    """Return what turns between the output's transducer and the reducer, if it is described."""
     module = bench.description.output
     if module.flange_inertia_kgm2 is None:
         return None

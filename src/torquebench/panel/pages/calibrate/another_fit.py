@@ -95,7 +95,7 @@ class AnotherFit:
 
 
 def titled(text: Text, model: Mapping[str, Any]) -> str:
-    """Return a model's title with the parameters that it was asked for."""
+    """Return a model's title with the parameters that it was requested."""
     said = [f"{name} {value}" for name, value in model.get("parameters", {}).items()]
     if model.get("rising_only"):
         said.append(text("fit.rising_only"))
@@ -106,7 +106,7 @@ def titled(text: Text, model: Mapping[str, Any]) -> str:
 def training_chart(
     text: Text, models: Mapping[str, Mapping[str, Any]], colours: Mapping[int, str]
 ) -> None:
-    """Show the training curve of every network, where there is one."""
+    """Show the training curve of every network, if there is one."""
     trained = [model for model in models.values() if model.get("training_curve")]
     if not trained:
         return

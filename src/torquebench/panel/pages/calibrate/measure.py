@@ -184,7 +184,7 @@ class PrepareStep:
 
 
 def _as_before(value: Any, options: Mapping[str, str]) -> str:
-    """Return the option of a value that was asked for before; the first one without."""
+    """Return the option of a value that was requested before; the first one without."""
     said = "" if value is None else f"{value:g}"
     return said if said in options else ""
 

@@ -76,7 +76,7 @@ class ModelsStep:
         table(text("models.before_after"), columns, rows)
 
     def _draw(self) -> None:
-        """Draw the chosen models: what they take off the reading, and what they leave."""
+        """Draw the chosen models: what they subtract the reading, and what they leave."""
         workflow, points = self._page.workflow, self._points
         standard, reading = points["standard_nm"], points["reading_nm"]
         raw = [shown - true for shown, true in zip(reading, standard, strict=True)]

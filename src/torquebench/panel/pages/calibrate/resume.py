@@ -68,7 +68,7 @@ def _discard(visitor: Visitor, run_id: str) -> None:
 
 
 def interrupted_note(visitor: Visitor) -> None:
-    """Offer to finish what is measured, and to go on where the newest calibration stopped."""
+    """Offer to finish what is measured, and to continue where the newest calibration stopped."""
     unfinished_notes(visitor, measured_only=True)
     found = visitor.service.interrupted()
     if found is None:
@@ -88,7 +88,7 @@ def interrupted_note(visitor: Visitor) -> None:
 
 
 def resume_button(visitor: Visitor, found: InterruptedView) -> Any:
-    """Make the button that goes on with an interrupted calibration."""
+    """Make the button that continues with an interrupted calibration."""
     return button(visitor.text("resume.button"), lambda: _ask(visitor, found), picture="redo")
 
 

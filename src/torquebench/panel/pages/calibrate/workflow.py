@@ -115,7 +115,7 @@ class CalibrationWorkflow:
 
 
 def find_workflow(jobs: list[JobView], dismissed: Dismissed) -> CalibrationWorkflow:
-    """Return the newest calibration's workflow; an empty one where there is none.
+    """Return the newest calibration's workflow; an empty one if there is none.
 
     Parameters
     ----------

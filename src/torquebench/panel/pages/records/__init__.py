@@ -1,1 +1,1 @@
-"""Records: runs, calibrations, certificates, drift, and tables from elsewhere."""
+"""Records: runs, calibrations, certificates, drift, and tables from another source."""

@@ -1,4 +1,4 @@
-"""Enter a calibration that was measured elsewhere: a CSV file, looked at before it is kept."""
+"""Enter a calibration that was measured on another bench: a CSV file, checked before it is kept."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class _Quantity:
-    """What was found of one specimen."""
+    """Results of one specimen."""
 
     value: float
     expanded_uncertainty: float

@@ -158,7 +158,7 @@ class _ReducerPage:
             self._chart.show(lines)
 
     def _read(self, signal: str) -> str:
-        """Return the signal that there is: the raw torque where nothing compensates it."""
+        """Return the signal that there is: the raw torque if nothing compensates it."""
         for side, found in self.visitor.service.snapshot().sides.items():
             if signal == f"{side}_torque_nm" and found.compensation is None:
                 return f"{side}_raw_nm"

@@ -37,7 +37,7 @@ def shown(value: Any) -> str:
 
 
 def parsed(text: str, before: Any) -> Any:
-    """Return the value that a field's text says; the kind of value is that of before.
+    """Return the value that a field's text says; the kind of value is that from before.
 
     Text that can't be read so is returned as it is: the document's own check says what is wrong.
 

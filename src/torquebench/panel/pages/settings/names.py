@@ -44,7 +44,7 @@ def unit_of(key: str) -> str:
 
 
 def setting_title(text: Text, key: str) -> str:
-    """Return what a setting is called; the key's own last word where nobody has named it.
+    """Return what a setting is called; the key's own last word if nobody has named it.
 
     Examples
     --------

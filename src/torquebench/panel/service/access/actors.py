@@ -57,7 +57,7 @@ def allows(role: Role, wanted: Role) -> bool:
 
 
 def require(actor: Actor, role: Role) -> None:
-    """Refuse whoever hasn't the role.
+    """Refuse the person who hasn't the role.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from torquebench.panel.service.store import PanelStore, clients, note, utc_text
 __all__ = ["Client", "Clients"]
 
 PREFIX = "tb_"
-"""So that a token that leaks into a file is found by whoever looks for secrets."""
+"""So that a token that leaks into a file is found by the person who looks for secrets."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 

@@ -20,7 +20,7 @@ from torquebench.panel.service.problems import LeaseError
 __all__ = ["IDLE_S", "CommandLease", "LeaseState"]
 
 IDLE_S = 120.0
-"""A holder who commands nothing for so long loses the lease to whoever wants it, s."""
+"""A holder who commands nothing for so long loses the lease to the person who wants it, s."""
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ FIRST_PAUSE_S = 30.0
 """After one wrong password too many, s; each further one doubles it."""
 PER_PERSON_AND_ADDRESS = 5
 PER_ADDRESS = 30
-"""There is no limit for a person from all addresses together: whoever is elsewhere could use it to
-shut that person out."""
+"""There is no limit for a person from all addresses together: the person who is elsewhere could use
+it to shut that person out."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ TOUCH_S = 60.0
 
 
 def at_once(action: Callable[[], None]) -> None:
-    """Do something now: for whoever has nobody else to do it."""
+    """Do something now: for the person who has nobody else to do it."""
     action()
 
 

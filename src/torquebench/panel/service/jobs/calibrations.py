@@ -278,7 +278,7 @@ def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
 
 
 def check_resumption(place: Workplace, request: ResumeRequest) -> None:
-    """Refuse a run that can't be gone on with."""
+    """Refuse a run that can't be resumed."""
     station = place.station
     confirm_clear(station.description, request.bench_clear)
     _choices(request.models)

@@ -1,4 +1,4 @@
-"""Jobs that bring an unfinished run to its end, or say that nothing comes of it.
+"""Jobs that bring an unfinished run to its end, or say that it has no result.
 
 Details of their results: of a calibration those of "calibrate"; of other runs none.
 """
@@ -50,7 +50,7 @@ def unfinished(registry: Registry) -> list[UnfinishedView]:
 
 
 class FinishRequest(JobRequest):
-    """Enter, fit and register a run that was left behind; nothing is measured again."""
+    """Enter, fit and register a run that was left; nothing is measured again."""
 
     run_id: RunId
 

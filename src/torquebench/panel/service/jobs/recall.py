@@ -1,4 +1,4 @@
-"""Calibrations out of the records, to go on with in the wizard as if they had just been made."""
+"""Calibrations out of the records, to continue with in the wizard as if they had just been made."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ class InterruptedView:
 
 
 def interrupted_calibration(registry: Registry, run_id: str = "") -> InterruptedView | None:
-    """Return a run that can be gone on with; by default the newest calibration, if it is one.
+    """Return a run that can be resumed; by default the newest calibration, if it is one.
 
-    None where nothing is to be gone on with; why not is said by whoever tries.
+    None if nothing is to be resumed; why not is said by the person who tries.
     """
     try:
         if not run_id:

@@ -72,7 +72,7 @@ class StandardReducerRequest(MountedRequest):
 
     Input driven in steps of speed, output free. `reducer` names a description with certified
     friction; without it, what the simulated bench brings along. The largest error and the largest
-    difference between repeats are judged by `tolerance_percent_fs`.
+    difference between repeats are evaluated by `tolerance_percent_fs`.
     """
 
     reducer: ProfileName | None = None

@@ -42,13 +42,13 @@ ABORT_LOOK_S = 0.1
 
 
 class JobRequest(BaseModel):
-    """What a job is asked for; every kind has its own fields."""
+    """What a job is requested; every kind has its own fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class MountedRequest(JobRequest):
-    """What a job is asked for that works with something mounted.
+    """What a job is requested that works with something mounted.
 
     `mounting` is what was found at the mounting, for the record, the report and the certificate.
     """
@@ -82,7 +82,7 @@ class JobContext(Workplace):
     actor: Actor
 
     def check(self) -> None:
-        """End here where an abort was asked for."""
+        """End here where an abort was requested."""
         if self.job.cancelled.is_set():
             raise ProcessEndedError("the job was ended")
 
@@ -260,7 +260,7 @@ class JobRunner:
     def recall(
         self, actor: Actor, kind: str, request: Mapping[str, Any], result: JobResult
     ) -> JobView:
-        """List a job of the records as done: what it found can then be gone on with.
+        """List a job of the records as done: what it found can then be resumed.
 
         Raises
         ------
@@ -298,7 +298,7 @@ class JobRunner:
         return validated(kind.request, request, kind.name)
 
     def command(self, actor: Actor) -> None:
-        """Refuse whoever doesn't command; where nobody does, he does from now on."""
+        """Refuse the person who doesn't command; if nobody does, he does from now on."""
         if self._lease.state().holder is None:
             self._lease.take(actor)
         self._lease.require(actor)
@@ -423,7 +423,7 @@ class JobRunner:
         return self._view(job)
 
     def finish(self, actor: Actor, job_id: str) -> JobView:
-        """End a job that goes on until then, with its result; raises like `pause`."""
+        """End a job that continues until then, with its result; raises like `pause`."""
         job = self._commanded(actor, job_id)
         if not job.can_finish:
             raise BusyError(f"{job.title} can't be finished", "a recording")

@@ -65,7 +65,7 @@ class LevelRing:
         self.count += 1
 
     def newest(self, rows: int) -> Rows:
-        """Copy of at most so many newest rows, oldest first."""
+        """Copy of at most this number of newest rows, oldest first."""
         rows = max(0, min(rows, self.count, self.capacity))
         places = np.arange(self.count - rows, self.count) % self.capacity
         values = self._values[:, :, places]
@@ -159,7 +159,7 @@ class TrendMemory:
 
 
 def nan_mean(values: Array) -> Array:
-    """Mean over the last axis of what is a number; NaN where nothing is.
+    """Mean over the last axis of what is a number; NaN if nothing is.
 
     Examples
     --------

@@ -21,7 +21,7 @@ LARGEST_GAP = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Amplitudes of a signal over frequency, its mean taken off.
+    """Amplitudes of a signal over frequency, its mean subtracted.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tables of calibrations that were measured elsewhere: looked at, and entered as records.
+"""Tables of calibrations that were measured on another bench: checked, and entered as records.
 
 What is handed in is text. It is bounded before anything parses it, and nothing in it, nor the
 name that it goes by, is ever taken for a path.
@@ -64,10 +64,10 @@ Needed = Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x
 
 
 class TableRequest(BaseModel):
-    """A calibration that was measured elsewhere, as CSV text, and what it is held against.
+    """A calibration that was measured on another bench, as CSV text, and what it is compared with.
 
     The columns are `reading_nm` and `standard_nm`, in measuring order, and `series`, `branch`,
-    `direction`, `nominal_nm`, `position_deg`, `temperature_c`, … where they are known.
+    `direction`, `nominal_nm`, `position_deg`, `temperature_c`, … if they are known.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -107,7 +107,7 @@ class EnterTableRequest(TableRequest):
 
 @dataclass(frozen=True)
 class TableDirection:
-    """What was found in one direction, without compensation.
+    """Result in one direction, without compensation.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class TableDirection:
 
 @dataclass(frozen=True)
 class TableView:
-    """A table as it was read and judged; nothing is kept of it.
+    """A table as it was read and evaluated; nothing is kept of it.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ _CHANGEABLE = re.compile(
     r"|bench\.(name|reducer_ratio)|temperatures"
 )
 _FILES = re.compile(r".*\.certificate")
-"""Names of files stay where nobody on a network can change them: in the bench's own file."""
+"""Names of files stay if nobody on a network can change them: in the bench's own file."""
 
 
 class SettingsStore:
@@ -210,7 +210,7 @@ class SettingsStore:
     def _checked(
         self, section: str, name: str, document: Mapping[str, Any] | None
     ) -> tuple[dict[str, Any], dict[str, Any], int]:
-        """Return a document as it is and as it would be, and the version that was looked at."""
+        """Return a document as it is and as it would be, and the version that was checked."""
         found = find_section(section)
         if depth(document) > DEEPEST:
             raise InputError("tables nested too deeply", f"{DEEPEST} levels at most")
