@@ -166,6 +166,22 @@ def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -
         driver.execute_cdp_cmd("Emulation.setLocaleOverride", {})
 
 
+def test_pages_load_nothing_from_elsewhere(person: Visitor) -> None:
+    answer = httpx.get(f"{person.panel.url}/sign-in")
+    policy = answer.headers["Content-Security-Policy"]
+    sources = {source for part in policy.split(";") for source in part.split()[1:]}
+    own = {"'self'", "'none'", "'unsafe-inline'", "'unsafe-eval'", "data:", "blob:"}
+    assert sources <= own
+    assert {"default-src 'self'", "connect-src 'self'"} <= {
+        part.strip() for part in policy.split(";")
+    }
+    person.open("/sign-in")
+    script = "return performance.getEntriesByType('resource').map((each) => each.name)"
+    loaded = person.driver.execute_script(script)
+    assert loaded
+    assert all(each.startswith((person.panel.url, "data:", "blob:")) for each in loaded)
+
+
 def test_a_page_is_printed_without_buttons_and_with_its_charts(person: Visitor) -> None:
     driver = person.driver
     person.open("/calibrate")

@@ -65,6 +65,12 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sign_in("Ana", "/calibrate")
     ana.sees("In command: Ben")
     ana.sees("Before and after")
+    ana.press("Begin another calibration")  # the wizard is everybody's: who commands decides
+    ana.sees("Ben is in command of the bench")
+    assert ana.axe() == []  # with the message
+    ana.driver.find_element("css selector", ".messages button").click()
+    assert "Before and after" in ana.text
+    assert "Before and after" in ben.text
 
     ben.press("Back")
     ben.sees("Error of the raw reading")

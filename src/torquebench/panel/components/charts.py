@@ -33,6 +33,8 @@ class Line:
         ECharts' name of the symbol.
     labels : sequence of str
         Written beside the points; none without.
+    beside : str
+        On which side of the points: "left", "right", "top" or "bottom".
     """
 
     title: str
@@ -43,6 +45,7 @@ class Line:
     dashed: bool = False
     symbol: str = "circle"
     labels: Sequence[str] = ()
+    beside: str = "right"
 
 
 def _colour(name: str) -> str:
@@ -98,7 +101,7 @@ def _series(line: Line, *, names: bool) -> dict[str, Any]:
         "label": {
             "show": bool(line.labels),
             "formatter": "{b}",
-            "position": "right",
+            "position": line.beside,
             "fontSize": 13,
             ":color": _colour("--ink"),
         },

@@ -207,12 +207,13 @@ def table(
                 with box("tr", "best" if place == best else "") as line:
                     if place in chosen:
                         line.props["aria-selected"] = "true"
-                    for (_, numbers), value in zip(columns, row, strict=True):
+                    for (heading, numbers), value in zip(columns, row, strict=True):
+                        kind = "number" if numbers else ""
                         if isinstance(value, datetime):
-                            with box("td"):
+                            with box("td", kind, data_heading=heading):
                                 moment(value)
                         else:
-                            words("td", value, "number" if numbers else "")
+                            words("td", value, kind, data_heading=heading)
                     if on_row is not None:
                         _row_button(open_label, str(row[0]), place, on_row)
     return frame

@@ -44,6 +44,7 @@ def sign_in_page(service: BenchService, request: Request) -> None:
     head(text, look_of(request), title)
     target = safe_target(request.query_params.get("next", "/"))
     with box("div", "sign-in"), box("div", "panel stack"):
+        words("div", "torquebench", "product")
         words("div", text.core(service.snapshot().bench_name), "muted")
         words("h1", title)
         if first:

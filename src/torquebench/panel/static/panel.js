@@ -82,7 +82,8 @@
       if (time.shownFor === time.dateTime && time.textContent === time.shown) continue;
       const timeStyle = time.dataset.seconds ? "medium" : "short";
       time.shownFor = time.dateTime;
-      time.shown = new Date(time.dateTime).toLocaleString(undefined, { dateStyle: "medium", timeStyle });
+      const locale = root.lang.startsWith("en") ? undefined : root.lang;
+      time.shown = new Date(time.dateTime).toLocaleString(locale, { dateStyle: "medium", timeStyle });
       time.textContent = time.shown;
       time.title = time.dateTime.replace("T", " ").replace("Z", " UTC");
     }

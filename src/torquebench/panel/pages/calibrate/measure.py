@@ -222,7 +222,7 @@ def _extremes(
     return [
         (
             text(f"preview.{what}", side=text(f"side.{side}")),
-            text("preview.of", value=f"{value:g}", limit=f"{limit[side]:g}", unit=unit),
+            text("preview.of", value=f"{value:.4g}", limit=f"{limit[side]:g}", unit=unit),
         )
         for side, value in largest.items()
         if value and side in limit

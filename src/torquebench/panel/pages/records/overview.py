@@ -51,7 +51,7 @@ class _Runs:
         unfinished_notes(self._visitor)
         self._opened = box("div", "stack")
         with panel(text("records.runs")), box("div", "stack"):
-            with box("div", "columns"):
+            with box("div", "columns narrow"):
                 self._search = Field(
                     text("records.search"), kind="search", on_change=lambda _: self._first()
                 )

@@ -23,6 +23,8 @@ __all__ = ["comparison", "outcomes"]
 
 KINDS = {"pass": "good", "conditionalPass": "warn", "conditionalFail": "warn", "fail": "bad"}
 EARLIER = 20
+NEAR = 0.06
+"""Share of a loop's torque around zero that is drawn once more."""
 
 
 def number(value: float) -> str:
@@ -85,27 +87,46 @@ def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:
             )
 
 
+def _beside(point: Mapping[str, Any]) -> str:
+    """Return on which side of a key point there is room for its name."""
+    falling = "↓" in point["label"] or ("↑" not in point["label"] and point["torque_nm"] > 0.0)
+    return "left" if falling else "right"
+
+
 def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
-    """Draw a torque-angle loop with its key points, and list them."""
-    torque, points = loop["torque_nm"], loop["points"]
-    Chart(
-        text("reducer.loop_label"),
-        text("reducer.loop_torque"),
-        text("reducer.loop_angle"),
-        [
-            Line(text("measure.rising"), torque, loop["rising_arcmin"], "--series-2"),
-            Line(text("measure.falling"), torque, loop["falling_arcmin"], "--series-1"),
-            Line(
-                text("reducer.key_points"),
-                [point["torque_nm"] for point in points],
-                [point["angle_arcmin"] for point in points],
-                "--ink",
-                points=True,
-                labels=[point["label"] for point in points],
-            ),
-        ],
-        tall=True,
-    )
+    """Draw a torque-angle loop, and around zero once more, with key points; list them."""
+    points = loop["points"]
+    near_nm = NEAR * max((abs(torque) for torque in loop["torque_nm"]), default=0.0)
+    with box("div", "columns"):
+        for title, near in (("reducer.loop_label", False), ("reducer.loop_near", True)):
+            inside = [
+                row for row, torque in enumerate(loop["torque_nm"])
+                if not near or abs(torque) <= near_nm
+            ]  # fmt: skip
+            torque = [loop["torque_nm"][row] for row in inside]
+            branches = (("rising", "--series-2"), ("falling", "--series-1"))
+            lines = [
+                Line(text(f"measure.{branch}"), torque,
+                     [loop[f"{branch}_arcmin"][row] for row in inside], colour)
+                for branch, colour in branches
+            ]  # fmt: skip
+            shown = [each for each in points if (abs(each["torque_nm"]) <= near_nm) == near]
+            for side in ("left", "right"):
+                mine = [each for each in shown if _beside(each) == side]
+                lines.append(
+                    Line(
+                        text("reducer.key_points"),
+                        [each["torque_nm"] for each in mine],
+                        [each["angle_arcmin"] for each in mine],
+                        "--ink",
+                        points=True,
+                        labels=[each["label"] for each in mine],
+                        beside=side,
+                    )
+                )
+            axes = (text("reducer.loop_torque"), text("reducer.loop_angle"))
+            with box("div"):
+                Chart(text(title), *axes, lines, tall=True)
     columns = [(text("reducer.key_point"), False), (text("reducer.loop_torque"), True),
                (text("reducer.loop_angle"), True)]  # fmt: skip
     rows = [
