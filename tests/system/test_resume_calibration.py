@@ -370,7 +370,7 @@ def test_a_profile_says_what_an_interruption_costs(
 
         station.drivers.operator.seat = noted  # type: ignore[method-assign]
         if series is None:
-            with pytest.raises(InputError, match="in one go"):
+            with pytest.raises(InputError, match="without interruption"):
                 resume_calibration(station, interrupted)
             return
         assert interrupted.series == series

@@ -132,7 +132,7 @@ class DescriptionRow(Base):
 
 
 class ComponentRow(Base):
-    """A piece of equipment fitted into another one, or removed of it."""
+    """A piece of equipment fitted into another one, or taken out of it."""
 
     __tablename__ = "components"
 

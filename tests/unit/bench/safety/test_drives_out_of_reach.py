@@ -179,6 +179,6 @@ def test_a_drive_that_fails_at_a_command_is_an_alarm(open_bench: OpenBench, bloc
         play(bench, scene)
         alarm = bench.supervisor.alarm
         assert alarm.name == "drive fault: output"
-        assert "told to go to 100 N·m" in alarm.found
+        assert "commanded to go to 100 N·m" in alarm.found
         assert bench.supervisor.wait_safe(30.0)
         assert not bench.simulated.drives["output"].state().enabled
