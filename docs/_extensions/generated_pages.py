@@ -38,6 +38,11 @@ SETTINGS = {
         "torquebench.reports.certificate.laboratory",
         "Letterhead",
     ),
+    "sparkplug": (
+        "Sparkplug settings",
+        "torquebench.panel.sparkplug.settings",
+        "SparkplugSettings",
+    ),
 }
 
 
@@ -181,7 +186,7 @@ def _type(annotation: Any, file: str) -> str:
         return f"list of {_type(get_args(annotation)[0], file)}"
     if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
         return f"[table](#{file}-{annotation.__name__})"
-    names = {str: "text", float: "number", int: "integer", bool: "true or false"}
+    names = {str: "text", float: "number", int: "integer", bool: "true or false", Path: "path"}
     return names.get(annotation, getattr(annotation, "__name__", "table"))
 
 

@@ -28,9 +28,11 @@ INTERRUPTED = 130
 """Ctrl-C, as shells count it (128 + SIGINT)."""
 
 
-_DISTRIBUTIONS = {"argon2": "argon2_cffi"} | dict.fromkeys(
-    ("fastapi", "starlette", "uvicorn"), "nicegui"
-)
+_DISTRIBUTIONS = {
+    "argon2": "argon2_cffi",
+    "google": "protobuf",
+    "paho": "paho_mqtt",
+} | dict.fromkeys(("fastapi", "starlette", "uvicorn"), "nicegui")
 """Libraries whose name isn't that of the module, or that come with another one."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -51,6 +52,12 @@ def panel(
         bool,
         typer.Option("--fast", help="Simulated procedures run as fast as they compute."),
     ] = False,
+    sparkplug: Annotated[
+        Path | None,
+        typer.Option(
+            help="Publish the bench by MQTT Sparkplug B, as this settings file (.toml) says."
+        ),
+    ] = None,
 ) -> None:
     """Open the bench and serve the operator panel and the HTTP API.
 
@@ -64,6 +71,12 @@ def panel(
     address = Address(host, port, tls_cert, tls_key, insecure_network, names, behind_proxy)
     address.check()  # before anything is loaded that takes seconds
     description = bench_description(bench)
+    published = None
+    if sparkplug is not None:
+        from torquebench.panel.sparkplug.publisher import Publisher
+        from torquebench.panel.sparkplug.settings import load_settings
+
+        published = load_settings(sparkplug)
 
     from torquebench.panel.server import serve
     from torquebench.panel.service import BenchService
@@ -85,5 +98,11 @@ def panel(
                 )
             note("Ctrl-C ends it.")
 
-        serve(service, address, ready)
+        with contextlib.ExitStack() as publishing:
+            if published is not None:
+                publisher = Publisher.of(
+                    service, published, lambda text: note(f"Sparkplug: {text}")
+                )
+                publishing.enter_context(publisher)
+            serve(service, address, ready)
     note("panel ended; the bench is without torque")

@@ -1,0 +1,53 @@
+"""Readings of a bench that a test sets, for the publisher of Sparkplug."""
+
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from torquebench.panel.sparkplug.metrics import DEVICES, NODE, Reading, Readings
+from torquebench.panel.sparkplug.payload import Quality
+from torquebench.panel.sparkplug.publisher import Publisher
+from torquebench.panel.sparkplug.settings import SparkplugSettings
+
+
+@dataclass
+class ScriptedBench:
+    """What is told, and what the publisher says."""
+
+    values: dict[str, dict[str, Reading]] = field(default_factory=dict)
+    alive: bool = True
+    counting: bool = False
+    counted: int = 0
+    notes: list[str] = field(default_factory=list)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self.put(NODE, "Bench/State", "idle")
+        for device in DEVICES:
+            self.put(device, "Torque/Range", 2000.0)
+            self.put(device, "Torque/Value", 10.0)
+            self.put(device, "Speed/Value", 0.0)
+
+    def put(self, device: str, name: str, value: Any, quality: Quality = Quality.GOOD) -> None:
+        """Set a metric as measured now."""
+        with self._lock:
+            now = round(time.time() * 1000)
+            self.values.setdefault(device, {})[name] = Reading(value, now, quality)
+
+    def read(self) -> Readings:
+        """Return what is set; while it counts, the input's speed is another number each time."""
+        if self.counting:
+            self.counted += 1
+            self.put("input", "Speed/Value", float(self.counted))
+        with self._lock:
+            values = {device: dict(found) for device, found in self.values.items()}
+        return Readings(values, self.alive)
+
+    def publisher(self, folder: Path, *brokers: str, **settings: Any) -> Publisher:
+        """Return a publisher of this bench that samples ten times a second."""
+        known = {"group_id": "Hall 3", "edge_node_id": "Bench 7", "interval_s": 0.1}
+        known |= {"reconnect_first_s": 0.1, "reconnect_longest_s": 0.3, "keep_alive_s": 5}
+        asked = SparkplugSettings.model_validate({"brokers": brokers} | known | settings)
+        return Publisher(asked, folder, self.read, self.notes.append)
