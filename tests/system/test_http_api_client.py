@@ -4,7 +4,9 @@ import asyncio
 import contextlib
 import io
 import json
+import os
 import re
+import subprocess
 import time
 import zipfile
 from collections.abc import Iterator
@@ -218,7 +220,7 @@ def test_what_happens_is_told_to_whoever_listens(server: Server, admin: httpx.Cl
             await _acknowledged(other, [alarm["alarm_id"]])
             await asyncio.wait_for(listening, 60.0)
 
-    with token_of(server, admin, "plant", "operator") as token:
+    with token_of(server, admin, "listener", "operator") as token:
         asyncio.run(listened(token))
     names = [event.name for event in told]
     assert {"job", "alarm"} <= set(names)
@@ -260,6 +262,27 @@ def test_the_documentations_example_runs(
     assert verdict in ("pass", "conditionalPass", "conditionalFail", "fail")
     assert abs(float(reading)) < 100.0
     assert json.loads(Path("model.json").read_text())["format"] == "torquebench-model"
+
+
+def test_the_documentations_requests_by_curl_are_answered(
+    server: Server, admin: httpx.Client
+) -> None:
+    page = Path(__file__).parents[2] / "docs" / "reference" / "http-api.md"
+    requests = re.findall(r"```sh\n(curl .*?)```", page.read_text("utf-8"), re.S)
+    assert requests
+    session = admin.headers["Authorization"].removeprefix("Bearer ")
+    for request in requests:
+        answered = subprocess.run(
+            ["sh", "-ec", request],
+            env={**os.environ, "URL": server.url, "SESSION": session},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=60,
+        )
+        assert "token" in json.loads(answered.stdout), answered.stdout
+    named = [each["name"] for each in admin.get("/clients").json()]
+    assert "plant" in named
 
 
 def test_a_job_that_fails_is_an_error_with_its_reason(max_: Client) -> None:

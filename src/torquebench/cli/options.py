@@ -215,6 +215,6 @@ def check_output_folder(path: Path) -> Path:
         Where it is standard output, a file or a device.
     """
     if is_standard_output(path) or (path.exists() and not path.is_dir()):
-        what = "standard output" if is_standard_output(path) else f"{path}, a file"
-        raise InputError(f"several files for {what}", "a folder", "name a folder")
+        what = "standard output, for several files" if str(path) == "-" else f"{path} is a file"
+        raise InputError(what, "a folder", "name a folder")
     return path

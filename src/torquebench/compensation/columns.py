@@ -29,14 +29,18 @@ BRANCH_WORDS: Mapping[str, int] = {
     **dict.fromkeys(
         (
             *("up", "increasing", "inc", "rising", "+1", "1", "1.0"),
-            *("auf", "aufwärts", "steigend", "belastung", "加载", "上行", "进程", "升"),
+            *("ascending", "loading", "upwards", "↑"),
+            *("auf", "aufwärts", "aufsteigend", "steigend", "zunehmend", "belastung"),
+            *("加载", "上行", "进程", "正行程", "升程", "增载", "递增", "升"),
         ),
         1,
     ),
     **dict.fromkeys(
         (
             *("down", "decreasing", "dec", "falling", "-1", "-1.0"),
-            *("ab", "abwärts", "fallend", "entlastung", "卸载", "下行", "回程", "降"),
+            *("descending", "unloading", "downwards", "↓"),
+            *("ab", "abwärts", "absteigend", "fallend", "abnehmend", "entlastung"),
+            *("卸载", "下行", "回程", "反行程", "降程", "减载", "递减", "降"),
         ),
         -1,
     ),

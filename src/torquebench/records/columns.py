@@ -110,31 +110,18 @@ _FOREIGN_OTHER = {
 _STEMS = {
     **dict.fromkeys(
         (
-            "anzeige",
-            "messwert",
-            "indication",
-            "indicated torque",
-            "measured torque",
-            "示值",
-            "读数",
-            "测量值",
+            *("anzeige", "messwert", "istwert", "prüfling", "prüfmoment", "aufnehmer"),
+            *("indication", "indicated torque", "measured torque", "measured", "dut", "uut"),
+            *("示值", "读数", "测量值", "测量扭矩", "实测值", "实测扭矩", "被测值", "显示值"),
         ),
         "reading",
     ),
     **dict.fromkeys(
         (
-            "reference",
-            "reference torque",
-            "referenz",
-            "referenzmoment",
-            "normal",
-            "normalmoment",
-            "bezugsmoment",
-            "标准",
-            "标准值",
-            "标准扭矩",
-            "参考值",
-            "参考扭矩",
+            *("reference", "reference torque", "reference value", "standard torque"),
+            *("referenz", "referenzmoment", "referenzwert", "normal", "normalmoment"),
+            *("bezugsmoment", "bezugswert"),
+            *("标准", "标准值", "标准扭矩", "标准转矩", "参考值", "参考扭矩", "参考转矩"),
         ),
         "standard",
     ),
@@ -147,7 +134,8 @@ _STEMS = {
     **dict.fromkeys(("zeit", "时间"), "time"),
     **dict.fromkeys(("winkelbeschleunigung", "角加速度"), "acceleration"),
     **dict.fromkeys(("reihe", "messreihe", "序列", "系列"), "series"),
-    **dict.fromkeys(("ast", "belastungsrichtung", "行程", "分支"), "branch"),
+    **dict.fromkeys(("ast", "auf", "up", "belastungsrichtung", "行程", "分支"), "branch"),
+    **dict.fromkeys(("load direction", "loading direction", "加载方向"), "direction"),
     **dict.fromkeys(("richtung", "drehrichtung", "方向"), "direction"),
 }
 """What columns are called in German, English and Chinese. In a table of readings and standards a
@@ -266,9 +254,19 @@ def chosen_columns(
                 f"{table.origin} has no column {_own_name(name, wanted[name])}; "
                 f"it has {', '.join(table.header)}",
                 f"the columns {', '.join(names)}, or others with their unit",
-                _remedy(table, name, wanted[name], taken),
+                _remedy(table, name, wanted[name], taken - _optional(found, required, wanted)),
             )
     return found
+
+
+def _optional(
+    found: Mapping[str, Source],
+    required: Sequence[str],
+    wanted: Mapping[str, Kind],
+) -> set[str]:
+    """Return headers that were understood as what needn't be there, by another name than ours."""
+    headers = {header for name, (header, _) in found.items() if name not in required}
+    return {each for each in headers if _by_own_name(each, wanted) is None}
 
 
 def understood(
@@ -306,6 +304,10 @@ def understood(
     names = {_own_name(name, kind): name for name, kind in _CALIBRATION.items()}
     chosen = chosen_columns(table, _CALIBRATION, [names[key] for key in required], mapping)
     labels = {chosen.pop(name)[0]: name for name in LABELS if name in chosen}
+    for header, name in labels.items():  # a direction is called so whether of torque or of loading
+        words = {text.lower() for text in table.texts(header)} if name == "direction" else set()
+        if "branch" not in labels.values() and words & (BRANCH_WORDS.keys() - _DIRECTIONS.keys()):
+            labels[header] = "branch"
     renamed = tuple(labels.get(header, header) for header in table.header)
     numbers = {
         key: (chosen[name][0], chosen[name][1] / (DEGREE if name == "position" else 1.0))

@@ -24,6 +24,9 @@ __all__ = [
 ]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+_SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)?"?', re.IGNORECASE)
+_WHOLE = re.compile(r"[+-]?[0-9]+", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
 """How a spreadsheet writes a cell that it can't compute, in its languages."""
@@ -112,8 +115,11 @@ class CsvTable:
         Raises
         ------
         InputError
-            Naming the first cell whose mark differs from that of an earlier cell.
+            Naming the first cell whose mark differs from that of an earlier cell, or whose mark
+            must separate thousands.
         """
+        for column in columns:
+            self._check_thousands(column)
         first: dict[str, str] = {}
         for row in range(len(self.rows)):
             for column in columns:
@@ -129,6 +135,21 @@ class CsvTable:
                             "one decimal mark throughout the file",
                             "save the file again with one number format",
                         )
+
+    def _check_thousands(self, column: str) -> None:
+        """Refuse 1,200 after 980: a mark before three digits, where others without are larger."""
+        texts = self.texts(column)
+        marked = [row for row, text in enumerate(texts) if set(text) & {",", "."}]
+        whole = [abs(int(text)) for text in texts if _WHOLE.fullmatch(text)]
+        if not marked or not whole or not all(_THOUSANDS.fullmatch(texts[row]) for row in marked):
+            return
+        largest = max(abs(float(texts[row].replace(",", "."))) for row in marked)
+        if 100 <= max(whole) < 1000 and 5.0 * largest < max(whole):
+            raise InputError(
+                f"{self.place(marked[0], column)}: {texts[marked[0]]!r} beside {max(whole)}",
+                "numbers without thousands separators",
+                "save the file without them, or with as many decimals in every cell",
+            )
 
 
 def read_csv(path: Path) -> CsvTable:
@@ -238,6 +259,9 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
     text = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
     remarks = dict(_remarks(text))
     content = _uncommented(text)
+    first = next((n for n, line in enumerate(content) if line.strip()), None)
+    if first is not None and _SEPARATOR_LINE.fullmatch(content[first].strip()):
+        content[first] = ""  # what spreadsheets write and take for themselves
     head = next((line for line in content if line.strip()), None)
     if head is None:
         raise InputError(f"{origin} is empty", "a header line and at least one line of values")
@@ -341,7 +365,7 @@ def _row(
 def _what_number(text: str) -> tuple[str, str]:
     if _SPREADSHEET_ERROR.match(text):
         return "a number: this is a spreadsheet's error", "correct its formula, or remove the line"
-    if re.fullmatch(r"[+-]?[0-9][0-9.,' ]*", text):
+    if re.fullmatch(r"[+-]?[0-9][0-9.,'’ \u2009\u202f]*", text):
         return (
             "one decimal comma or point and no thousands separators",
             "save the file without thousands separators",

@@ -505,7 +505,7 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
     """Refuse two points at one standard value of one series, branch, direction and position.
 
     A ramp that was recorded point by point meets the same values again and again; a series at
-    another speed or temperature may.
+    another speed or temperature may. A series in both directions meets zero several times.
     """
     if len(data) > _MOST_STEPS:
         return
@@ -513,7 +513,7 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     stretch = np.broadcast_to(stretches(data.speed_rpm, data.temperature_c), (len(data),))
     seen: dict[tuple[float, ...], int] = {}
-    for row in range(len(data)):
+    for row in np.flatnonzero(data.standard_nm):
         key = (
             float(data.standard_nm[row]),
             float(data.series[row]),

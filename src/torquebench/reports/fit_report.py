@@ -106,7 +106,7 @@ def _comparison(result: FitResult, comparison: Comparison) -> Section:
             number(score.worst_percent_fs),
             number(score.rms_percent_fs),
             number(score.worst_averaged_nm),
-            number(score.effective_parameters),
+            f"{score.effective_parameters:.3g}",
             score.reason,
         )
         for score in comparison.scores

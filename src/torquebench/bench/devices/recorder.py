@@ -17,7 +17,8 @@ from torquebench.bench.active_chain import TimedTorque
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, torque_channel
-from torquebench.errors import SignalFault
+from torquebench.chain.effects.static_curve import StaticCurve
+from torquebench.errors import InputError, SignalFault
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["ModuleRecording", "Recorder", "SynchronousRecording", "group_delay_s"]
@@ -156,6 +157,8 @@ class Recorder(Device, AsyncReadable, Triggerable):
         ------
         SignalFault
             A torque has a fault, an encoder jumped, or the stretch is older than what is kept.
+        InputError
+            A reading lies outside of what was calibrated.
         """
         self._context.supervisor.raise_if_latched()
         start_s, self._stop_s = self._start_s, self._context.clock.now()
@@ -251,6 +254,10 @@ class Recorder(Device, AsyncReadable, Triggerable):
             unknown = np.full(counted_s.size, np.nan)
             return counted_s - delay_s, reading_nm, unknown, unknown
         torque = found.torque
+        if not np.isfinite(torque.value_nm).all():
+            active = self._context.acquisition.compensation(side)
+            assert active is not None
+            refuse_outside(side, active.chain.curve, reading_nm)
         curve = np.hypot(torque.component("static curve"), torque.component("hysteresis"))
         return (
             found.time_s - delay_s,
@@ -283,6 +290,25 @@ class Recorder(Device, AsyncReadable, Triggerable):
         }
         count = DataKey(source="bench://recorder/samples", dtype="integer", shape=[])
         return {**keys, f"{self.name}-samples": count}
+
+
+def refuse_outside(side: Side, curve: StaticCurve, reading_nm: FloatArray) -> None:
+    """Refuse readings of which the measuring chain in use knows nothing.
+
+    Raises
+    ------
+    InputError
+        Naming the side, the farthest reading and the calibrated range.
+    """
+    beyond = reading_nm[(reading_nm < curve.low_nm) | (reading_nm > curve.high_nm)]
+    if beyond.size == 0:
+        return
+    farthest = float(beyond[np.argmax(np.abs(beyond))])
+    raise InputError(
+        f"{side} module: a reading of {farthest:.4g} N·m outside the calibrated range",
+        f"{curve.low_nm:.4g} to {curve.high_nm:.4g} N·m, margin included",
+        f"calibrate the {side} over all that the test needs, or put another calibration into use",
+    )
 
 
 def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) -> FloatArray:
