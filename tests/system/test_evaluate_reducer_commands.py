@@ -190,7 +190,7 @@ def test_a_limit_that_is_not_kept_ends_with_1_and_the_result_is_there(tmp_path: 
 def test_an_output_that_is_a_file_is_refused(no_load: Path, tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     taken.write_text("mine")
-    refused(evaluate("no-load", no_load, "--output", taken), "is a file", "--output")
+    refused(evaluate("no-load", no_load, "--output", taken), "is a file", "a folder")
     assert taken.read_text() == "mine"
 
 

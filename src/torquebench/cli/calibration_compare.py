@@ -115,8 +115,8 @@ def _print(found: CalibrationComparison) -> None:
         table.add_row(
             f"{step.reading_nm:.5g}",
             BRANCHES[step.branch],
-            f"{step.before_nm:.4g}",
-            f"{step.after_nm:.4g}",
+            stated(step.before_nm, step.expanded_uncertainty_nm)[0],
+            stated(step.after_nm, step.expanded_uncertainty_nm)[0],
             *stated(step.change_nm, step.expanded_uncertainty_nm),
             f"{step.normalised_error:+.2f}",
             "[yellow]changed[/yellow]" if step.significant else "",

@@ -513,7 +513,7 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     stretch = np.broadcast_to(stretches(data.speed_rpm, data.temperature_c), (len(data),))
     seen: dict[tuple[float, ...], int] = {}
-    for row in np.flatnonzero(data.standard_nm):
+    for row in np.flatnonzero(data.standard_nm).tolist():
         key = (
             float(data.standard_nm[row]),
             float(data.series[row]),

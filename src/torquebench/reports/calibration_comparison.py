@@ -57,15 +57,17 @@ def calibration_comparison_page(found: CalibrationComparison) -> Page:
 
 
 def _row(step: CalibrationStep) -> tuple[str, ...]:
-    change, expanded = stated(step.change_nm, step.expanded_uncertainty_nm)
+    before, after = (
+        stated(torque, step.expanded_uncertainty_nm)[0]
+        for torque in (step.before_nm, step.after_nm)
+    )
     mark = " *" if step.significant else ""
     return (
         f"{step.reading_nm:.5g}",
         BRANCHES[step.branch] or "–",
-        f"{step.before_nm:.4g}",
-        f"{step.after_nm:.4g}",
-        change,
-        expanded,
+        before,
+        after,
+        *stated(step.change_nm, step.expanded_uncertainty_nm),
         f"{step.normalised_error:+.2f}{mark}",
     )
 

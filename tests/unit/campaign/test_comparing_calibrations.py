@@ -126,3 +126,14 @@ def test_the_page_shows_steps_and_figure(registry: Registry, tmp_path: Path) -> 
     assert text.count("<svg") == 1
     assert "E_n" in text
     assert write_report(page, tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_torques_have_the_decimals_of_their_uncertainty(registry: Registry) -> None:
+    numbers = [calibrate(registry, gain, months=m) for m, gain in enumerate((1.0, 1.002), 1)]
+    page = calibration_comparison_page(compare_calibrations(registry, *numbers))
+    rows = next(
+        block.rows for section in page.sections for block in section.blocks if block.kind == "table"
+    )
+    for row in rows:
+        _, _, before, after, change, expanded, _ = row
+        assert len({len(each.partition(".")[2]) for each in (before, after, change, expanded)}) == 1

@@ -118,7 +118,8 @@ def test_what_a_reducer_test_finds_odd_is_said_in_chinese(path: str) -> None:
     ("said", "chinese"),
     [
         (
-            "few loops: 2 whole loops at 1 positions; record at least three loops at each position",
+            "few loops: 2 whole loops at one position; "
+            "record at least three loops at each position",
             "回线太少：1 个位置上共 2 条完整回线；每个位置至少记录三条回线",
         ),
         (

@@ -106,7 +106,9 @@ def loop_findings(loops: list[LoopFeatures], settings: LoopSettings) -> list[Fin
         findings.append(
             Finding(
                 "few loops",
-                f"{len(loops)} whole loops at {len(positions)} positions",
+                f"{len(loops)} whole loops at one position"
+                if len(positions) == 1
+                else f"{len(loops)} whole loops at {len(positions)} positions",
                 "record at least three loops at each position",
             )
         )

@@ -155,7 +155,7 @@ class TransmissionErrorResult:
                     f"transmission_error_{short}",
                     f"transmission error, {each.direction}",
                     each.peak_to_peak,
-                    f"{each.revolutions} revolutions",
+                    f"{each.revolutions} revolution{'' if each.revolutions == 1 else 's'}",
                 )
             )
             rows += [
