@@ -183,10 +183,10 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.press("Record signals")
     person.fill("Name", "run-down")
     person.fill("Note", "without the coupling")
-    person.choose("It begins", "level")
+    person.choose("Start of the recording", "level")
     person.sees("Direction")
     assert person.axe() == []
-    person.choose("It begins", "now")
+    person.choose("Start of the recording", "now")
     record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record signals')]"
     person.wait(
         lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"

@@ -102,7 +102,7 @@ def test_no_mode_change_under_load(bench: LowBench) -> None:
 def test_no_mode_change_in_motion(bench: LowBench) -> None:
     ready(bench).drivers.drives["output"].command_speed(1.0, 100.0)
     bench.clock.wait(1.0)
-    with pytest.raises(InterlockError, match="turns with"):
+    with pytest.raises(InterlockError, match="turns at"):
         interlocks.check_mode_change(bench.state, "output", "free")
 
 

@@ -317,7 +317,7 @@ def test_what_the_runs_contain_is_found(identified: Identified) -> None:
         truth = drag(np.array([speed]), np.array([30.0]))[0]
         assert value == pytest.approx(-truth, abs=0.003)
         assert abs(u) < 0.003
-    assert any("turning reference" in each for each in identified.remarks)
+    assert any("rotating reference" in each for each in identified.remarks)
 
 
 def test_points_at_other_temperatures_serve_the_static_curve(identified: Identified) -> None:

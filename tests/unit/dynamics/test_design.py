@@ -65,7 +65,7 @@ def test_the_covariance_of_the_coefficients_is_that_of_the_parameters() -> None:
 
 
 def test_a_bandwidth_beyond_the_rate_or_below_the_chains_own_is_refused() -> None:
-    with pytest.raises(InputError, match="count shorter windows"):
+    with pytest.raises(InputError, match="use shorter counter windows"):
         design_inverse(INPUT, 1e-3)
     with pytest.raises(InputError, match="up to 6000 Hz"):
         design_inverse(INPUT, 5e-5, 8000.0)

@@ -163,7 +163,7 @@ def test_bad_input_is_named():
     broken[7] = np.nan
     refused("angle_rad is nan in row 8", torque, broken)
     refused("swapped", angle * 3437.75, torque)
-    refused("turn the sign", torque, -angle)
+    refused("reverse the sign", torque, -angle)
     refused("stands still", torque, np.zeros_like(angle))
     refused("doesn't close", torque, angle + np.linspace(0, 3 * ARCMIN, angle.size))
     refused("doesn't pass zero", torque + 500.0, angle, LoopSettings(400.0))

@@ -148,7 +148,7 @@ RESTORE_OR_REBUILD = "records restore BACKUP`, or without a backup `torquebench 
         ),
         (add_run, "stranger: a sealed run that isn't in the registry", "records rebuild` enters"),
         (add_own_run, "own: a sealed run that isn't in the registry", "records finish own` enters"),
-        (add_folder, "holiday-photos: isn't a run", "take it away"),
+        (add_folder, "holiday-photos: isn't a run", "remove it"),
         (add_certificate, "TB-77: no certificate of this number is registered", "records rebuild"),
         (remove_run, "no run in", "records restore"),
         (remove_file, "events.jsonl was removed after sealing", "records restore"),

@@ -83,7 +83,7 @@ def test_a_drive_out_of_reach_is_left_to_its_watchdog_and_the_bench_is_safe_when
         assert not bench.simulated.drives["output"].state().enabled
         alarm = bench.supervisor.alarm
         assert alarm.name == "not in the safe state: output"
-        assert "output side: drive state of the drive unknown" in alarm.found
+        assert "output side: state of the drive unknown" in alarm.found
         assert "emergency stop" in alarm.remedy
         assert bench.clock.now() - cut_s < 4.0
         with pytest.raises(InterlockError, match="state of the drive unknown"):
@@ -159,7 +159,7 @@ def test_a_drive_that_fails_while_it_is_enabled_is_not_left_with_power(
         play(bench, scene)
         alarm = bench.supervisor.history[0]
         assert alarm.name == "drive fault: output"
-        assert "told to switch on" in alarm.found
+        assert "commanded to switch on" in alarm.found
         assert bench.supervisor.wait_safe(PATIENCE_S) is not cut
         assert not bench.commands.output.enabled
         assert not bench.simulated.drives["output"].state().enabled

@@ -143,7 +143,7 @@ def test_nobody_at_the_bench_takes_the_power_off(open_bench: OpenBench) -> None:
         bench.clock.wait(0.2)
         assert bench.supervisor.alarm is None
         time.sleep(0.5)
-        with pytest.raises(BenchError, match="nobody has confirmed"):
+        with pytest.raises(BenchError, match="no confirmation of presence"):
             bench.clock.wait(1.0)
         assert bench.supervisor.alarm.kind is AlarmKind.PRESENCE
 
