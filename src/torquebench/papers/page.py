@@ -30,7 +30,7 @@ from torquebench.papers.models import (
     RECOMMENDED_NAME,
     FittedModule,
 )
-from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, Row
+from torquebench.papers.study import CHAINS, CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, Row
 from torquebench.papers.tables import BenchTables, FrictionTable
 from torquebench.reducers import CertifiedFriction, FrictionCheck, check_friction
 from torquebench.reports.calibration_report import loading_figures
@@ -49,7 +49,14 @@ from torquebench.reports.verification_report import (
 )
 from torquebench.uncertainty import stated
 
-__all__ = ["BenchResult", "alone_row", "friction_blocks", "in_place_page", "papers_page"]
+__all__ = [
+    "BenchResult",
+    "alone_row",
+    "friction_blocks",
+    "in_place_page",
+    "papers_page",
+    "study_blocks",
+]
 
 LIMIT_PERCENT = 0.1
 """Error and repeatability that the papers claim, % FS."""
@@ -95,7 +102,7 @@ def papers_page(
         **_mechanics_items(mesh_m),
         **_calibration_items(first),
         14: _groups(benches),
-        15: _study(study, seeds),
+        15: study_blocks(study, seeds),
         16: _alone(benches),
         17: _standard_reducer(benches),
         **_interface_items(benches),
@@ -576,7 +583,15 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
 # -- item 15 ----------------------------------------------------------------------------------
 
 
-def _study(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
+def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
+    """Return on which chains which variants reach the claimed ratio, and the tables of all.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    seeds : int
+        Chains of each family.
+    """
     if not rows:
         return Answer("not run", "not measured", "leave --no-study out"), []
     networks = [row for row in rows if row.title.startswith("BP")]
@@ -591,12 +606,14 @@ def _study(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
     }
     where = "; ".join(f"{words}: {' / '.join(found) or 'none'}" for words, found in holds.items())
     fails = sum(1 for row in networks if row.ratio < 1.0)
+    few = f"; {seeds} chains are few, without --quick there are {CHAINS}" if seeds < CHAINS else ""
     families = f"{seeds} chains of each family on which the best quadratic leaves"
     return Answer(
         f"variants of BP with a ratio of {CLAIMED_RATIO:.1f} on most chains: {where}. "
         f"{fails} of {len(networks)} variants are worse than the polynomial",
         "partly" if any(holds.values()) else "not met",
-        "points, start, mapping and epochs decide; the papers publish neither start nor epochs",
+        "points, start, mapping and epochs decide; the papers publish neither start nor epochs"
+        + few,
     ), [
         _study_table(
             rows,

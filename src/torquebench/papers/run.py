@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from torquebench.bench.description import BenchDescription
 from torquebench.papers.models import fit_module
 from torquebench.papers.page import BenchResult
-from torquebench.papers.study import FAMILIES, Row, Series, contenders, run_study
+from torquebench.papers.study import CHAINS, FAMILIES, Row, Series, contenders, run_study
 from torquebench.papers.tables import BenchTables
 from torquebench.progress import NO_PROGRESS, Part, Progress
 
-__all__ = ["STUDY_SEEDS", "page_study", "results_of", "seeded"]
+__all__ = ["page_study", "results_of", "seeded"]
 
-STUDY_SEEDS = range(20)
 STUDY_WORKERS = 2
 
 
@@ -48,7 +47,7 @@ def page_study(progress: Progress = NO_PROGRESS, *, quick: bool = False) -> tupl
     All families with the papers' 50 rising points, and one family loaded up and down as well, with
     50 points and with 200.
     """
-    seeds: Sequence[int] = range(2) if quick else STUDY_SEEDS
+    seeds: Sequence[int] = range(2) if quick else range(CHAINS)
     wanted = contenders((2_000,), (1.0,)) if quick else contenders((10_000, 50_000), (1.0, 0.5))
     parts: list[tuple[Sequence[str], Series]] = [
         (tuple(FAMILIES), "50 rising"),

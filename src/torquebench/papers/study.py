@@ -24,6 +24,7 @@ from torquebench.compensation import MODELS, features
 from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
+    "CHAINS",
     "CLAIMED_RATIO",
     "FAMILIES",
     "MOST_EPOCHS",
@@ -45,6 +46,8 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 Series = Literal["50 rising", "50 up and down", "100 rising", "200 up and down"]
 
+CHAINS = 20
+"""Of each family, in a whole study."""
 RANGE_NM = 2000.0
 NETWORK_NM, POLYNOMIAL_NM = 1.8, 4.0
 """What the papers report after the network and after the polynomial, N·m."""

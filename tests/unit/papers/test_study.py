@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import pytest
 
+from torquebench.papers.page import study_blocks
 from torquebench.papers.study import (
+    CHAINS,
     CLAIMED_RATIO,
     FAMILIES,
     Contender,
     Finding,
+    Row,
     best_quadratic_nm,
     contenders,
     errors_of,
@@ -68,3 +71,22 @@ def test_rows_count_chains_and_take_medians() -> None:
     assert rows[1].worst_nm == 1.7
     assert rows[1].beats == rows[1].below == 2
     assert CLAIMED_RATIO == 4.0 / 1.8
+
+
+def test_the_finding_says_on_which_chains_a_variant_holds() -> None:
+    def row(family: str, title: str, ratio: float, beats: int) -> Row:
+        return Row(family, "50 rising", title, 1.0, 1.0, ratio, beats, 0, CHAINS)
+
+    rows = [
+        row(family, title, ratio, beats)
+        for family, beats in (("smooth", 20), ("rippled", 1))
+        for title, ratio in (("polynomial, degree 2", 1.0), ("BP, small start", 3.0))
+    ]
+    answer, tables = study_blocks(rows, CHAINS)
+    assert "smooth, 50 rising: small start; rippled, 50 rising: none" in answer.ours
+    assert answer.verdict == "partly"
+    assert "--quick" not in answer.why
+    assert "2 chains are few" in study_blocks(rows, 2)[0].why
+    header, *lines = [tables[0].header, *tables[0].rows]  # type: ignore[union-attr]
+    assert list(header) == ["model", "smooth, 50 rising", "rippled, 50 rising"]
+    assert lines[1] == ["BP, small start", "3.00 (20)", "3.00 (1)"]
