@@ -150,7 +150,8 @@ class Channel:
         recent = self._counted.tail(self._stuck_windows)[1]
         if recent.size < self._stuck_windows:
             return frequency
-        spread = recent.max() - recent.min()  # NaN, so never stuck, where one is faulty
+        # NaN, so never stuck, where one is faulty.
+        spread = np.maximum.reduce(recent) - np.minimum.reduce(recent)
         if spread < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
             everywhere = np.ones(count, dtype=np.bool_)
             return frequency.marked(everywhere, SignalFaultKind.STUCK)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from torquebench.bench.acceleration import (
     LEAST_SPAN_S,
     UNKNOWN,
-    Acceleration,
+    BlockSamples,
     EncoderAcceleration,
 )
 from torquebench.bench.active_chain import ActiveChain, StreamPart, StreamReadings
@@ -57,7 +58,7 @@ class BlockEvaluator:
         self._accelerations = {side: EncoderAcceleration() for side in SIDES}
 
     def block(self, index: int, raw: CounterBlock, channels: Sequence[Channel]) -> AcquiredBlock:
-        """Return what a block of edges states, compensation aside.
+        """Return what a block of edges states, compensation and acceleration aside.
 
         Parameters
         ----------
@@ -87,13 +88,11 @@ class BlockEvaluator:
             if channel.fine_samples is not None:
                 fine[name] = channel.fine_samples
         speeds: dict[Side, float] = {}
-        accelerations: dict[Side, Acceleration] = {}
         for side, angle in raw.angles.items():
             self._check_encoder(side, angle)
             self.angles[side].append(angle.time_s, angle.counts)
             if angle.time_s.size >= 2:  # else the encoder is silent, which is no standstill
                 speeds[side] = mean_speed(angle.time_s, angle.counts, angle.counts_per_revolution)
-            accelerations[side] = self._acceleration(side, angle)
         return AcquiredBlock(
             index=index,
             start_s=raw.start_s,
@@ -104,22 +103,35 @@ class BlockEvaluator:
             temperatures=dict(self._drivers.temperature.temperatures()),
             edges=raw.edges,
             fine=fine,
-            accelerations=accelerations,
         )
 
-    def _acceleration(self, side: Side, angle: AngleSamples) -> Acceleration:
-        time_s, counts = angle.time_s, np.asarray(angle.counts, dtype=np.float64)
+    def _bent(self, side: Side, angle: AngleSamples) -> BlockSamples:
+        """Return the samples that tell the acceleration over a block."""
+        time_s = angle.time_s
         if time_s.size and time_s[-1] - time_s[0] < LEAST_SPAN_S:
             time_s, counts = self.angles[side].window(
                 time_s[-1] - LEAST_SPAN_S, np.nextafter(time_s[-1], np.inf)
             )
-        return self._accelerations[side](time_s, counts, angle.counts_per_revolution)
+            return time_s, counts
+        return time_s, angle.counts
+
+    def _accelerated(self, blocks: Sequence[AcquiredBlock]) -> Iterator[AcquiredBlock]:
+        """Give blocks with the accelerations of both sides."""
+        found = {
+            side: self._accelerations[side].of_blocks(
+                [self._bent(side, block.angles[side]) for block in blocks],
+                angle.counts_per_revolution,
+            )
+            for side, angle in blocks[0].angles.items()
+        }
+        for number, block in enumerate(blocks):
+            yield replace(block, accelerations={side: each[number] for side, each in found.items()})
 
     def stretch(
         self, blocks: Sequence[AcquiredBlock], compensations: Mapping[Side, ActiveChain]
     ) -> Stretch:
-        """Compensate blocks of which each follows the one before."""
-        bare = Stretch(tuple(blocks))
+        """Compensate blocks of which each follows the one before, with their accelerations."""
+        bare = Stretch(tuple(self._accelerated(blocks)))
         return Stretch(
             bare.blocks,
             {

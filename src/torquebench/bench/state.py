@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.roles import Side
 
 __all__ = ["CommandState", "Quantity", "SetPoint", "SideCommands"]
 
@@ -130,4 +130,4 @@ class CommandState:
     @property
     def any_enabled(self) -> bool:
         """Whether a drive has power."""
-        return any(self.side(side).enabled for side in SIDES)
+        return self.input.enabled or self.output.enabled

@@ -8,12 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from torquebench.errors import RecordError
 from torquebench.records.durable_file import DurableFile
 
-__all__ = ["ArrowStream", "WholeBatches", "described_schema"]
+__all__ = ["ArrowStream", "WholeBatches", "described_schema", "numbers_of"]
 
 FLUSH_INTERVAL_S = 0.5
 """Longest time between two synchronisations while something comes, s of wall time."""
@@ -180,7 +182,10 @@ def _digest(batch: Any) -> str:
 
 
 def _feed(digest: Any, array: Any) -> None:
-    digest.update(array.is_valid().to_numpy(zero_copy_only=False).tobytes())
+    if array.null_count == 0:
+        digest.update(b"\x01" * len(array))
+    else:
+        digest.update(array.is_valid().to_numpy(zero_copy_only=False).tobytes())
     if pa.types.is_struct(array.type):
         for number in range(array.type.num_fields):
             _feed(digest, array.field(number))
@@ -188,16 +193,28 @@ def _feed(digest: Any, array: Any) -> None:
         digest.update(repr(array.value_lengths().to_pylist()).encode())
         _feed(digest, array.flatten())
     elif pa.types.is_primitive(array.type):
-        digest.update(
-            array.fill_null(False if pa.types.is_boolean(array.type) else 0)
-            .to_numpy(zero_copy_only=False)
-            .tobytes()
-        )
+        filled = array
+        if array.null_count:
+            filled = array.fill_null(False if pa.types.is_boolean(array.type) else 0)
+        digest.update(numbers_of(filled).tobytes())
     else:  # text and bytes
         for value in array.to_pylist():
             content = value.encode() if isinstance(value, str) else value or b""
             digest.update(f"{len(content)}:".encode())
             digest.update(content)
+
+
+def numbers_of(array: Any) -> NDArray[Any]:
+    """Return a column of numbers as NumPy has it; without gaps pandas isn't imported for it."""
+    if array.null_count or len(array) == 0 or not _whole_bytes(array.type):
+        return np.asarray(array.to_numpy(zero_copy_only=False))
+    kind = np.dtype(array.type.to_pandas_dtype())
+    values = array.buffers()[1]
+    return np.frombuffer(values, kind, count=len(array), offset=array.offset * kind.itemsize)
+
+
+def _whole_bytes(kind: Any) -> bool:
+    return bool(pa.types.is_integer(kind) or pa.types.is_float32(kind) or pa.types.is_float64(kind))
 
 
 def _torn_start(path: Path) -> bool:

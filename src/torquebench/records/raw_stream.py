@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import RecordError
-from torquebench.records.arrow_stream import ArrowStream, WholeBatches, described_schema
+from torquebench.records.arrow_stream import ArrowStream, WholeBatches, described_schema, numbers_of
 
 __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
 
@@ -79,9 +79,17 @@ class RawStream(ArrowStream):
         full: dict[str, NDArray[Any]] = {
             name: np.full(n, array) if array.ndim == 0 else array for name, array in arrays.items()
         }
-        return pa.RecordBatch.from_pydict(
-            {name: pa.array(np.ascontiguousarray(array)) for name, array in full.items()}
-        )
+        return pa.RecordBatch.from_pydict({name: _arrow(array) for name, array in full.items()})
+
+
+def _arrow(array: NDArray[Any]) -> Any:
+    """Return a column of numbers as Arrow has it, without pandas, which `pyarrow.array` imports."""
+    if array.dtype.kind not in "biuf" or not array.dtype.isnative:
+        return pa.array(np.ascontiguousarray(array))
+    bits = array.dtype.kind == "b"
+    values = np.packbits(array, bitorder="little") if bits else np.ascontiguousarray(array)
+    buffers = [None, pa.py_buffer(values)]
+    return pa.Array.from_buffers(pa.from_numpy_dtype(array.dtype), array.size, buffers, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +129,7 @@ def read_raw(folder: Path) -> RawReading:
     stream, sealed = folder / "raw.arrow", folder / "raw.parquet"
     if sealed.exists():
         try:
-            table = pq.read_table(sealed)
+            table = pq.ParquetFile(sealed).read()
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{sealed} can't be read: {error}", "a Parquet file") from error
         return RawReading(_columns(table))
@@ -134,7 +142,12 @@ def read_raw(folder: Path) -> RawReading:
 
 
 def _columns(table: Any) -> dict[str, NDArray[Any]]:
-    return {name: table.column(name).to_numpy() for name in table.column_names}
+    return {
+        name: np.concatenate([numbers_of(chunk) for chunk in table.column(name).chunks])
+        if table.num_rows
+        else table.column(name).to_numpy()
+        for name in table.column_names
+    }
 
 
 def seal_raw(folder: Path) -> None:
@@ -154,7 +167,7 @@ def seal_raw(folder: Path) -> None:
     table = pa.Table.from_batches(batches)
     part = folder / ".raw.parquet.part"
     pq.write_table(table, part, compression="zstd")
-    if not _same(pq.read_table(part), table):
+    if not _same(pq.ParquetFile(part).read(), table):
         raise RecordError(f"{part} differs from {stream}", "the same samples", "check the disk")
     with part.open("rb") as file:
         os.fsync(file.fileno())

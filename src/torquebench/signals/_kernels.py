@@ -328,3 +328,57 @@ def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no
             fault[k] = code
             marked += 1
     return last, run, marked
+
+
+@njit(cache=True)
+def running_median(values, size):  # type: ignore[no-untyped-def] # Numba infers
+    """Median of the `size` values around each, mirrored at both ends without repeating them.
+
+    Of an even size the upper one of both in the middle, with one more value before than after.
+    """
+    last = values.size - 1
+    window = np.empty(size)
+    result = np.empty(values.size)
+    for place in range(values.size):
+        for k in range(size):
+            at = abs(place - size // 2 + k)
+            value = values[2 * last - at if at > last else at]
+            free = k
+            while free > 0 and window[free - 1] > value:
+                window[free] = window[free - 1]
+                free -= 1
+            window[free] = value
+        result[place] = window[size // 2]
+    return result
+
+
+@njit(cache=True)
+def mark_isolated(far, longest):  # type: ignore[no-untyped-def] # Numba infers
+    """Keep marks of which at most `longest` follow each other."""
+    kept = np.zeros(far.size, dtype=np.bool_)
+    first = 0
+    while first < far.size:
+        stop = first
+        while stop < far.size and far[stop]:
+            stop += 1
+        if stop - first <= longest:
+            kept[first:stop] = True
+        first = stop + 1
+    return kept
+
+
+@njit(cache=True)
+def settled_from(centred, latest):  # type: ignore[no-untyped-def] # Numba infers
+    """Index up to `latest` from which on the variance by the number of samples is least."""
+    total = squares = least = 0.0
+    best = -1
+    for first in range(centred.size - 1, -1, -1):
+        total += centred[first]
+        squares += centred[first] * centred[first]
+        if first > latest:
+            continue
+        count = float(centred.size - first)
+        spread = max(squares - total * total / count, 0.0) / (count * count)
+        if best < 0 or spread <= least:
+            best, least = first, spread
+    return best

@@ -26,6 +26,8 @@ __all__ = [
 
 # Edges before a window that its check for irregular intervals looks at.
 _EDGES_BEFORE = 2
+# So few windows are joined with what was kept as a whole: that costs less than a second call.
+_FEW_WINDOWS = 8
 
 
 class _Train:
@@ -168,7 +170,9 @@ class WindowStream:
             new.append(block.falling_ticks)
         pairs = list(zip(self._trains, new, strict=True))
         samples = self._counter.room(starts.size)
-        head = max(train.windows_at_seam(ticks, starts) for train, ticks in pairs)
+        head = starts.size
+        if head > _FEW_WINDOWS:
+            head = max(train.windows_at_seam(ticks, starts) for train, ticks in pairs)
         if head:
             stop = int(stops[head - 1])
             joined = [train.joined(ticks, stop) for train, ticks in pairs]

@@ -2,9 +2,10 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import label, median_filter
 
-__all__ = ["isolated", "outliers"]
+from torquebench.signals._kernels import mark_isolated, running_median
+
+__all__ = ["isolated", "median", "outliers"]
 
 # Samples in the running median: up to three outliers among them do no harm.
 _WINDOW = 7
@@ -46,19 +47,29 @@ def outliers(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
     samples = np.asarray(value, dtype=np.float64)
     if samples.size < _WINDOW:
         return np.zeros(samples.size, dtype=np.bool_)
-    distance = np.abs(samples - median_filter(samples, size=_WINDOW, mode="mirror"))
+    distance = np.abs(samples - running_median(samples, _WINDOW))
     steps = np.abs(np.diff(samples))
     # Where most samples repeat, the smallest step is the resolution.
     moved = steps[steps > 0]
-    spread = max(_SPREAD * float(np.median(steps)), float(moved.min()) if moved.size else 0.0)
+    spread = max(_SPREAD * median(steps), float(moved.min()) if moved.size else 0.0)
     found = np.zeros(samples.size, dtype=np.bool_)
     for times in _HEIGHTS:
-        found |= isolated(distance > times * limit * spread)
+        far = distance > times * limit * spread
+        if not far.any():
+            break
+        found |= isolated(far)
     return found
+
+
+def median(values: NDArray[np.float64]) -> float:
+    """Return the median of some finite values, as NumPy does in ten times the time for a few."""
+    ordered = np.sort(values)
+    middle = ordered.size // 2
+    if ordered.size % 2:
+        return float(ordered[middle])
+    return float(ordered[middle - 1] + ordered[middle]) / 2.0
 
 
 def isolated(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Keep only marks that stand alone or in pairs."""
-    runs, _ = label(far)
-    lengths = np.bincount(runs.ravel())
-    return far & np.asarray(lengths[runs] <= _LONGEST_RUN)
+    return np.asarray(mark_isolated(far, _LONGEST_RUN))

@@ -3,8 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import rfft
-from scipy.ndimage import median_filter
 from scipy.optimize import minimize_scalar
+
+from torquebench.signals._kernels import running_median
+from torquebench.signals.outliers import median
 
 __all__ = ["estimate_period", "ripple_terms"]
 
@@ -53,12 +55,12 @@ def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
     samples = np.asarray(value, dtype=np.float64)
     if times.size < 4 * _FEWEST_PERIODS:
         return None
-    interval = float(np.median(np.diff(times)))
+    interval = median(np.diff(times))
     grid = times[0] + interval * np.arange(round((times[-1] - times[0]) / interval) + 1)
     even = np.interp(grid, times, samples)
     power = _power(even)
     lines = power[_FEWEST_PERIODS:]
-    background = median_filter(lines, size=min(_BACKGROUND_LINES, lines.size), mode="mirror")
+    background = running_median(lines, min(_BACKGROUND_LINES, lines.size))
     height = lines / np.maximum(background / np.log(2), np.finfo(np.float64).tiny)
     highest = int(np.argmax(height))
     around = lines[max(highest - 1, 0) : highest + 2].sum()

@@ -182,9 +182,10 @@ class FrequencyScale:
         TorqueSamples
             With NaN at every fault, including those outside the modulation range.
         """
-        checked = samples.marked(
-            ~self._inside(samples.frequency_hz), SignalFaultKind.OUT_OF_MODULATION
-        )
+        inside = self._inside(samples.frequency_hz)
+        checked = samples
+        if not np.logical_and.reduce(inside):
+            checked = samples.marked(~inside, SignalFaultKind.OUT_OF_MODULATION)
         deviation = checked.frequency_hz - self.zero
         sensitivity = self._sensitivity(deviation)
         return TorqueSamples(
@@ -211,10 +212,9 @@ class FrequencyScale:
         low, high = self.modulation_hz
         return np.asarray((frequency >= low) & (frequency <= high))
 
-    def _sensitivity(self, deviation: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.where(
-            deviation < 0, self.sensitivity_ccw_hz_per_nm, self.sensitivity_cw_hz_per_nm
-        )
+    def _sensitivity(self, deviation: NDArray[np.float64]) -> NDArray[np.float64] | float:
+        clockwise, other = self.sensitivity_cw_hz_per_nm, self.sensitivity_ccw_hz_per_nm
+        return clockwise if clockwise == other else np.where(deviation < 0, other, clockwise)
 
     def _torque(self, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
         deviation = frequency - self.zero

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.signals._kernels import settled_from
 from torquebench.signals.autocorrelation import correlation_length
-from torquebench.signals.outliers import isolated, outliers
+from torquebench.signals.outliers import isolated, median, outliers
 from torquebench.signals.ripple import estimate_period, ripple_terms
 
 __all__ = ["SteadyValue", "settling_index", "steady_value"]
@@ -191,13 +192,9 @@ def settling_index(value: ArrayLike, latest: int | None = None) -> int:
     3
     """
     samples = np.asarray(value, dtype=np.float64)
-    centred = samples - np.median(samples)
-    count = np.arange(samples.size, 0, -1)
-    total = np.cumsum(centred[::-1])[::-1]
-    squares = np.cumsum(centred[::-1] ** 2)[::-1]
+    centred = samples - median(samples)
     last = samples.size // 2 if latest is None else latest
-    spread = np.maximum(squares - total**2 / count, 0.0) / count.astype(np.float64) ** 2
-    return int(np.argmin(spread[: max(last, 0) + 1]))
+    return int(settled_from(centred, max(last, 0)))
 
 
 def _checked(
@@ -309,12 +306,16 @@ def _robust_fit(
     for _ in range(2):
         coefficients, *_ = np.linalg.lstsq(matrix[keep], samples[keep], rcond=None)
         residual = samples - matrix @ coefficients
-        spread = _SPREAD * float(np.median(np.abs(residual[keep])))
+        spread = _SPREAD * median(np.abs(residual[keep]))
         far = isolated(np.abs(residual) > _LIMIT * spread) if spread > 0 else ~keep
         if np.array_equal(far, ~keep) or samples.size - far.sum() < matrix.shape[1] + 2:
             break
         keep = ~far
-    coefficients, *_ = np.linalg.lstsq(matrix[keep], samples[keep], rcond=None)
+    else:
+        coefficients, *_ = np.linalg.lstsq(matrix[keep], samples[keep], rcond=None)
+        residual = samples - matrix @ coefficients
+    if keep.all():
+        return keep, np.asarray(coefficients), residual
     return keep, np.asarray(coefficients), samples[keep] - matrix[keep] @ coefficients
 
 

@@ -570,12 +570,16 @@ class BenchTwin:
         faults = [fault for fault in self._faults if fault.channel == channel]
         steps = recording.torque_nm.shape[1]
         if steps and (channel.endswith("torque") or self._orders.plant[1]):
-            ticks = np.arange(first, first + steps + 1, dtype=np.int64) * self._step_ticks
             frequency = recording.frequency_hz[CHANNELS.index(channel)]
-            source.run(first, broken_frequency(faults, frequency, ticks, self._zero_hz(channel)))
+            if faults:
+                ticks = np.arange(first, first + steps + 1, dtype=np.int64) * self._step_ticks
+                frequency = broken_frequency(faults, frequency, ticks, self._zero_hz(channel))
+            source.run(first, frequency)
         taken, number = source.take(self._tick)
+        if not faults:
+            return taken
         edges = broken_edges(faults, taken, number, self._timebase_hz)
-        return edges[edges < self._tick] if faults else edges  # a doubled last one would be late
+        return edges[edges < self._tick]  # a doubled last one would be late
 
 
 def _index(side: str) -> int:

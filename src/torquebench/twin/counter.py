@@ -129,7 +129,7 @@ class EdgeSource:
     def run(self, first_step: int, frequency_hz: FloatArray) -> None:
         """Make the edges of the steps between the given border frequencies."""
         cycles = np.maximum(frequency_hz, 1.0) * self._scale
-        ticks = np.empty(int(cycles.sum() * self._step_ticks) + 8, dtype=np.int64)
+        ticks = np.empty(int(np.add.reduce(cycles) * self._step_ticks) + 8, dtype=np.int64)
         count, self._phase = edges_of_steps(
             cycles,
             first_step,

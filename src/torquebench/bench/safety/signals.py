@@ -276,11 +276,12 @@ class SignalJudge:
         if math.isinf(self._limits.side(side).torque_rate_nm_per_s):
             return
         before = self._last_torque.get((name, False))
-        known = [before[1]] if before is not None else []
-        steps = np.abs(np.diff(np.concatenate((known, torque_nm))))
         self._last_torque[name, False] = (block.stop_s, float(torque_nm[-1]))
+        steps = np.abs(torque_nm[1:] - torque_nm[:-1])
+        highest = abs(float(torque_nm[0]) - before[1]) if before is not None else math.nan
         if steps.size:
-            highest = float(np.fmax.reduce(steps))
+            highest = float(np.fmax.reduce(steps, initial=highest))  # NaN isn't a maximum
+        if steps.size or before is not None:
             self._torque_rate(side, name, highest / self._description.counter.window_s)
 
     def _missing(self, block: AcquiredBlock) -> None:
