@@ -405,29 +405,12 @@ class HistoryCompensator:
         """Move on along the readings and compensate between the bounds of the state."""
         low, high = tracker.push(reading)
         falling, rising = self.operator.reference(reading)
-        others = _places(*even.push(reading), *self._even.reference(reading))
-        count = reading.size
-        upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
-        both, branch = np.concatenate((reading, reading)), np.concatenate((upward, -upward))
-        torque, fault = self.table.torque_with_faults(both, branch)
-        std = _NO_UNCERTAINTY
-        if self.table.uncertainty_curve is not None:
-            std = self.table.standard_uncertainty(both, branch)
-        result = np.empty((6, count))
+        others = (*even.push(reading), *self._even.reference(reading))
+        torque, std, fault = self.table.of_both_curves(reading)
+        result = np.empty((6, reading.size))
         amplitude = (self.operator.amplitude_nm, self.operator.amplitude_std_nm)
         _mix(low, high, falling, rising, torque, std, amplitude, others, result)
-        return LiveTorque(result[0], result[1], result[2], fault[:count], *result[3:])
-
-
-_NO_UNCERTAINTY = np.zeros(0)
-
-
-def _places(
-    low: FloatArray, high: FloatArray, falling: FloatArray, rising: FloatArray
-) -> FloatArray:
-    """Return the middle place in the loop, 0 on the falling curve and 1 on the rising one."""
-    state = np.clip([low, high], falling, rising)
-    return np.asarray(np.mean((state - falling) / np.maximum(rising - falling, 1e-9), axis=0))
+        return LiveTorque(result[0], result[1], result[2], fault, *result[3:])
 
 
 @njit(cache=True)
@@ -437,13 +420,18 @@ def _mix(  # type: ignore[no-untyped-def] # Numba infers
     """Fill in torque, place, half-width, uncertainties and middle between the bounds of the state.
 
     `torque` and `std` hold the rising curve's values first and the falling one's after them,
-    `amplitude` the loop's and its standard uncertainty, and `others` the places in the loop with
-    equal weights.
+    `amplitude` the loop's and its standard uncertainty, and `others` what comes first with equal
+    weights: bounds of the state, and both curves.
     """
     count = low.size
     bound = np.empty(2)
     place = np.empty(2)
     for k in range(count):
+        bottom, top = others[2][k], others[3][k]
+        nearest = max(bottom, min(top, others[0][k])) - bottom
+        other = nearest / max(top - bottom, 1e-9)
+        nearest = max(bottom, min(top, others[1][k])) - bottom
+        other = (other + nearest / max(top - bottom, 1e-9)) / 2.0  # 0 falling, 1 rising
         width = max(rising[k] - falling[k], 1e-9)
         farthest = 0.0
         for side in range(2):
@@ -457,7 +445,7 @@ def _mix(  # type: ignore[no-untyped-def] # Numba infers
         result[0, k] = 0.5 * (bound[0] + bound[1])
         result[1, k] = 0.5 * (place[0] + place[1])
         by_past = 0.5 * abs(bound[1] - bound[0])
-        by_weights = (0.5 + 0.5 * result[1, k] - others[k]) * (torque[k] - torque[count + k])
+        by_weights = (0.5 + 0.5 * result[1, k] - other) * (torque[k] - torque[count + k])
         by_amplitude = (abs(amplitude[0]) + amplitude[1]) * farthest
         half_width = np.sqrt(by_past**2 + by_weights**2 + by_amplitude**2)
         curve = 0.0

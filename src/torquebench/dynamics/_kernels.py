@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["convolve", "run_recursive"]
+__all__ = ["convolve", "convolve_uncertain", "run_recursive"]
 
 FloatArray = NDArray[np.float64]
 
@@ -19,6 +19,45 @@ def convolve(extended: FloatArray, weights: FloatArray) -> FloatArray:
         for n in range(result.size):
             result[n] += weight * extended[start + n]
     return result
+
+
+@njit(cache=True)
+def convolve_uncertain(
+    past: FloatArray,
+    values: FloatArray,
+    spread: FloatArray,
+    weights: FloatArray,
+    factors: FloatArray,
+    variances: FloatArray,
+    squares: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Filter values; return them with their variances by the weights and by the values' own.
+
+    Parameters
+    ----------
+    past : float64[2, m - 1]
+        Values before and their variances; changed in place.
+    values, spread : float64[n]
+        The next ones and their standard uncertainties.
+    weights, squares : float64[m]
+        Of values, and of their variances.
+    factors, variances : float64[r, m], float64[m]
+        Factors of the weights' covariance, without rows where they aren't correlated, and their
+        variances.
+    """
+    kept, count = past.shape[1], values.size
+    extended, own = np.empty(kept + count), np.empty(kept + count)
+    extended[:kept], extended[kept:] = past[0], values
+    own[:kept], own[kept:] = past[1], spread * spread
+    if factors.shape[0]:
+        by_weights = np.zeros(count)
+        for row in range(factors.shape[0]):
+            part = convolve(extended, factors[row])
+            by_weights += part * part
+    else:
+        by_weights = convolve(extended * extended, variances)
+    past[0], past[1] = extended[count:], own[count:]
+    return convolve(extended, weights), by_weights, convolve(own, squares)
 
 
 @njit(cache=True)

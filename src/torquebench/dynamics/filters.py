@@ -256,8 +256,13 @@ class FilterStream:
         if samples.ndim != 1:
             raise InputError(f"samples of shape {samples.shape}", "one dimension")
         spread = self._uncertainties(samples, uncertainty)
-        result = Filtered(*np.full((3, samples.size), np.nan))
         finite = np.isfinite(samples)
+        if samples.size and finite.all():
+            value, coefficients, noise = self._line.run(samples, spread)
+            if self._stationary is not None:
+                noise = np.full(samples.size, self._stationary)
+            return Filtered(value, np.sqrt(coefficients), np.sqrt(noise))
+        result = Filtered(*np.full((3, samples.size), np.nan))
         for start, stop in _runs(finite):
             if not finite[start]:
                 self.forget()
@@ -281,9 +286,9 @@ class FilterStream:
             raise InputError(
                 f"uncertainties of shape {given.shape}", f"one number or {samples.size}"
             )
-        spread = np.array(np.broadcast_to(given, samples.shape))
-        used = spread[np.isfinite(samples)]
-        if not (np.isfinite(used) & (used >= 0.0)).all():
+        spread = np.ascontiguousarray(given) if given.shape else np.full(samples.shape, given)
+        good = (spread >= 0.0) & (spread < np.inf)
+        if not (good.all() or good[np.isfinite(samples)].all()):
             raise InputError("an uncertainty that isn't finite or is below 0", "0 or more")
         return spread
 
@@ -300,11 +305,12 @@ class _Convolving:
 
     def __init__(self, filter: UncertainFilter) -> None:  # noqa: A002 - the field's word
         self.weights = np.ascontiguousarray(filter.numerator)
-        self.factors = filter.factors
+        self.factors = np.ascontiguousarray(filter.factors)
         self.variances = np.sum(np.square(self.factors), axis=0)
         self.squares = np.square(self.weights) + self.variances
         given = filter.covariance
-        self.uncorrelated = given is not None and not np.any(given - np.diag(np.diag(given)))
+        if given is not None and not np.any(given - np.diag(np.diag(given))):
+            self.factors = self.factors[:0]
         self.begun = False
         self.past = np.empty((2, self.weights.size - 1))
 
@@ -314,23 +320,14 @@ class _Convolving:
         return other
 
     def run(self, values: FloatArray, spread: FloatArray) -> tuple[FloatArray, ...]:
-        from torquebench.dynamics._kernels import convolve
+        from torquebench.dynamics._kernels import convolve_uncertain
 
         if not self.begun:
             self.begun = True
             self.past[0], self.past[1] = values[0], spread[0] ** 2
-        extended = np.concatenate([self.past[0], values])
-        squares = np.concatenate([self.past[1], np.square(spread)])
-        value = convolve(extended, self.weights)
-        coefficients = np.zeros(values.size)
-        if self.uncorrelated:
-            coefficients = convolve(np.square(extended), self.variances)
-        else:
-            for row in self.factors:
-                coefficients += np.square(convolve(extended, row))
-        noise = convolve(squares, self.squares)
-        kept = self.past.shape[1]
-        self.past = np.stack([extended[extended.size - kept :], squares[squares.size - kept :]])
+        value, coefficients, noise = convolve_uncertain(
+            self.past, values, spread, self.weights, self.factors, self.variances, self.squares
+        )
         return value, coefficients, noise
 
 

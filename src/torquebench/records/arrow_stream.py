@@ -206,15 +206,20 @@ def _feed(digest: Any, array: Any) -> None:
 
 def numbers_of(array: Any) -> NDArray[Any]:
     """Return a column of numbers as NumPy has it; without gaps pandas isn't imported for it."""
-    if array.null_count or len(array) == 0 or not _whole_bytes(array.type):
+    if array.null_count or len(array) == 0 or not _plain(array.type):
         return np.asarray(array.to_numpy(zero_copy_only=False))
     kind = np.dtype(array.type.to_pandas_dtype())
     values = array.buffers()[1]
+    if kind == np.bool_:
+        bits = np.unpackbits(np.frombuffer(values, np.uint8), bitorder="little")
+        return bits[array.offset : array.offset + len(array)].astype(np.bool_)
     return np.frombuffer(values, kind, count=len(array), offset=array.offset * kind.itemsize)
 
 
-def _whole_bytes(kind: Any) -> bool:
-    return bool(pa.types.is_integer(kind) or pa.types.is_float32(kind) or pa.types.is_float64(kind))
+def _plain(kind: Any) -> bool:
+    types = pa.types
+    checks = (types.is_boolean, types.is_integer, types.is_float32, types.is_float64)
+    return any(check(kind) for check in checks)
 
 
 def _torn_start(path: Path) -> bool:

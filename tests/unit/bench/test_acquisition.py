@@ -7,6 +7,7 @@ import pytest
 
 from torquebench.bench import acquisition
 from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.roles import SIDES
 from torquebench.bench.samples import AcquiredBlock, Stretch
 from torquebench.chain import MeasuringChain, Temperature, Zero
 from torquebench.compensation import features, make_model
@@ -260,6 +261,10 @@ def test_blocks_kept_together_state_the_same_to_the_last_bit(
         for name, samples in first.channels.items():
             np.testing.assert_array_equal(samples.torque_nm, second.channels[name].torque_nm)
         assert first.speed_rad_s == second.speed_rad_s
+        np.testing.assert_array_equal(
+            [first.accelerations[side] for side in SIDES],
+            [second.accelerations[side] for side in SIDES],
+        )
         assert first.temperatures == second.temperatures
         for side, torque in first.compensated.items():
             other = second.compensated[side]

@@ -1,5 +1,6 @@
 """Acceleration from encoder samples, and what it is worth in the live stream."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,18 @@ def test_a_ramp_is_known_within_its_uncertainty_and_its_begin_widens_it() -> Non
     assert [each.rad_s2 for each in found[6:]] == pytest.approx([31.4] * 4, abs=0.1)
     assert max(each.uncertainty_rad_s2 for each in (*found[1:4], *found[6:])) < 0.2
     assert found[5].uncertainty_rad_s2 > 5.0  # the block in which the ramp began lies before it
+
+
+def test_blocks_evaluated_together_state_the_same_to_the_last_bit() -> None:
+    """Other lengths, and blocks of too few samples, lie among them."""
+    generator = np.random.default_rng(2)
+    cuts = np.cumsum([0, 50, 50, 50, 49, 3, 50, 50, 11, 11, 0, 50, 50])
+    time_s = 100.0 + 0.001 * np.arange(cuts[-1])
+    counts = sampled(time_s, 30.0 * np.sin(9.0 * time_s) + generator.normal(0.0, 1e-4, time_s.size))
+    blocks = [(time_s[start:stop], counts[start:stop]) for start, stop in itertools.pairwise(cuts)]
+    single = EncoderAcceleration()
+    expected = [single(time, count, PER_REVOLUTION) for time, count in blocks]
+    np.testing.assert_array_equal(EncoderAcceleration().of_blocks(blocks, PER_REVOLUTION), expected)
 
 
 def test_too_few_samples_tell_nothing() -> None:

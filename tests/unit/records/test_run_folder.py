@@ -340,3 +340,20 @@ def test_a_folder_that_cannot_be_begun_is_not_left_behind(runs):
     assert "RecordError: can't create" in child.stderr
     assert "make room on the disk" in child.stderr
     assert sorted(runs.iterdir()) == before
+
+
+def test_keeping_and_sealing_samples_imports_no_pandas(tmp_path):
+    """PyArrow imports it for its own arrays of NumPy's: half a second of every run."""
+    code = f"""
+import sys
+import numpy as np
+from pathlib import Path
+from torquebench.records import RunFolder
+writer = RunFolder.create(Path({str(tmp_path)!r}), {{}}, kind="calibrate-output")
+writer.samples({{"time_s": np.arange(3.0), "fault": np.zeros(3, np.uint8), "on": True}})
+raw = writer.seal().raw().columns
+assert raw["time_s"].tolist() == [0.0, 1.0, 2.0] and raw["fault"].dtype == np.uint8
+print("pandas" in sys.modules)
+"""
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "False"

@@ -2,12 +2,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 from scipy.signal import lfilter
 
 from torquebench.errors import InputError
 from torquebench.signals import steady_value
+from torquebench.signals._kernels import running_median
 from torquebench.signals.autocorrelation import autocorrelation, correlation_length
-from torquebench.signals.outliers import outliers
+from torquebench.signals.outliers import isolated, median, outliers
 from torquebench.signals.ripple import estimate_period
 from torquebench.signals.steady import settling_index
 
@@ -236,3 +238,25 @@ class TestEdges:
     def test_what_cannot_be_a_step_is_refused(self, time, value, options, message):
         with pytest.raises(InputError, match=message):
             steady_value(time, value, **options)
+
+
+@given(st.integers(2, 60), st.integers(0, 3), st.integers(0, 2**32 - 1), st.data())
+def test_running_median_and_runs_are_those_of_scipy(
+    count: int, digits: int, seed: int, data: st.DataObject
+) -> None:
+    size = data.draw(st.integers(1, min(count, 18)))
+    values = np.random.default_rng(seed).normal(size=count).round(digits)
+    expected = ndimage.median_filter(values, size=size, mode="mirror")
+    np.testing.assert_array_equal(running_median(values, size), expected)
+    far = values > 0.0
+    runs, _ = ndimage.label(far)
+    np.testing.assert_array_equal(isolated(far), far & (np.bincount(runs)[runs] <= 2))
+    assert median(values) == np.median(values)
+
+
+@given(st.integers(4, 60), st.integers(0, 2**32 - 1))
+def test_the_settled_part_is_where_whites_statistic_is_least(count: int, seed: int) -> None:
+    values = np.random.default_rng(seed).normal(size=count).cumsum()
+    rest = [values[first:] for first in range(count // 2 + 1)]
+    statistic = [part.var() / part.size for part in rest]
+    assert statistic[settling_index(values)] <= min(statistic) * (1.0 + 1e-9)

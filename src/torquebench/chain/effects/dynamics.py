@@ -157,14 +157,15 @@ class _FollowedDynamics(Effect):
         count = torque_nm.size
         added, curve, noise = np.zeros((3, count))
         if count:
-            before = np.concatenate([[self.memory.last_s], time[:-1]])
-            step = time - before
+            step = np.empty(count)
+            step[0], step[1:] = time[0] - self.memory.last_s, time[1:] - time[:-1]
             wanted = self.effect.interval_s
             even = np.abs(step - wanted) <= _UNEVEN * wanted
             if not np.isfinite(step[0]):  # the first of a stream has nothing before it
                 even[0] = count == 1 or even[1]
             if even.any():
-                spread = np.array(np.broadcast_to(known_or(readings.counter_nm, 0.0), count))
+                spread = known_or(readings.counter_nm, 0.0)
+                spread = spread if spread.shape else np.full(count, spread)
                 cuts = [0, *(np.flatnonzero(~even[1:]) + 1).tolist(), count]
                 for start, stop in pairwise(cuts):
                     if not even[start]:
@@ -203,6 +204,9 @@ class _FollowedDynamics(Effect):
         curve[:] = found.of_coefficients
         noise[:] = np.sqrt(np.maximum(found.of_noise**2 - counter_nm**2, 0.0))
         # what was before the first reading is unknown: so is what the filter makes of it
+        if self.memory.settling >= len(self.effect.weights) - 1 and not faulty.any():
+            self.memory.settling += reading_nm.size
+            return
         place = np.arange(reading_nm.size)
         last = np.maximum.accumulate(np.where(faulty, place, -1 - self.memory.settling))
         since = place - last - 1
