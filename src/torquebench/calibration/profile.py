@@ -425,6 +425,10 @@ class Profile(_Settings):
         return list(_Staircase(self, range_nm, rng).steps())
 
 
+def _with_change(step: Step, change: Change) -> Step:
+    return step if step.change == change else step.model_copy(update={"change": change})
+
+
 class _Staircase:
     """Lays out the steps of one profile at one range."""
 
@@ -447,13 +451,13 @@ class _Staircase:
             change: Change = position.change
             if once:
                 for step in [*self._preloads(number, position, every), self._zero(position)]:
-                    yield step.model_copy(update={"change": change})
+                    yield _with_change(step, change)
                     change = "none"
             for signs in per_direction:
                 laid_out = self._preloads(number, position, signs) if not once else []
                 laid_out += self._all_series(position, signs)
                 for step in laid_out:
-                    yield step.model_copy(update={"change": change})
+                    yield _with_change(step, change)
                     change = "none"
 
     def _preloads(self, number: int, position: Position, signs: Sequence[int]) -> list[Step]:
