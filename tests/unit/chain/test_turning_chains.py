@@ -366,7 +366,7 @@ def test_what_cant_be_identified_is_named_with_what_would_do_it() -> None:
     found = identify(calibration(celsius=(23.0,)), [one_way], RANGE_NM)
     text = " ".join(found.remarks)
     assert "an empty run at another temperature" in text
-    assert "in one direction only" in text
+    assert "the empty run has one direction only" in text
     assert [each.kind for each in found.effects] == ["measured rotation", "inertia"]
     turning = found.effects[0]
     with pytest.raises(InputError, match="rotation, measured: speed -500"):
