@@ -104,7 +104,7 @@ def _parabolas(
 
 
 def _mean(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.add.reduce(rows, axis=1, keepdims=True) / rows.shape[1]
+    return np.asarray(np.add.reduce(rows, axis=1, keepdims=True) / rows.shape[1])
 
 
 def _dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
