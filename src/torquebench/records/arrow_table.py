@@ -15,6 +15,7 @@ from torquebench.errors import InputError
 from torquebench.records.columns import (
     DIRECTION_REMEDY,
     WORDS_ALLOWED,
+    of_loading,
     understood,
     word_values,
 )
@@ -67,6 +68,7 @@ class ArrowReadings:
                 column = batch.column(self.header.index(header))
                 values = self._numbers(column, header, before)
                 numbers[key] = values if factor == 1.0 else values * factor
+        self._name_branch(batch)
         branch = self._words("branch", batch, before)
         self._check_direction(numbers["reading_nm"], batch, before)
         return ReadingsTable(
@@ -96,6 +98,13 @@ class ArrowReadings:
                 "remove the row or measure the point again",
             )
         return values
+
+    def _name_branch(self, batch: Any) -> None:
+        """Take a direction of loading for the branch."""
+        if "direction" in self._names and "branch" not in self._names:
+            at = self._names.index("direction")
+            if of_loading(cell_texts(pc.unique(batch.column(at)))):
+                self._names = (*self._names[:at], "branch", *self._names[at + 1 :])
 
     def _words(self, name: str, batch: Any, before: int) -> NDArray[np.int8] | None:
         if name not in self._names:

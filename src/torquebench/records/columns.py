@@ -6,7 +6,7 @@ or because the user says so (``speed=Motor[1/min]``).
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,7 @@ __all__ = [
     "check_direction",
     "chosen_columns",
     "maps",
+    "of_loading",
     "quantity",
     "series",
     "understood",
@@ -178,6 +179,15 @@ def word_values(column: str) -> Mapping[str, int]:
     return {"branch": BRANCH_WORDS, "direction": _DIRECTIONS}[column]
 
 
+def of_loading(words: Iterable[str]) -> bool:
+    """Return whether words of a column ``direction`` say how it is loaded: then it is ``branch``.
+
+    >>> of_loading(["increasing"]), of_loading(["Links", "-1"])
+    (True, False)
+    """
+    return any(each.lower() in BRANCH_WORDS.keys() - _DIRECTIONS.keys() for each in words)
+
+
 def chosen_columns(
     table: CsvTable,
     wanted: Mapping[str, Kind],
@@ -304,10 +314,9 @@ def understood(
     names = {_own_name(name, kind): name for name, kind in _CALIBRATION.items()}
     chosen = chosen_columns(table, _CALIBRATION, [names[key] for key in required], mapping)
     labels = {chosen.pop(name)[0]: name for name in LABELS if name in chosen}
-    for header, name in labels.items():  # a direction is called so whether of torque or of loading
-        words = {text.lower() for text in table.texts(header)} if name == "direction" else set()
-        if "branch" not in labels.values() and words & (BRANCH_WORDS.keys() - _DIRECTIONS.keys()):
-            labels[header] = "branch"
+    for header, name in labels.items():
+        if name == "direction" and "branch" not in labels.values():
+            labels[header] = "branch" if of_loading(table.texts(header)) else name
     renamed = tuple(labels.get(header, header) for header in table.header)
     numbers = {
         key: (chosen[name][0], chosen[name][1] / (DEGREE if name == "position" else 1.0))

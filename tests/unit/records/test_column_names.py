@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
 
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv, read_readings_csv
+from torquebench.records.arrow_table import ArrowReadings
 
 
 def read(folder: Path, content: str, *mapping: str, encoding: str = "utf-8") -> CalibrationData:
@@ -56,6 +58,13 @@ def test_a_direction_of_loading_is_a_branch(
     assert read(tmp_path, table).branch.tolist() == [1, -1]
     (tmp_path / "r.csv").write_text(f"reading_nm;{header}\n10,1;{up}\n5,2;{down}\n")
     branch = read_readings_csv(tmp_path / "r.csv").branch
+    assert branch is not None
+    assert branch.tolist() == [1, -1]
+
+
+def test_a_direction_of_loading_in_a_frame() -> None:
+    frame = pa.table({"reading_nm": [10.1, 5.2], "Richtung": ["auf", "ab"]})
+    branch = ArrowReadings("a frame", frame.schema).readings(frame).branch
     assert branch is not None
     assert branch.tolist() == [1, -1]
 
