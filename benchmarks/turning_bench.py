@@ -59,7 +59,10 @@ USED_C = (10.0, 20.0, 30.0, 40.0, 50.0)
 BEHIND_K = 3.0
 """By how much the shafts are colder than their transducers in the last stretch."""
 AVERAGED = 10
+SLICES = 20
+"""Parts of a window whose true means are weighed."""
 LEGS = 5
+SETTLED_S = 0.2
 LARGEST_RPM: dict[Side, float] = {"input": 1200.0, "output": 15.0}
 STEEPEST_RPM_PER_S: dict[Side, float] = {"input": 300.0, "output": 3.75}
 LIMIT = 0.1
@@ -131,6 +134,22 @@ class Stretch:
     true_nm: Any
 
 
+def weighted_truth(
+    true_means: Callable[[FloatArray], FloatArray], time_s: FloatArray, window_s: float
+) -> FloatArray:
+    """Return true torques in windows, weighed over each of them as the regression counter does.
+
+    The slope of a straight line through the edges' phase weighs the frequency by a parabola. A
+    torque at the shaft's resonance has another mean by it than by equal weights.
+    """
+    borders = np.linspace(-0.5, 0.5, SLICES + 1)
+    edges = np.unique(np.round((time_s[:, None] + window_s * borders[None, :]).ravel(), 9))
+    means = true_means(edges)
+    weight = np.diff(1.5 * borders - 2.0 * borders**3)
+    first = np.searchsorted(edges, time_s - 0.5 * window_s - 1e-7)
+    return np.asarray(means[first[:, None] + np.arange(SLICES)] @ weight)
+
+
 def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
     """Follow random torques and speeds at several temperatures, with one zero."""
     devices, stretches = station.devices, list[Stretch]()
@@ -142,6 +161,7 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
     truth: Any = station.drivers.counter  # the simulated bench
 
     def stretch(zeroed_c: float) -> Plan:
+        yield from bps.sleep(SETTLED_S)  # no window holds both temperatures
         yield from bps.abs_set(devices.recorder, "mark", wait=True)
         for _ in range(LEGS):
             speed = generator.uniform(-1, 1) * top * RAD_S_PER_RPM
@@ -156,9 +176,7 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
             yield from bps.trigger(devices.recorder, wait=True)
             yield Msg("read", devices.recorder)  # begins the next piece
             found = devices.recorder.modules[side]
-            middle = 0.5 * (found.time_s[1:] + found.time_s[:-1])
-            edges = np.concatenate([[middle[0] - window_s], middle, [middle[-1] + window_s]])
-            true_nm = truth.true_means(side, edges)
+            true_nm = weighted_truth(partial(truth.true_means, side), found.time_s, window_s)
             known = Readings(
                 found.reading_nm,
                 time_s=found.time_s,
@@ -279,7 +297,8 @@ calibrator at the largest speed, half and full torque;
 random torques over the whole range, speeds up to 1200 1/min (output 15 1/min), ramps up to
 300 1/min per s (output 3.75), at 10, 20, 30, 40 and 50 °C and with shafts 3 K behind their
 transducers, all with one zero. A reading is the mean over 0.1 s, beside it the counter's single
-window of 10 ms, in which misalignment's ripple within a revolution stays.
+window of 10 ms, in which misalignment's ripple within a revolution stays. The truth in a window is
+weighed as the regression counter weighs it.
 "Static only" is the same chain without temperature, rotation and inertia. U and coverage are those
 of single windows.
 """
