@@ -48,6 +48,13 @@ def panel(
             help="Trust the client address stated by the reverse proxy at this address.",
         ),
     ] = "",
+    opcua: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="Also serve the bench by OPC UA, as in opc.tcp://0.0.0.0:4840 (extra opcua).",
+        ),
+    ] = None,
     fast: Annotated[
         bool,
         typer.Option("--fast", help="Simulated procedures run as fast as they compute."),
@@ -70,6 +77,11 @@ def panel(
     names = tuple(host_name or ())
     address = Address(host, port, tls_cert, tls_key, insecure_network, names, behind_proxy)
     address.check()  # before anything is loaded that takes seconds
+    endpoint = None
+    if opcua is not None:
+        from torquebench.opcua import Endpoint
+
+        endpoint = Endpoint.parse(opcua)
     description = bench_description(bench)
     published = None
     if sparkplug is not None:
@@ -81,11 +93,22 @@ def panel(
     from torquebench.panel.server import serve
     from torquebench.panel.service import BenchService
 
-    with BenchService.open(description, data, fast=fast) as service:
+    with (
+        BenchService.open(description, data, fast=fast) as service,
+        contextlib.ExitStack() as served,
+    ):
         if service.station.description.simulated:
             note("simulated bench")
 
+        plant = ""
+        if endpoint is not None:
+            from torquebench.opcua import OpcUaServer
+
+            plant = served.enter_context(OpcUaServer(service, endpoint)).url
+
         def ready(url: str) -> None:
+            if plant:
+                say(f"OPC UA: {plant}")
             say(f"Panel: {url}")
             code = service.people.setup_code
             if code is not None:

@@ -371,6 +371,10 @@ class RecordQueries:
         """Return all certificates, the newest first."""
         return self._registry.certificates()
 
+    def has_report(self, run_id: str) -> bool:
+        """Whether a report of a run is kept as PDF."""
+        return bool(RUN_ID.fullmatch(run_id)) and report_path(self._registry, run_id).is_file()
+
     def report_file(self, run_id: str) -> bytes:
         """Return the report of a reducer test as PDF.
 
@@ -379,14 +383,13 @@ class RecordQueries:
         NotFoundError
             There is no such run, or it has no report.
         """
-        path = report_path(self._registry, run_id)
-        if not RUN_ID.fullmatch(run_id) or not path.is_file():
+        if not self.has_report(run_id):
             raise NotFoundError(
                 f"no report of {run_id[:80]!r}",
                 "the first run of a reducer test on this panel",
                 "test the specimen again",
             )
-        return path.read_bytes()
+        return report_path(self._registry, run_id).read_bytes()
 
     def certificate_file(self, number: str, name: str) -> tuple[bytes, str]:
         """Return one file of a certificate and its media type, checked by its registered hash.

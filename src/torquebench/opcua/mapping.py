@@ -1,0 +1,117 @@
+"""What the service shows, as values of the address space; pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Literal
+
+from torquebench.panel.service.live.alarms import AlarmView
+from torquebench.panel.service.live.hub import Connection, LatestValue
+from torquebench.panel.service.live.snapshot import BenchSnapshot
+
+__all__ = [
+    "UNITS",
+    "LiveValue",
+    "MachineState",
+    "live_values",
+    "machine_state",
+    "severity",
+]
+
+MachineState = Literal["NotAvailable", "OutOfService", "NotExecuting", "Executing"]
+"""States of a machinery item by OPC 40001-1."""
+
+UNITS = {
+    "Torque": ("N·m", "NU"),
+    "Uncertainty": ("N·m", "NU"),
+    "RawTorque": ("N·m", "NU"),
+    "ReferenceTorque": ("N·m", "NU"),
+    "Speed": ("1/min", "RPM"),
+    "Angle": ("°", "DD"),
+    "Temperature": ("°C", "CEL"),
+    "Efficiency": ("%", "P1"),
+}
+"""Live values with their unit, and its common code of UNECE Recommendation 20."""
+
+
+@dataclass(frozen=True)
+class LiveValue:
+    """One live value.
+
+    Attributes
+    ----------
+    value : float or None
+    status : str
+        Name of an OPC UA status code.
+    source_time : datetime.datetime or None
+        When the value was measured, UTC.
+    """
+
+    value: float | None
+    status: str
+    source_time: datetime | None
+
+
+def live_values(
+    bench: BenchSnapshot, now: datetime | None = None
+) -> dict[tuple[str, str], LiveValue]:
+    """Return all live values by side ("" for the bench) and name.
+
+    A value that is missing or has a fault is bad, an old one uncertain. While a critical alarm is
+    latched everything is uncertain, and so is a torque without a valid compensation.
+    """
+    moment = now or datetime.now(UTC)
+    found: dict[tuple[str, str], LiveValue] = {}
+    for side, shown in bench.sides.items():
+        compensated = shown.compensation is not None and shown.compensation.valid
+        for name, value, doubt in (
+            ("Torque", shown.torque, not compensated),
+            ("Uncertainty", shown.uncertainty, not compensated),
+            ("RawTorque", shown.raw, False),
+            ("ReferenceTorque", shown.reference, False),
+            ("Speed", shown.speed, False),
+            ("Angle", shown.angle, False),
+            ("Temperature", shown.temperature, False),
+        ):
+            found[side, name] = _live(value, bench, moment, doubtful=doubt)
+    found["", "Efficiency"] = _live(bench.efficiency, bench, moment, doubtful=False)
+    return found
+
+
+def _live(value: LatestValue, bench: BenchSnapshot, now: datetime, *, doubtful: bool) -> LiveValue:
+    if value.value is None:
+        status = "BadSensorFailure" if value.fault else _nothing(bench.connection)
+        return LiveValue(None, status, None)
+    measured = now - timedelta(seconds=value.age_s)
+    if bench.connection == "lost":
+        status = "BadNoCommunication"
+    elif value.fault:
+        status = "BadSensorFailure"
+    elif value.stale:
+        status = "UncertainLastUsableValue"
+    elif bench.stopped:
+        status = "UncertainSubNormal"
+    elif doubtful:
+        status = "UncertainSensorNotAccurate"
+    else:
+        status = "Good"
+    return LiveValue(value.value, status, measured)
+
+
+def _nothing(connection: Connection) -> str:
+    return "BadNoCommunication" if connection == "lost" else "BadNoData"
+
+
+def machine_state(bench: BenchSnapshot) -> MachineState:
+    """Return the bench's state by OPC 40001-1: out of service while a critical alarm is latched."""
+    if bench.connection == "lost":
+        return "NotAvailable"
+    if bench.stopped:
+        return "OutOfService"
+    return "Executing" if bench.job_id is not None else "NotExecuting"
+
+
+def severity(alarm: AlarmView) -> int:
+    """Return an alarm's severity, 1 to 1000: that of critical ones is high."""
+    return 900 if alarm.level == "critical" else 400
