@@ -14,7 +14,7 @@ EXAMPLES = ROOT / "examples"
 WITHOUT_EXTRAS = """
 import importlib.metadata, re, sys
 extras = {"alembic", "bluesky", "event_model", "ophyd_async", "segno", "sqlalchemy", "structlog",
-          "typst", "argon2", "nicegui", "fastapi", "starlette", "uvicorn"}
+          "typst", "argon2", "nicegui", "fastapi", "starlette", "uvicorn", "paho"}
 class Missing:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in extras:
@@ -48,7 +48,10 @@ def test_tables_are_fitted_verified_and_compensated_without_extras(tmp_path: Pat
     assert (tmp_path / "m.html").is_file()
 
 
-@pytest.mark.parametrize(("command", "extra"), [("records list", "bench"), ("panel", "panel")])
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [("records list", "bench"), ("panel", "panel"), ("panel --sparkplug s.toml", "sparkplug")],
+)
 def test_a_command_that_needs_an_extra_names_it(tmp_path: Path, command: str, extra: str) -> None:
     done = without_extras(tmp_path, *command.split())
     assert done.returncode == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -85,6 +86,7 @@ def panel(
     description = bench_description(bench)
     published = None
     if sparkplug is not None:
+        import_module("paho.mqtt")  # before what comes with other extras, so that its own is named
         from torquebench.panel.sparkplug.publisher import Publisher
         from torquebench.panel.sparkplug.settings import load_settings
 
