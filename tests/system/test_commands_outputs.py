@@ -119,3 +119,13 @@ def test_a_table_that_is_kept_is_no_pipe(tables: Path) -> None:
     refused = run("evaluate", "static", "-", *STANDARD, "--register", cwd=tables)
     assert refused.returncode == 2
     assert "a file: it is kept" in refused.stderr
+
+
+def test_a_static_report_without_a_model_speaks_of_no_compensation(tables: Path) -> None:
+    words = ("evaluate", "static", "calibration.csv", *STANDARD, "--report")
+    assert run(*words, "plain.html", cwd=tables).returncode in (0, 1)
+    page = (tables / "plain.html").read_text("utf-8")
+    assert "Error of every point against the standard." in page
+    run(*words, "both.html", "--model", "model.json", cwd=tables)
+    both = (tables / "both.html").read_text("utf-8")
+    assert "against the standard, before and after compensation." in both

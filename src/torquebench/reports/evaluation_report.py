@@ -207,11 +207,13 @@ def static_page(
         ("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"),
         *(("Remark", each) for each in remarks),
     ]
-    curves = [Curve("before", points.standard_nm, points.reading_nm - points.standard_nm, raw=True)]
+    name = "reading" if torque_nm is None else "before"
+    curves = [Curve(name, points.standard_nm, points.reading_nm - points.standard_nm, raw=True)]
+    caption = "Error of every point against the standard."
     if torque_nm is not None:
+        caption = "Error of every point against the standard, before and after compensation."
         error = np.asarray(torque_nm) - points.standard_nm
         curves.append(Curve("after compensation", points.standard_nm, error))
-    caption = "Error of every point against the standard, before and after compensation."
     figure = Figure(error_figure(curves, points.range_nm), caption)
     sections = [Section("Calibration", "", (Facts(facts), figure))]
     if deviations:
