@@ -164,7 +164,7 @@ def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]
         folder = RunFolder.open(path)
         lock = RunLock(path)
     except (RecordError, OSError):
-        yield Finding("orphan", str(path), "", "isn't a run", "", "take it away")
+        yield Finding("orphan", str(path), "", "isn't a run", "", "remove it")
         return
     if not lock.held:  # it is being written right now
         return
