@@ -38,6 +38,7 @@ ELSEWHERE = {
     ("simulate",): "test_networked_bench.py",
     ("plant",): "test_plant_commands.py",
     ("teds",): "test_teds_commands.py",
+    ("certificate", "calibration-1"): "test_certificate_command.py",
     ("test", "compare"): "test_reducer_test_command.py",
 }
 """Commands that end by Ctrl-C only, take minutes or need a server: run there."""
@@ -112,7 +113,7 @@ def reader(
             (tmp_path / "data").mkdir()
             (tmp_path / "data" / "laboratory.toml").write_text(blocks(page, "toml")[0], "utf-8")
         elif name == "evaluate-a-calibration-from-elsewhere":
-            staircase_table(tmp_path, monkeypatch)
+            external_table(tmp_path)
         elif name == "measure-quick-torques":
             quick_tables(tmp_path)
         elif name == "measure-while-it-turns":
@@ -133,20 +134,11 @@ def reader(
     return folder
 
 
-def staircase_table(folder: Path, patch: pytest.MonkeyPatch) -> None:
-    """A calibration by the staircase as a table that says nothing of its bench."""
+def external_table(folder: Path) -> None:
+    """A table that says nothing of its bench, and a laboratory that it is entered in."""
     issue = "docs/how-to/issue-a-certificate.md"
-    shutil.rmtree(folder / "data")
-    (folder / "data").mkdir()
     (folder / "data" / "laboratory.toml").write_text(blocks(issue, "toml")[0], "utf-8")
-    data = str(folder / "bench")
-    for words in (
-        ["calibrate", "output", "--profile", "staircase", "--model", "polynomial-2"],
-        ["records", "export", "latest", "--out", str(folder / "exported")],
-    ):
-        code, told = run([*words, "--data", data], patch)
-        assert code == 0, told
-    lines = (folder / "exported" / "points.csv").read_text("utf-8").splitlines()
+    lines = (ROOT / "examples" / "calibration-output.csv").read_text("utf-8").splitlines()
     own = "\n".join(line for line in lines if not line.startswith("#"))
     (folder / "data.csv").write_text(own + "\n", "utf-8")
 

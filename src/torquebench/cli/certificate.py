@@ -97,6 +97,8 @@ def certificate(
             "one of them",
             "name a calibration run, or a file to check",
         )
+    if out is not None:
+        check_output_folder(out)
     with Registry.open(data_directory(data)) as registry:
         if check is not None:
             _check(registry, check)
@@ -106,8 +108,6 @@ def certificate(
 
         from torquebench.reports.certificate import build_record, issue_certificate
 
-        if out is not None:
-            check_output_folder(out)
         judged = tolerance if conformity else None
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
         unrefused = replace(issue, refuse_unreviewed=issue.refuse_unreviewed and not checked_by)
