@@ -103,17 +103,19 @@ def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
 
 
 def _extra_of(module: str) -> str:
-    """Return the extra that brings a module; empty if none does."""
+    """Return the smallest extra that brings a module; empty if none does."""
     from importlib.metadata import requires
 
     name = _DISTRIBUTIONS.get(module.partition(".")[0], module.partition(".")[0])
+    brought: dict[str, set[str]] = {}
     for line in requires("torquebench") or ():
         requirement, _, marker = line.partition(";")
         found = re.match(r"[A-Za-z0-9._-]+", requirement)
         extra = re.search(r"extra == ['\"]([^'\"]+)", marker)
-        if found and extra and found[0].lower().replace("-", "_") == name.lower():
-            return extra[1]
-    return ""
+        if found and extra:
+            brought.setdefault(extra[1], set()).add(found[0].lower().replace("-", "_"))
+    extras = [extra for extra, names in brought.items() if name.lower() in names]
+    return min(extras, key=lambda extra: len(brought[extra]), default="")
 
 
 def _missing_extra(extra: str, module: str) -> InputError:

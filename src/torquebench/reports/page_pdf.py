@@ -11,12 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import typst
-
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write, is_standard_output
 from torquebench.errors import InputError
-from torquebench.reports.certificate.fonts import fonts_for
 from torquebench.reports.page import Facts, Figure, Page, Table, write_page
 
 __all__ = ["check_suffix", "page_pdf", "write_report"]
@@ -45,6 +42,10 @@ def page_pdf(page: Page) -> bytes:
     InputError
         Where there is no font for the text.
     """
+    import typst
+
+    from torquebench.reports.certificate.fonts import fonts_for
+
     figures: dict[str, str] = {}
     content: dict[str, Any] = {
         "title": page.title,
@@ -186,3 +187,5 @@ def check_suffix(path: Path) -> None:
     """
     if path.suffix.lower() not in SUFFIXES and not is_standard_output(path):
         raise InputError(str(path), f"a file that ends in {' or '.join(SUFFIXES)}")
+    if path.suffix.lower() == ".pdf":
+        import typst  # noqa: F401 - where it isn't installed, its extra is named
