@@ -222,6 +222,32 @@ class _Session(InternalSession):
         finally:
             _caller.reset(token)
 
+    async def create_monitored_items(
+        self, params: ua.CreateMonitoredItemsParameters
+    ) -> list[ua.MonitoredItemCreateResult]:
+        for each in params.ItemsToCreate or []:
+            _check_filter(each.RequestedParameters.Filter)
+        return list(await super().create_monitored_items(params))
+
+    async def modify_monitored_items(
+        self, params: ua.ModifyMonitoredItemsParameters
+    ) -> list[ua.MonitoredItemModifyResult]:
+        for each in params.ItemsToModify or []:
+            _check_filter(each.RequestedParameters.Filter)
+        return list(await super().modify_monitored_items(params))
+
+
+def _check_filter(wanted: Any) -> None:
+    """Refuse fields of events that asyncua fails on when an event comes, for all clients."""
+    if not isinstance(wanted, ua.EventFilter):
+        return
+    wanted.SelectClauses = wanted.SelectClauses or []
+    for clause in wanted.SelectClauses:
+        clause.BrowsePath = clause.BrowsePath or []  # no path is as good as an empty one
+        known = clause.AttributeId in set(ua.AttributeIds)
+        if not known or not all(step.Name for step in clause.BrowsePath):
+            raise ServiceError(ua.StatusCodes.BadEventFilterInvalid)
+
 
 def caller() -> Actor | None:
     """Return who calls the method that runs now."""
