@@ -36,7 +36,7 @@ docs: $(VENV)/.installed-test
 pictures: $(VENV)/.installed-test
 	$(BIN)/python -m tests.pictures
 
-tests: $(VENV)/.installed-test $(VENV)/.installed-node
+tests: $(VENV)/.installed-test
 	$(BIN)/pytest -n auto --dist worksteal
 
 # The numbers again as on another processor: NumPy, kernels and linear algebra without the vector
@@ -59,12 +59,6 @@ $(VENV)/.installed: $(BIN)/python pyproject.toml constraints.txt
 $(VENV)/.installed-test: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[test]'
 	touch $@ $(VENV)/.installed
-
-# A foreign OPC UA stack for one test; without npm that test is left out.
-$(VENV)/.installed-node: $(BIN)/python tests/system/opcua_client/package.json
-	mkdir -p $(VENV)/node && cp tests/system/opcua_client/package.json $(VENV)/node
-	! command -v npm || (cd $(VENV)/node && npm install --silent --no-audit --no-fund --no-package-lock)
-	touch $@
 
 $(VENV)/.installed-plant: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[panel,plant]'

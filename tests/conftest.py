@@ -19,7 +19,6 @@ os.environ["TORQUEBENCH_PRIORITY"] = "usual"
 import pytest
 from hypothesis import HealthCheck, settings
 from tests import postgresql_server
-from tests.system.opcua_panel import foreign_stack
 
 # A shell that starts the tests in the background has Ctrl-C ignored, and every process that a test
 # starts would inherit that; the handler takes it back.
@@ -44,14 +43,11 @@ _LONG = ("test_installation.py", "test_demo_acceptance.py", "test_http_api_schem
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Begin with the longest; leave out what needs data or a stack that a clone lacks."""
+    """Begin with the longest; leave out what needs data that a clone lacks."""
     items.sort(key=lambda item: item.path.name not in _LONG)
-    missing = set()
-    if not (_CI or _REFERENCE_DATA.is_dir()):
-        missing.add("reference_data")
-    if not (_CI or foreign_stack()):
-        missing.add("foreign_opcua")
-    left_out = [item for item in items if missing & set(getattr(item, "fixturenames", ()))]
+    if _CI or _REFERENCE_DATA.is_dir():
+        return
+    left_out = [item for item in items if "reference_data" in getattr(item, "fixturenames", ())]
     if left_out:
         items[:] = [item for item in items if item not in left_out]
         config.hook.pytest_deselected(items=left_out)
@@ -65,23 +61,12 @@ def pytest_report_header() -> list[str]:
             f"reference tests are left out: no folder {_REFERENCE_DATA} "
             "(give it by TORQUEBENCH_REFERENCE_DATA)"
         )
-    if not (_CI or foreign_stack()):
-        lines.append(
-            "the OPC UA server isn't read by a foreign stack: node-opcua isn't installed "
-            "(`make tests` does where there is npm)"
-        )
     if not (_CI or postgresql_server.binaries()):
         lines.append(
             "the registry isn't tested on PostgreSQL: no server is installed "
             "(Debian package: postgresql)"
         )
     return lines
-
-
-@pytest.fixture(scope="session")
-def foreign_opcua() -> None:
-    """Need node-opcua."""
-    assert foreign_stack(), "node-opcua isn't installed: `make tests` does where there is npm"
 
 
 @pytest.fixture(scope="session")

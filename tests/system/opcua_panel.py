@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
-import sys
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,12 +17,6 @@ from torquebench.panel.service import BenchService
 
 PASSWORD = "correct horse battery"
 APPLICATION = "urn:torquebench:test-client"
-MODULES = Path(sys.prefix) / "node" / "node_modules"
-
-
-def foreign_stack() -> bool:
-    """Whether node-opcua is installed, as `make test` does where there is npm."""
-    return bool(shutil.which("node")) and (MODULES / "node-opcua-client").is_dir()
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,18 @@ import asyncio
 import contextlib
 import hashlib
 import json
-import os
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 from asyncua import Client, ua
-from tests.system.opcua_panel import MODULES, PASSWORD, Served
+from tests.system.opcua_panel import APPLICATION, PASSWORD, Served
 from tests.system.panel_api import SLOW
 from tests.unit.reports.calibrated_bench import calibrated_bench
 
@@ -23,7 +24,7 @@ from torquebench.opcua import Endpoint, OpcUaServer
 from torquebench.panel.service import Actor, BenchService
 from torquebench.reports.certificate import Issue, build_record, issue_certificate
 
-SCRIPT = Path(__file__).parent / "opcua_client" / "read_bench.js"
+SCRIPT = Path(__file__).parent / "opcua_client" / "read_bench.py"
 RESULT = "http://opcfoundation.org/UA/Machinery/Result/"
 
 
@@ -69,33 +70,38 @@ def _certificate_file(served: Served, ending: str) -> tuple[str, bytes]:
     return f"{entry.number}/{name}", served.service.records.certificate_file(entry.number, name)[0]
 
 
-def read_by_node(served: Served, folder: Path, result: str = "", name: str = "Admin") -> Any:
-    """Read the bench with node-opcua."""
+def read_by_a_foreign_stack(served: Served, folder: Path, result: str) -> Any:
+    """Read the bench with o6, a client of the C stack open62541."""
+    certificate = served.server.store.certificate
+    where = [served.server.url, str(certificate), str(folder), APPLICATION]
     done = subprocess.run(
-        ["node", str(SCRIPT), served.server.url, str(folder), name, PASSWORD, result],
+        [sys.executable, str(SCRIPT), *where, "Admin", PASSWORD, result],
         capture_output=True,
         text=True,
         timeout=240,
-        env={**os.environ, "NODE_PATH": str(MODULES), "HOME": str(folder)},
     )
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout[done.stdout.index('{"') :])
+    return json.loads(done.stdout.splitlines()[-1])  # o6's banner comes first
 
 
-@pytest.mark.usefixtures("foreign_opcua")
 def test_a_foreign_stack_reads_acknowledges_and_fetches_files(
     served: Served, admin: Actor, tmp_path: Path
 ) -> None:
-    refused = read_by_node(served, tmp_path)
-    assert "BadCertificateUntrusted" in refused["refused"]
+    asyncio.run(Served(served.service, served.server, tmp_path).certify())
+    result, content = _certificate_file(served, ".pdf")
+    refused = read_by_a_foreign_stack(served, tmp_path, result)
+    assert refused == {"refused": "BadCertificateUntrusted"}
     for path in served.server.store.rejected.iterdir():
         path.rename(served.server.store.trusted / path.name)
     served.service.stop(admin, "by a test")
-    result, content = _certificate_file(served, ".pdf")
-    said = read_by_node(served, tmp_path, result)
-    assert said["machines"] == [served.service.station.description.name]
+    started = datetime.now(UTC)
+    said = read_by_a_foreign_stack(served, tmp_path, result)
+    name = served.service.station.description.name
+    assert said["machines"] == [name]
+    assert said["serial"] == name.replace(" ", "-")
     assert said["state"] == "OutOfService"
     assert said["raw"]["status"] == said["torqueStatus"] == "UncertainSubNormal"
+    assert datetime.fromisoformat(said["raw"]["time"]) > started - timedelta(minutes=1)
     assert said["unit"] == "N·m"
     assert said["write"] == "BadUserAccessDenied"
     assert said["latest"] == {"status": "Good", "error": 0}
@@ -106,7 +112,9 @@ def test_a_foreign_stack_reads_acknowledges_and_fetches_files(
     assert said["result"]["simulated"] is True
     assert said["offered"] == "Good"
     assert said["file"] == hashlib.sha256(content).hexdigest()
+    assert said["closed"] == "Good"
     assert said["afterClose"].startswith("Bad")
+    assert said["refreshed"] == "Good"
     assert "by a test" in said["alarm"]["message"]
     assert said["alarm"]["acknowledged"] is False
     assert said["acknowledge"] == "Good"
@@ -217,6 +225,30 @@ def test_nothing_can_be_written_or_added(served: Served) -> None:
                 await node.write_value(1.0)
             with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
                 await client.nodes.objects.add_folder(index, "mine")
+
+    asyncio.run(asyncio.wait_for(work(), 60))
+
+
+def test_fields_of_events_that_cannot_be_answered_are_refused(served: Served) -> None:
+    """They would end the sending of events, to all clients."""
+
+    async def work() -> None:
+        async with served.session() as client:
+            subscription = await client.create_subscription(100, None)
+            for path, attribute in (([ua.QualifiedName()], ua.AttributeIds.Value), ([], 999)):
+                wanted = ua.EventFilter()
+                wanted.SelectClauses = [
+                    ua.SimpleAttributeOperand(BrowsePath=path, AttributeId=ua.UInt32(attribute))
+                ]
+                parameters = ua.CreateMonitoredItemsParameters()
+                parameters.SubscriptionId = subscription.subscription_id
+                item = ua.MonitoredItemCreateRequest()
+                item.ItemToMonitor.NodeId = ua.NodeId(ua.ObjectIds.Server)
+                item.ItemToMonitor.AttributeId = ua.AttributeIds.EventNotifier
+                item.RequestedParameters.Filter = wanted
+                parameters.ItemsToCreate = [item]
+                with pytest.raises(ua.UaStatusCodeError, match="BadEventFilterInvalid"):
+                    await client.uaclient.create_monitored_items(parameters)
 
     asyncio.run(asyncio.wait_for(work(), 60))
 
