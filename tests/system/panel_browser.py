@@ -261,7 +261,8 @@ class Visitor:
         return [
             entry["message"]
             for entry in self.driver.get_log("browser")
-            if entry["level"] == "SEVERE" and "ERR_" not in entry["message"]
+            if entry["level"] == "SEVERE"
+            and not any(lost in entry["message"] for lost in ("ERR_", "Failed to fetch"))
         ]
 
     def axe(self) -> list[str]:

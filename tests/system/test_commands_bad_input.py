@@ -63,7 +63,7 @@ def test_fit_refuses_before_it_works(tmp_path: Path) -> None:
     for arguments, word in (
         (("missing.csv",), "missing.csv"),
         (("data.csv", "--out", "no/folder/model.json"), "no/folder"),
-        (("data.csv", "--out", "data.csv"), "input and output"),
+        (("data.csv", "--out", "data.csv"), "ends in .json"),
         (("data.csv", "--model", "crystal-ball"), "crystal-ball"),
     ):
         refused(run("fit", *arguments, "--range", 2000, cwd=tmp_path), word)

@@ -125,7 +125,7 @@ def test_who_measured_is_a_person_of_the_laboratory(
     tables: TableImport, registry: Registry, table: str
 ) -> None:
     asked = {**CIRCUMSTANCES, **CHAIN, "content": table}
-    with pytest.raises(InputError, match=r"'Somebody', who is nobody.*one of A\. Kim, B\. Li"):
+    with pytest.raises(InputError, match=r"'Somebody', who isn't a person.*one of A\. Kim, B\. Li"):
         tables.enter(CHIEF, {**asked, "measured_by": "Somebody"})
     assert registry.runs() == []
     entered = tables.enter(CHIEF, {**asked, "measured_by": " a. kim"})
