@@ -21,6 +21,7 @@ _LENGTHS = np.geomspace(0.003, 1.0, 8)
 """Candidate correlation lengths along the path, as shares of full scale."""
 _CHANCE = 2.5  # standard errors of the correlation
 _LARGEST_SHARE = 0.9
+_FEWEST_PAIRS = 1e-9  # of full correlation; a length that reaches from no point to another has none
 _SIDED = 5e-4  # readings next to zero are on neither side
 
 
@@ -117,10 +118,14 @@ def _fitted(way: FloatArray, product: FloatArray) -> tuple[float, float]:
         return 0.0, 1.0
     shapes = np.exp(-way / _LENGTHS[:, None])
     power = np.sum(shapes**2, axis=1)
+    reaching = power > _FEWEST_PAIRS
+    if not np.any(reaching):
+        return 0.0, 1.0
+    lengths, shapes, power = _LENGTHS[reaching], shapes[reaching], power[reaching]
     shares = shapes @ product / power
     gains = shares**2 * power * np.sign(shares)
     best = int(np.argmax(gains))
     error = 1.0 / np.sqrt(power[best])
     if not shares[best] > _CHANCE * error:
         return 0.0, 1.0
-    return float(min(shares[best], _LARGEST_SHARE)), float(_LENGTHS[best])
+    return float(min(shares[best], _LARGEST_SHARE)), float(lengths[best])
