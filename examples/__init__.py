@@ -1,0 +1,1 @@
+"""Examples of use: tables, bench descriptions, scripts, a plant on one computer."""
