@@ -14,7 +14,7 @@ EXAMPLES = ROOT / "examples"
 WITHOUT_EXTRAS = """
 import importlib.metadata, re, sys
 extras = {"alembic", "bluesky", "event_model", "ophyd_async", "segno", "sqlalchemy", "structlog",
-          "typst", "argon2", "nicegui", "fastapi", "starlette", "uvicorn", "paho"}
+          "typst", "argon2", "nicegui", "fastapi", "starlette", "uvicorn", "paho", "asyncua"}
 class Missing:
     def find_spec(self, name, path=None, target=None):
         if name.partition(".")[0] in extras:
@@ -50,7 +50,12 @@ def test_tables_are_fitted_verified_and_compensated_without_extras(tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("command", "extra"),
-    [("records list", "bench"), ("panel", "panel"), ("panel --sparkplug s.toml", "sparkplug")],
+    [
+        ("records list", "bench"),
+        ("panel", "panel"),
+        ("panel --sparkplug s.toml", "sparkplug"),
+        ("panel --opcua opc.tcp://127.0.0.1:4840", "opcua"),
+    ],
 )
 def test_a_command_that_needs_an_extra_names_it(tmp_path: Path, command: str, extra: str) -> None:
     done = without_extras(tmp_path, *command.split())

@@ -80,13 +80,14 @@ def panel(
     address.check()  # before anything is loaded that takes seconds
     endpoint = None
     if opcua is not None:
+        import_module("asyncua")  # before what comes with other extras, so that its own is named
         from torquebench.opcua import Endpoint
 
         endpoint = Endpoint.parse(opcua)
     description = bench_description(bench)
     published = None
     if sparkplug is not None:
-        import_module("paho.mqtt")  # before what comes with other extras, so that its own is named
+        import_module("paho.mqtt")
         from torquebench.panel.sparkplug.publisher import Publisher
         from torquebench.panel.sparkplug.settings import load_settings
 

@@ -167,12 +167,12 @@ class Gate:
 
     def _actor(self, name: str, secret: str) -> Actor:
         """Return a client by its name and token, or a person by name and password."""
-        if secret.startswith("tb_"):
-            actor = self._service.clients.actor(secret)
-            if actor.name != name:
-                raise NotSignedInError("a token of another client", "its own name")
-            return actor
-        return self._service.people.identify(name, secret, "opc.tcp")
+        client = self._service.clients.find(secret)
+        if client is None:
+            return self._service.people.identify(name, secret, "opc.tcp")
+        if client.name != name:
+            raise NotSignedInError("a token of another client", "its own name")
+        return client
 
     async def validate(self, certificate: x509.Certificate, _description: Any) -> None:
         """Refuse a session of a client whose certificate isn't trusted."""
@@ -180,16 +180,6 @@ class Gate:
         if not self._store.trusts(content):
             self._store.reject(content)
             raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
-
-    def present(self, actor: Actor) -> Actor | None:
-        """Return somebody with the role that they have now, None where they may no longer."""
-        if actor.kind == "client":
-            return actor if self._service.clients.lives(actor.session_id) else None
-        try:
-            user = self._service.people.user(actor.name)
-        except TorquebenchError:
-            return None
-        return Actor(user.name, user.role, actor.session_id) if user.active else None
 
 
 class GuardedServer(InternalServer):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 from urllib.parse import urlparse
 
@@ -27,7 +26,7 @@ class Endpoint:
         Raises
         ------
         InputError
-            When it isn't one, or the extra isn't installed.
+            When it isn't one.
 
         Examples
         --------
@@ -42,12 +41,6 @@ class Endpoint:
         if parts.scheme != "opc.tcp" or not parts.hostname or parts.path.strip("/"):
             raise InputError(
                 f"OPC UA address {url!r}", "opc.tcp://HOST:PORT", "as in opc.tcp://127.0.0.1:4840"
-            )
-        if importlib.util.find_spec("asyncua") is None:
-            raise InputError(
-                "the OPC UA server isn't installed",
-                "the extra opcua",
-                'install it: pip install "torquebench[opcua]"',
             )
         return cls(parts.hostname, port)
 

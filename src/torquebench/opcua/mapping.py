@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
 from torquebench.panel.service.live.alarms import AlarmView
-from torquebench.panel.service.live.hub import Connection, LatestValue
-from torquebench.panel.service.live.snapshot import BenchSnapshot
+from torquebench.panel.service.live.hub import SIGNAL_UNITS, Connection, LatestValue
+from torquebench.panel.service.live.snapshot import BenchSnapshot, BenchState
 
 __all__ = [
     "UNITS",
@@ -22,17 +23,28 @@ __all__ = [
 MachineState = Literal["NotAvailable", "OutOfService", "NotExecuting", "Executing"]
 """States of a machinery item by OPC 40001-1."""
 
+_COMMON_CODES = {"N·m": "NU", "rpm": "RPM", "°": "DD", "°C": "CEL", "%": "P1"}
+_SIGNALS = {
+    "Torque": "output_torque_nm",
+    "Uncertainty": "output_uncertainty_nm",
+    "RawTorque": "output_raw_nm",
+    "ReferenceTorque": "output_reference_nm",
+    "Speed": "output_speed_rpm",
+    "Angle": "output_angle_deg",
+    "Temperature": "output_temperature_c",
+    "Efficiency": "efficiency_percent",
+}
 UNITS = {
-    "Torque": ("N·m", "NU"),
-    "Uncertainty": ("N·m", "NU"),
-    "RawTorque": ("N·m", "NU"),
-    "ReferenceTorque": ("N·m", "NU"),
-    "Speed": ("1/min", "RPM"),
-    "Angle": ("°", "DD"),
-    "Temperature": ("°C", "CEL"),
-    "Efficiency": ("%", "P1"),
+    name: (SIGNAL_UNITS[signal], _COMMON_CODES[SIGNAL_UNITS[signal]])
+    for name, signal in _SIGNALS.items()
 }
 """Live values with their unit, and its common code of UNECE Recommendation 20."""
+_STATES: Mapping[BenchState, MachineState] = {
+    "stopped": "OutOfService",
+    "idle": "NotExecuting",
+    "running": "Executing",
+    "paused": "Executing",
+}
 
 
 @dataclass(frozen=True)
@@ -105,11 +117,7 @@ def _nothing(connection: Connection) -> str:
 
 def machine_state(bench: BenchSnapshot) -> MachineState:
     """Return the bench's state by OPC 40001-1: out of service while a critical alarm is latched."""
-    if bench.connection == "lost":
-        return "NotAvailable"
-    if bench.stopped:
-        return "OutOfService"
-    return "Executing" if bench.job_id is not None else "NotExecuting"
+    return "NotAvailable" if bench.connection == "lost" else _STATES[bench.state]
 
 
 def severity(alarm: AlarmView) -> int:

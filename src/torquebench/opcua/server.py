@@ -32,7 +32,7 @@ from torquebench.opcua.results import (
     result_records,
 )
 from torquebench.panel.service import BenchService
-from torquebench.panel.service.access.actors import Actor, require
+from torquebench.panel.service.access.actors import Actor, Role, require
 from torquebench.panel.service.live.alarms import AlarmView
 
 __all__ = ["OpcUaServer"]
@@ -170,7 +170,7 @@ class OpcUaServer:
             user = session.user
             if isinstance(user, SignedIn) and user.actor is not None:
                 actor = user.actor
-                if await asyncio.to_thread(self._gate.present, actor) is None:
+                if await asyncio.to_thread(self._service.present, actor) is None:
                     user.actor = None
                     await session.close_session(True)
 
@@ -242,18 +242,9 @@ class OpcUaServer:
         event.SuppressedOrShelved = False
         event.ClientUserId = alarm.acknowledged_by
         event.Quality = ua.StatusCode(ua.StatusCodes.Good)
-        words = "; ".join(
-            each
-            for each in (
-                alarm.found,
-                f"allowed: {alarm.allowed}" if alarm.allowed else "",
-                alarm.remedy,
-            )
-            if each
-        )
         when = alarm.cleared or alarm.acknowledged or alarm.raised
         return await self._tell(
-            event, self._space.bench.nodeid, alarm.source, words, severity(alarm), when
+            event, self._space.bench.nodeid, alarm.source, alarm.message, severity(alarm), when
         )
 
     async def _tell(
@@ -277,7 +268,7 @@ class OpcUaServer:
 
     # -- methods ----------------------------------------------------------------------------
 
-    def _actor(self, role: str = "operator") -> Actor:
+    def _actor(self, role: Role = "operator") -> Actor:
         """Return who calls, as far as they may.
 
         Raises
@@ -286,10 +277,10 @@ class OpcUaServer:
             Nobody calls, or the role isn't enough.
         """
         known = caller()
-        actor = None if known is None else self._gate.present(known)
+        actor = None if known is None else self._service.present(known)
         if actor is None:
             raise InputError("nobody is signed in", "an account of this bench")
-        require(actor, role)  # type: ignore[arg-type]
+        require(actor, role)
         return actor
 
     async def _acknowledge(self, parent: ua.NodeId, event_id: Any, comment: Any = None) -> Any:

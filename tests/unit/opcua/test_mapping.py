@@ -47,6 +47,7 @@ def bench(torque: LatestValue = FRESH, *, valid: bool | None = True) -> BenchSna
         alarms=0,
         stopped=False,
         job_id=None,
+        paused=False,
         commanded_by=None,
     )
 
@@ -81,5 +82,6 @@ def test_the_state_follows_connection_alarm_and_job() -> None:
     shown = bench()
     assert machine_state(shown) == "NotExecuting"
     assert machine_state(replace(shown, job_id="j")) == "Executing"
+    assert machine_state(replace(shown, job_id="j", paused=True)) == "Executing"
     assert machine_state(replace(shown, job_id="j", stopped=True)) == "OutOfService"
     assert machine_state(replace(shown, stopped=True, connection="lost")) == "NotAvailable"

@@ -16,7 +16,6 @@ from starlette.requests import HTTPConnection
 
 from torquebench.errors import InputError
 from torquebench.panel.service import Actor, BenchService, NotSignedInError
-from torquebench.panel.service.access.clients import PREFIX
 
 __all__ = [
     "Caller",
@@ -50,9 +49,7 @@ def caller_of(service: BenchService, token: str, *, touch: bool = True) -> Actor
     NotSignedInError
         It is unknown, revoked or expired.
     """
-    if token.startswith(PREFIX):
-        return service.clients.actor(token)
-    return service.people.actor(token, touch=touch)
+    return service.clients.find(token) or service.people.actor(token, touch=touch)
 
 
 def address_of(request: Request) -> str:

@@ -15,6 +15,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live_chart import LiveChart
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import BenchSnapshot, SideSnapshot
+from torquebench.panel.service.live.hub import SIGNAL_UNITS
 from torquebench.panel.text import Text
 
 __all__ = ["live_page"]
@@ -22,13 +23,13 @@ __all__ = ["live_page"]
 PUSH_S = 1.0 / 40.0
 """How often a page asks for new rows: more often than they come, so that none waits long."""
 FACTS = {
-    "speed_input": ("input_speed_rpm", "rpm", 2),
-    "speed_output": ("output_speed_rpm", "rpm", 3),
-    "angle_input": ("input_angle_deg", "°", 2),
-    "angle_output": ("output_angle_deg", "°", 3),
-    "temperature_input": ("input_temperature_c", "°C", 1),
-    "temperature_output": ("output_temperature_c", "°C", 1),
-    "efficiency": ("efficiency_percent", "%", 1),
+    "speed_input": ("input_speed_rpm", 2),
+    "speed_output": ("output_speed_rpm", 3),
+    "angle_input": ("input_angle_deg", 2),
+    "angle_output": ("output_angle_deg", 3),
+    "temperature_input": ("input_temperature_c", 1),
+    "temperature_output": ("output_temperature_c", 1),
+    "efficiency": ("efficiency_percent", 1),
 }
 EFFECTS_EVERY = 2
 """Refreshes of the page from one look at the effects to the next: nobody reads them faster."""
@@ -144,8 +145,9 @@ class _LivePage:
                     places |= {key: where for key, where in tile.places.items() if key != "torque"}
                     places[f"{side}_torque"] = tile.places["torque"]
                 with box("div", "facts"):
-                    for key, (signal, unit, decimals) in FACTS.items():
-                        places[signal] = (_fact(text(f"live.{key}"), unit), decimals)
+                    for key, (signal, decimals) in FACTS.items():
+                        fact = _fact(text(f"live.{key}"), SIGNAL_UNITS[signal])
+                        places[signal] = (fact, decimals)
             with box("div", "stack"):
                 self.chart = LiveChart(self.visitor, places, region)
         with box("div", "stack effects"):

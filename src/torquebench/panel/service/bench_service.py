@@ -21,7 +21,13 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.priority import prefer_this_thread
 from torquebench.chain import EffectState
-from torquebench.errors import InputError, InterlockError, ModelMismatchError, RecordError
+from torquebench.errors import (
+    InputError,
+    InterlockError,
+    ModelMismatchError,
+    RecordError,
+    TorquebenchError,
+)
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.clients import Clients
 from torquebench.panel.service.access.lease import CommandLease
@@ -318,6 +324,7 @@ class BenchService:
             alarms=len(station.supervisor.alarms),
             stopped=station.supervisor.alarm is not None,
             job_id=None if job is None else job.job_id,
+            paused=job is not None and job.state == "paused",
             commanded_by=self.lease.state().holder,
         )
 
@@ -404,10 +411,20 @@ class BenchService:
         named = kept_letterhead(self.station.registry.root).people
         return tuple(dict.fromkeys((*self.people.names(), *named)))
 
-    def _lives(self, actor: Actor) -> bool:
+    def present(self, actor: Actor) -> Actor | None:
+        """Return somebody with the role that they have now, None where they may no longer."""
         if actor.kind == "client":
-            return self.clients.lives(actor.session_id)
-        return self.people.signed_in(actor.session_id)
+            return actor if self.clients.lives(actor.session_id) else None
+        try:
+            user = self.people.user(actor.name)
+        except TorquebenchError:
+            return None
+        return Actor(user.name, user.role, actor.session_id) if user.active else None
+
+    def _lives(self, actor: Actor) -> bool:
+        if actor.kind == "person":
+            return self.people.signed_in(actor.session_id)
+        return self.present(actor) is not None
 
     def _job_done(self, kind: str) -> None:
         if kind in ("calibrate", "resume-calibration", "fit", "finish-run"):

@@ -1,4 +1,4 @@
-"""What the bench tells: every metric of the edge node and its devices, and how it is read."""
+"""Metrics of the edge node and its devices, and how they are read from the bench."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service import AlarmView, BenchService, BenchSnapshot, SideSnapshot
 from torquebench.panel.service.jobs.values import JobView
-from torquebench.panel.service.live.hub import LatestValue
+from torquebench.panel.service.live.hub import SIGNAL_UNITS, LatestValue
 from torquebench.panel.sparkplug.payload import DataType, Quality, Value
 from torquebench.panel.sparkplug.settings import Deadband
 
@@ -73,6 +73,13 @@ class MetricSpec:
 
 _STRING, _NUMBER, _FLAG = DataType.STRING, DataType.DOUBLE, DataType.BOOLEAN
 _COUNT, _TIME = DataType.INT64, DataType.DATE_TIME
+_UNIT = {
+    "torque": SIGNAL_UNITS["output_torque_nm"],
+    "speed": SIGNAL_UNITS["output_speed_rpm"],
+    "angle": SIGNAL_UNITS["output_angle_deg"],
+    "temperature": SIGNAL_UNITS["output_temperature_c"],
+    "efficiency": SIGNAL_UNITS["efficiency_percent"],
+}
 
 _NODE_METRICS = (
     MetricSpec(BDSEQ, _COUNT, "number of the connection, the same in birth and death"),
@@ -85,24 +92,24 @@ _NODE_METRICS = (
     MetricSpec(
         "Bench/Efficiency",
         _NUMBER,
-        "power out over power in; null where it means nothing",
-        "%",
+        "power out over power in; null if not meaningful",
+        _UNIT["efficiency"],
         "efficiency_percent",
     ),
-    MetricSpec("Alarm/Active", _FLAG, "whether an alarm or a warning stands"),
+    MetricSpec("Alarm/Active", _FLAG, "whether an alarm or a warning is active"),
     MetricSpec(
         "Alarm/Stopped", _FLAG, "whether a critical alarm holds the bench in its safe state"
     ),
-    MetricSpec("Alarm/Count", _COUNT, "alarms and warnings that stand"),
+    MetricSpec("Alarm/Count", _COUNT, "number of active alarms and warnings"),
     MetricSpec("Alarm/Level", _STRING, "of the worst one: `critical`, `warning`, or null"),
     MetricSpec("Alarm/Text", _STRING, "of the worst one: kind, source, cause, limit, what to do"),
     MetricSpec("Alarm/Raised", _TIME, "of the worst one"),
-    MetricSpec("Alarm/All", DataType.TEXT, "all that stand, the worst first, a line each"),
+    MetricSpec("Alarm/All", DataType.TEXT, "all active ones, the worst first, one per line"),
     MetricSpec("Run/In progress", _FLAG, "whether a job is under way"),
     MetricSpec("Run/Title", _STRING, "of the job"),
-    MetricSpec("Run/Stage", _STRING, "what is at work"),
-    MetricSpec("Run/Steps done", _COUNT, "of the stage"),
-    MetricSpec("Run/Steps total", _COUNT, "of the stage; null where nobody can tell"),
+    MetricSpec("Run/Stage", _STRING, "stage of the job"),
+    MetricSpec("Run/Steps done", _COUNT, "steps of the stage done"),
+    MetricSpec("Run/Steps total", _COUNT, "steps of the stage; null if unknown"),
     MetricSpec("Run/Last title", _STRING, "of the last job that ended since the panel was started"),
     MetricSpec("Run/Last state", _STRING, "`done`, `failed` or `aborted`"),
     MetricSpec(
@@ -122,27 +129,33 @@ _DEVICE_METRICS = (
         "Torque/Value",
         _NUMBER,
         "compensated where a compensation is in use, else raw",
-        "N·m",
+        _UNIT["torque"],
         "torque_percent",
     ),
     MetricSpec(
         "Torque/Expanded uncertainty",
         _NUMBER,
         "U of the value, k = 2; null without compensation",
-        "N·m",
+        _UNIT["torque"],
         "torque_percent",
     ),
-    MetricSpec("Torque/Raw", _NUMBER, "without compensation", "N·m", "torque_percent"),
+    MetricSpec("Torque/Raw", _NUMBER, "without compensation", _UNIT["torque"], "torque_percent"),
     MetricSpec(
-        "Torque/Reference", _NUMBER, "of the standard, if one is mounted", "N·m", "torque_percent"
+        "Torque/Reference",
+        _NUMBER,
+        "of the standard, if one is mounted",
+        _UNIT["torque"],
+        "torque_percent",
     ),
-    MetricSpec("Torque/Fault", _STRING, "why there is no torque; null where there is"),
-    MetricSpec("Torque/Range", _NUMBER, "of the module", "N·m"),
-    MetricSpec("Torque/Limit", _NUMBER, "of the bench", "N·m"),
-    MetricSpec("Speed/Value", _NUMBER, "of the shaft", "rpm", "speed_rpm"),
-    MetricSpec("Speed/Limit", _NUMBER, "of the bench", "rpm"),
-    MetricSpec("Angle/Value", _NUMBER, "of the shaft", "°", "angle_deg"),
-    MetricSpec("Temperature/Value", _NUMBER, "of the transducer", "°C", "temperature_k"),
+    MetricSpec("Torque/Fault", _STRING, "why there is no torque; null if there is one"),
+    MetricSpec("Torque/Range", _NUMBER, "of the module", _UNIT["torque"]),
+    MetricSpec("Torque/Limit", _NUMBER, "of the bench", _UNIT["torque"]),
+    MetricSpec("Speed/Value", _NUMBER, "of the shaft", _UNIT["speed"], "speed_rpm"),
+    MetricSpec("Speed/Limit", _NUMBER, "of the bench", _UNIT["speed"]),
+    MetricSpec("Angle/Value", _NUMBER, "of the shaft", _UNIT["angle"], "angle_deg"),
+    MetricSpec(
+        "Temperature/Value", _NUMBER, "of the transducer", _UNIT["temperature"], "temperature_k"
+    ),
     MetricSpec("Transducer/Serial", _STRING, "serial number"),
     MetricSpec("Compensation/In use", _FLAG, "whether a model compensates the torque"),
     MetricSpec("Compensation/Model", _COUNT, "number of the model; null without one"),
@@ -150,8 +163,10 @@ _DEVICE_METRICS = (
     MetricSpec("Compensation/Made", _TIME, "when it was fitted"),
     MetricSpec("Compensation/Problem", _STRING, "why there is none"),
     MetricSpec("Calibration/Number", _COUNT, "of the calibration in use"),
-    MetricSpec("Calibration/Due", _TIME, "last day on which it counts; null without limit"),
-    MetricSpec("Calibration/Valid", _FLAG, "whether that day hasn't passed; null without one"),
+    MetricSpec("Calibration/Due", _TIME, "last day on which it is valid; null without limit"),
+    MetricSpec(
+        "Calibration/Valid", _FLAG, "whether that day hasn't passed; null without calibration"
+    ),
 )
 METRICS: Mapping[str, tuple[MetricSpec, ...]] = {
     NODE: _NODE_METRICS,
@@ -178,7 +193,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Readings:
-    """What the bench tells right now.
+    """What is published of the bench right now.
 
     Parameters
     ----------
@@ -207,17 +222,17 @@ def milliseconds(moment: datetime | date) -> int:
 
 
 def read_bench(service: BenchService) -> Readings | None:
-    """Read everything that is told, but the counters of the publisher; None while it reopens."""
+    """Read all metrics except the publisher's own counters; None while the bench is reopened."""
     try:
         snapshot = service.snapshot()
         alarms = service.alarms(standing=True)
         current = service.jobs.current
         last = next((job for job in service.jobs.recent() if not job.open), None)
-    except (TorquebenchError, AttributeError, OSError):  # the station is exchanged
+    except (TorquebenchError, OSError):  # a simulator that is asked while the bench is reopened
         return None
     now = round(time.time() * 1000.0)
     node = {
-        **_states(snapshot, current),
+        **_states(snapshot),
         **_alarms(alarms, stopped=snapshot.stopped),
         **_run(current, last),
     }
@@ -228,20 +243,12 @@ def read_bench(service: BenchService) -> Readings | None:
     return Readings(values, snapshot.connection != "lost")
 
 
-def _states(snapshot: BenchSnapshot, job: JobView | None) -> dict[str, Value]:
-    if snapshot.connection != "live":
-        state = "no samples"
-    elif snapshot.stopped:
-        state = "stopped"
-    elif job is None:
-        state = "idle"
-    else:
-        state = "paused" if job.state == "paused" else "running"
+def _states(snapshot: BenchSnapshot) -> dict[str, Value]:
     return {
         "Bench/Name": snapshot.bench_name,
         "Bench/Simulated": snapshot.simulated,
         "Bench/Software": f"torquebench {__version__}",
-        "Bench/State": state,
+        "Bench/State": snapshot.state if snapshot.connection == "live" else "no samples",
         "Bench/Mounted": snapshot.mounted,
     }
 
@@ -261,9 +268,7 @@ def _alarms(alarms: list[AlarmView], *, stopped: bool) -> dict[str, Value]:
 
 
 def _words(alarm: AlarmView) -> str:
-    parts = [f"{alarm.kind} ({alarm.source}): {alarm.found}"]
-    parts += [f"allowed: {alarm.allowed}"] if alarm.allowed else []
-    return "; ".join([*parts, alarm.remedy] if alarm.remedy else parts)
+    return f"{alarm.kind} ({alarm.source}): {alarm.message}"
 
 
 def _run(current: JobView | None, last: JobView | None) -> dict[str, Value]:

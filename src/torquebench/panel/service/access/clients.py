@@ -142,6 +142,16 @@ class Clients:
             raise NotSignedInError("an unknown or revoked token", "a client's token")
         return found
 
+    def find(self, secret: str) -> Actor | None:
+        """Return which client a secret is the token of; None where it isn't a client's token.
+
+        Raises
+        ------
+        NotSignedInError
+            It is one, but unknown or revoked.
+        """
+        return self.actor(secret) if secret.startswith(PREFIX) else None
+
     def lives(self, session_id: str) -> bool:
         """Whether a client with this identifier of a session is in use."""
         with self._lock:

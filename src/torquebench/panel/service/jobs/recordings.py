@@ -21,7 +21,7 @@ from torquebench.panel.service.fields import Moment, Number, plain
 from torquebench.panel.service.jobs.results import as_details
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
 from torquebench.panel.service.jobs.values import JobResult
-from torquebench.panel.service.live.hub import SIGNALS, torque_windows
+from torquebench.panel.service.live.hub import SIGNAL_UNITS, torque_windows
 from torquebench.procedures.recording import LONGEST_RECORDING_S, record_signals
 from torquebench.station import LONGEST_BEFORE_S
 from torquebench.units import RPM_PER_RAD_S
@@ -171,7 +171,7 @@ def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
 
 
 def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple[float, str]:
-    unit = next(each.unit for each in SIGNALS if each.name == trigger.signal)
+    unit = SIGNAL_UNITS[trigger.signal]
     said = f"{trigger.signal} {trigger.direction} through {trigger.level:g} {unit}"
     context.job.start("Waiting for the trigger")
     context.job.reach(0, said)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from torquebench.bench.safety import StandingAlarm
+from torquebench.errors import TorquebenchError
 
 __all__ = ["AlarmView", "StopReport", "alarm_view"]
 
@@ -48,6 +49,11 @@ class AlarmView:
     cleared: datetime | None
     acknowledged: datetime | None
     acknowledged_by: str
+
+    @property
+    def message(self) -> str:
+        """Cause, limit and remedy in one line, as an error has them."""
+        return str(TorquebenchError(self.found, self.allowed, self.remedy))
 
 
 @dataclass(frozen=True)

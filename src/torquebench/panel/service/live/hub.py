@@ -27,6 +27,7 @@ from torquebench.units import DEGREE, RPM_PER_RAD_S
 
 __all__ = [
     "SIGNALS",
+    "SIGNAL_UNITS",
     "STALE_AFTER_S",
     "TORQUE_SIGNALS",
     "Connection",
@@ -82,6 +83,7 @@ def _signals() -> tuple[Signal, ...]:
 
 
 SIGNALS: tuple[Signal, ...] = _signals()
+SIGNAL_UNITS: Mapping[str, str] = {signal.name: signal.unit for signal in SIGNALS}
 _INDEX = {signal.name: place for place, signal in enumerate(SIGNALS)}
 
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
+from typing import Literal
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.panel.service.live.hub import Connection, LatestValue, LiveHub
 from torquebench.records import Registry
 from torquebench.station import Station
 
-__all__ = ["BenchSnapshot", "CompensationState", "SideSnapshot", "compensation_state"]
+__all__ = ["BenchSnapshot", "BenchState", "CompensationState", "SideSnapshot", "compensation_state"]
+
+
+BenchState = Literal["stopped", "idle", "running", "paused"]
 
 
 @dataclass(frozen=True)
@@ -103,6 +107,8 @@ class BenchSnapshot:
         Whether a critical alarm is latched: nothing moves until it is acknowledged.
     job_id : str or None
         The job under way.
+    paused : bool
+        Whether that job is paused.
     commanded_by : str or None
         Who holds the command lease.
     """
@@ -120,7 +126,17 @@ class BenchSnapshot:
     alarms: int
     stopped: bool
     job_id: str | None
+    paused: bool
     commanded_by: str | None
+
+    @property
+    def state(self) -> BenchState:
+        """What the bench does; whether its samples come is `connection`."""
+        if self.stopped:
+            return "stopped"
+        if self.job_id is None:
+            return "idle"
+        return "paused" if self.paused else "running"
 
 
 def compensation_state(registry: Registry, model_id: int, today: date) -> CompensationState:
